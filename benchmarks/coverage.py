@@ -58,8 +58,8 @@ def main() -> None:
                 rotation=scan.rotation,
             )
             found = calibrate(task, seed=repeat)
-            bars = found.error_bars
-            if found.source_distance.held or bars is None:
+            bars = found.findings.error_bars
+            if found.findings.source_distance.held or bars is None:
                 continue
             difference = to_vector(found.frame) - to_vector(scan.frame)
             difference[0] = angle_difference(found.frame.psi_rad, scan.frame.psi_rad)

@@ -39,14 +39,14 @@ def answer(number: int) -> Answer:
         found = calibrate(StudyScan.of(number, SEED).task(), seed=number)
     except CalibrationError as error:
         return {"refused": error.code}
-    assert found.error_bars is not None
+    assert found.findings.error_bars is not None
     return {
         "verdict": found.judgement.verdict,
         "rays_verdict": found.judgement.rays_verdict,
         "handedness": found.handedness,
         "rotation": found.rotation,
         "geometry": to_vector(found.frame).tolist(),
-        "deviations": found.error_bars.frame_deviation(found.frame)[:5].tolist(),
+        "deviations": found.findings.error_bars.frame_deviation(found.frame)[:5].tolist(),
     }
 
 

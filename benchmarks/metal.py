@@ -73,9 +73,9 @@ def row(name: str, scans: int, seed: int) -> str:
         except CalibrationError:
             refused += 1
             continue
-        assert found.error_bars is not None
+        assert found.findings.error_bars is not None
         errors.append(ray_error(SCANNER, scan.frame, found.frame).rms_mm)
-        held.append(errors[-1] <= found.error_bars.predicted_ray_error.upper_95_mm)
+        held.append(errors[-1] <= found.findings.error_bars.predicted_ray_error.upper_95_mm)
         reported += any(sentence.startswith("metal") for sentence in found.adjustments)
     return (
         f"{name:13s} {scans:5d} {refused:8d} {reported:9d} {np.median(errors):8.3f} {np.max(errors):8.3f} "

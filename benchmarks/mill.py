@@ -72,16 +72,16 @@ def outcome(number: int, seed: int) -> dict[str, Any]:
 
 
 def _answer(scan: StudyScan, found: CalibrationOutcome) -> dict[str, Any]:
-    assert found.error_bars is not None
+    assert found.findings.error_bars is not None
     setting = scan.setting
     true = ray_error(SCANNER, setting.frame, found.frame, radius_mm=LOG_RADIUS_MM)
     return {
         "error_mm": true.rms_mm,
-        "upper_95_mm": found.error_bars.predicted_ray_error.upper_95_mm,
-        "rms_mm": found.error_bars.predicted_ray_error.rms_mm,
+        "upper_95_mm": found.findings.error_bars.predicted_ray_error.upper_95_mm,
+        "rms_mm": found.findings.error_bars.predicted_ray_error.rms_mm,
         "right_hypothesis": (found.handedness, found.rotation) == (setting.handedness, setting.rotation),
         "scale_error_percent": 100.0 * true.scale_change,
-        "scale_uncertainty_percent": found.scale.percent_95,
+        "scale_uncertainty_percent": found.findings.scale.percent_95,
         "verdict": found.judgement.verdict,
         "rays_verdict": found.judgement.rays_verdict,
         "adjustments": [*scan.remarks, *found.adjustments],

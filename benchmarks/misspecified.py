@@ -235,14 +235,14 @@ class Tally:
 
     def add(self, scan: RandomScan, found: CalibrationOutcome) -> None:
         """Record one answer."""
-        assert found.error_bars is not None
-        predicted = found.error_bars.predicted_ray_error
+        assert found.findings.error_bars is not None
+        predicted = found.findings.error_bars.predicted_ray_error
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)
         self.predicted.append(predicted.rms_mm)
         self.covered.append(error <= predicted.upper_95_mm)
-        self.with_size.append(error <= predicted.upper_95_mm + 2.0 * found.scale.ray_error_mm)
-        self.inflations.append(found.error_bars.inflation)
+        self.with_size.append(error <= predicted.upper_95_mm + 2.0 * found.findings.scale.ray_error_mm)
+        self.inflations.append(found.findings.error_bars.inflation)
         self.verdicts[found.judgement.verdict] += 1
         self.wrong += found.judgement.verdict == "pass" and error > TOLERANCE_MM
         sentences = (

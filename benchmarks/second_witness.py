@@ -18,6 +18,7 @@ from scanners import PHANTOMS, SCANNER, draw_scanner, leaves_air
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.judgement import Evidence
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.calibration.with_log import with_log
 from sawmill_tomography.drift.change import DriftError
@@ -74,7 +75,7 @@ def main() -> None:
         except (CalibrationError, DriftError) as refusal:
             counts[f"refused: {refusal.code}"] += 1
             continue
-        witness = None if heard.evidence is None else heard.evidence.witness
+        witness = heard.findings.witness if isinstance(heard.findings, Evidence) else None
         if witness is None:
             counts["without error bars"] += 1
             continue

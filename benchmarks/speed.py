@@ -125,8 +125,8 @@ def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str,
     stages = {name: float(np.median([getattr(run.timing, name) for run in runs])) for name in vars(runs[0].timing)}
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
     # Each round multiplies every two derivatives of the model, and each with the residual.
-    products = float(np.median([run.fit.iterations for run in runs])) * sinogram.size * len(Term) * (len(Term) + 3) / 2
-    limit = products * multiply_add_s(np.float64)
+    rounds = float(np.median([run.findings.fit.iterations for run in runs]))
+    limit = rounds * sinogram.size * len(Term) * (len(Term) + 3) / 2 * multiply_add_s(np.float64)
     return stages, limit, max(ray_error(SCANNER, true, run.frame).rms_mm for run in runs)
 
 

@@ -65,10 +65,10 @@ class Outcomes:
 
     def add(self, scan: CountedScan, found: CalibrationOutcome) -> None:
         """Record one answer."""
-        assert found.error_bars is not None
+        assert found.findings.error_bars is not None
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)
-        self.bounds.append(found.error_bars.predicted_ray_error.upper_95_mm)
+        self.bounds.append(found.findings.error_bars.predicted_ray_error.upper_95_mm)
         self.verdicts[found.judgement.verdict] += 1
         self.slips.append(any(reason.startswith(UNSTEADY[0]) for reason in found.judgement.reasons))
         self.unsteady += any(reason.startswith(UNSTEADY) for reason in found.judgement.reasons)

@@ -78,9 +78,9 @@ def run_default(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
     calibrate(task, seed=seed)
     found = calibrate(task, seed=seed)
     result = _described(found)
-    if found.error_bars is not None:
-        result["covariance"] = found.error_bars.covariance.values.tolist()
-        result["predicted_ray_error_mm"] = found.error_bars.predicted_ray_error.rms_mm
+    if found.findings.error_bars is not None:
+        result["covariance"] = found.findings.error_bars.covariance.values.tolist()
+        result["predicted_ray_error_mm"] = found.findings.error_bars.predicted_ray_error.rms_mm
     if found.theta_twin is not None:
         result["twin"] = to_vector(found.theta_twin).tolist()
         twin_frame = found.theta_twin.source_frame(SCANNER.source_to_cor_mm)

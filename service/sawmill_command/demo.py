@@ -21,7 +21,7 @@ from rich.table import Table
 from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import DemoError, Json
 from sawmill_command.demo_page import LogPair, Section, write_page
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationSucceeded, FoundGeometry
 from sawmill_formats.output.volume_reader import volume_slice
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta, angle_difference, to_vector
@@ -287,8 +287,8 @@ class _Demo:
         return volume_slice(path, (slices, x, y), 0).data
 
 
-def _theta_rows(calibrated: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:
-    rows = zip(theta_rows(calibrated), theta_values(truth), strict=True)
+def _theta_rows(geometry: FoundGeometry, truth: Theta) -> list[tuple[str, ...]]:
+    rows = zip(theta_rows(geometry), theta_values(truth), strict=True)
     return [(each.name, each.value, each.deviation, value) for each, value in rows]
 
 

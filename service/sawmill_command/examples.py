@@ -32,10 +32,12 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Conflict
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.inspections import Inspections
 from sawmill_store.requests.asked import NOTHING, Asked
+from sawmill_store.scans import Scans
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -113,7 +115,7 @@ def seed_examples(store: Store) -> None:
 
     Examples are computed in the background, so that jobs of users do not wait for examples.
     """
-    done = examples_made(store)
+    done = examples_made(store.files)
     if done.exists():
         return
     folder = done.parent
@@ -126,9 +128,9 @@ def seed_examples(store: Store) -> None:
         store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
-    _seed_scans(store, stack)
-    _seed_inspections(store, folder / "phantom-scan.npz")
-    _seed_uploads(store)
+    _seed_scans(store.scans, stack)
+    _seed_inspections(store.inspections, folder / "phantom-scan.npz")
+    _seed_uploads(store.uploads)
     _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
@@ -188,8 +190,8 @@ def _spare_phantom() -> PhantomDrawing:
     )
 
 
-def _seed_scans(store: Store, stack: Path) -> None:
-    existing = {item.id for item in store.scans.page().items}
+def _seed_scans(scans: Scans, stack: Path) -> None:
+    existing = {item.id for item in scans.page().items}
     for identifier in (SPARE, EXAMPLE):
         if identifier not in existing:
             spec = ScanSpec(
@@ -199,24 +201,24 @@ def _seed_scans(store: Store, stack: Path) -> None:
                 phantom_id=L_SHAPE.name,
                 phantom_rows=f"0:{PHANTOM_ROWS}",
             )
-            received = store.files.receive([stack.read_bytes()], max_bytes=2**30)
-            store.scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
+            received = scans.files.receive([stack.read_bytes()], max_bytes=2**30)
+            scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
 
 
-def _seed_inspections(store: Store, file: Path) -> None:
-    existing = {item.id for item in store.inspections.page().items}
+def _seed_inspections(inspections: Inspections, file: Path) -> None:
+    existing = {item.id for item in inspections.page().items}
     for identifier in {SPARE, EXAMPLE} - existing:
-        received = store.files.receive([file.read_bytes()], max_bytes=2**30)
-        store.inspections.accept_file(
+        received = inspections.files.receive([file.read_bytes()], max_bytes=2**30)
+        inspections.accept_file(
             InspectionOptions(), received, name=file.name, identifier=identifier, priority=Priority.BACKGROUND
         )
 
 
-def _seed_uploads(store: Store) -> None:
+def _seed_uploads(uploads: Uploads) -> None:
     """Declare two uploads that wait for their first part."""
     for identifier in (EXAMPLE, SPARE):
         with suppress(Conflict):  # the upload waits already
-            store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
+            uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
 
 
 def _write_npz(path: Path) -> None:

@@ -18,7 +18,7 @@ from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
-from sawmill_store.store import Store
+from sawmill_store.mill_files import MillFiles
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class CalibrationPicture(StrEnum):
 _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFTER: "log_after"}
 
 
-def calibration_picture(store: Store, calibration_id: str, picture: CalibrationPicture) -> Path:
+def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
     """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
 
     Takes seconds: call it in a thread that may wait.
@@ -57,12 +57,12 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
     StorageFull
         The disk is full.
     """
-    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         return _log_png(path, calibration_id, _LOGS[picture]) if picture in _LOGS else _page_png(path, picture)
 
-    return store.files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ class ShownLog:
     before: str | None
 
 
-def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
+def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
     """Describe the log that a calibration's pictures show; None where the scan shows no log, or its files are gone."""
     from sawmill_formats.output.calibration_file import read_arrays
     from sawmill_vocabulary.calibration_arrays import log_before_with
 
-    path = store.files.results(job_kinds.CALIBRATE, calibration_id) / "result.h5"
+    path = files.results(job_kinds.CALIBRATE, calibration_id) / "result.h5"
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
     if "log_row" not in arrays:
         return None
@@ -122,7 +122,7 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
         return alpha_curve_png(**columns)
 
 
-def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
+def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
     """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
 
     Raises
@@ -137,21 +137,21 @@ def scan_thumbnail(store: Store, scan: Scan, shape: ScanShape) -> Path:
         from sawmill_formats.output import scan_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
-        path, row = store.files.scan(scan.id), middle_row(scan, shape)
+        path, row = files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    return store.files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
-def volume_thumbnail(store: Store, reconstruction_id: str, result: ReconstructionResult) -> Path:
+def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: ReconstructionResult) -> Path:
     """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import thumbnail_png
 
-        path = store.files.volume(reconstruction_id)
+        path = files.volume(reconstruction_id)
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
-    return store.files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)

@@ -4,10 +4,11 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
-from sawmill_store.store import Store
+from sawmill_store.scans import Scans
+from sawmill_store.store import Reconstructions
 
 
-def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:
+def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> ReconstructionResult:
     """Return the result of a reconstruction.
 
     Raises
@@ -15,7 +16,7 @@ def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:
     Refused
         409 `reconstruction-without-result`.
     """
-    reconstruction = store.reconstructions.get(reconstruction_id)
+    reconstruction = reconstructions.get(reconstruction_id)
     if reconstruction.result is None:
         detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
         raise Refused(409, "reconstruction-without-result", detail)
@@ -35,15 +36,15 @@ def check_slice(result: ReconstructionResult, index: int) -> None:
         raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
 
 
-def scan_if_kept(store: Store, scan_id: str) -> Scan | None:
+def scan_if_kept(scans: Scans, scan_id: str) -> Scan | None:
     """Return a scan from which something was made; None where the scan was deleted since."""
     try:
-        return store.scans.get(scan_id)
+        return scans.get(scan_id)
     except NotFound:
         return None
 
 
-def ready_scan(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
+def ready_scan(scans: Scans, scan_id: str) -> tuple[Scan, ScanShape]:
     """Return a scan that has been read, and its shape.
 
     Raises
@@ -51,7 +52,7 @@ def ready_scan(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
     Refused
         409 `scan-ingesting` or `scan-refused`.
     """
-    scan = store.scans.get(scan_id)
+    scan = scans.get(scan_id)
     if scan.shape is None:
         reason = scan.reason or f"job {scan.job_id} still reads it"
         raise Refused(409, f"scan-{scan.state}", f"scan {scan_id!r} is {scan.state}: {reason}")

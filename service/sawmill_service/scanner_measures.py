@@ -6,7 +6,7 @@ from datetime import datetime
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import Accuracy
 from sawmill_service.scanner_conditions import ScannerCondition
 
 _TEXTS = {
@@ -69,8 +69,8 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
         yield "movement_millimeters", "drift", condition.seen.result.ray_change_mm
 
 
-def _ray_errors(which: str, calibration: CalibrationSucceeded | None) -> Iterator[Value]:
-    predicted = None if calibration is None else calibration.predicted_ray_error_mm
+def _ray_errors(which: str, accuracy: Accuracy | None) -> Iterator[Value]:
+    predicted = None if accuracy is None else accuracy.predicted_ray_error_mm
     if predicted is not None:
         yield "ray_error_millimeters", which, predicted.rms
         yield "ray_error_upper_95_millimeters", which, predicted.upper_95

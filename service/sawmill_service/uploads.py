@@ -3,19 +3,22 @@
 import hashlib
 from collections.abc import AsyncIterator, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import Request
+from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import Content, Received, in_parts, in_thread
+from sawmill_platform.uploads.upload_store import Uploads
+from sawmill_service.dependencies import TheInspections, TheUploads
 from sawmill_service.http.bodies.body_sums import BodySums
 from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
-from sawmill_store.store import Store
+from sawmill_store.inspections import Inspections
 
 # Forms are parsed in Python, and repeated files are not urgent: neither takes the threads of other requests.
 _APART = ThreadPoolExecutor(2, "forms-and-repeats")
@@ -31,32 +34,70 @@ UploadId = Annotated[
 ]
 
 
-async def received_file(
-    request: Request, store: Store, *, max_bytes: int, inspection_id: str | None = None, upload_id: str | None = None
-) -> Received:
-    """Receive the file in the body, or take one that came before; the code that accepts the file owns or discards it.
+@dataclass(frozen=True)
+class Reception:
+    """Reception of the file of a request."""
 
-    Raises
-    ------
-    Refused
-        Both ids are given; or a refusal of `received_body`.
-    NotFound, Conflict, UploadTooLarge
-        There is no such inspection or upload, its file has been removed, is not complete or used, or it is too large.
-    """
-    if inspection_id is None and upload_id is None:
-        return await received_body(request, store, max_bytes=max_bytes)
-    if inspection_id is not None and upload_id is not None:
-        raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
-    await check_no_file(request)
-    if inspection_id is not None:
-        return await run_in_threadpool(store.inspections.received_again, inspection_id)
-    received = await run_in_threadpool(store.uploads.received, str(upload_id))
-    try:
-        await run_in_threadpool(_check, received, max_bytes)
-    except Exception:
-        store.files.discard(received)
-        raise
-    return received
+    request: Request
+    inspections: Inspections
+    uploads: Uploads
+
+    async def file(self, inspection_id: str | None, upload_id: str | None, *, max_bytes: int) -> Received:
+        """Receive the file in the body, or take an earlier one; the code that accepts the file owns or discards it.
+
+        Raises
+        ------
+        Refused
+            Both ids are given; or a refusal of `body`.
+        NotFound, Conflict, UploadTooLarge
+            There is no such inspection or upload, its file has been removed, is incomplete or used, or is too large.
+        """
+        if inspection_id is None and upload_id is None:
+            return await self.body(max_bytes=max_bytes)
+        if inspection_id is not None and upload_id is not None:
+            raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
+        await check_no_file(self.request)
+        if inspection_id is not None:
+            return await run_in_threadpool(self.inspections.received_again, inspection_id)
+        received = await run_in_threadpool(self.uploads.received, str(upload_id))
+        try:
+            await run_in_threadpool(_check, received, max_bytes)
+        except Exception:
+            self.uploads.files.discard(received)
+            raise
+        return received
+
+    async def body(self, *, max_bytes: int, form: Content | None = None) -> Received:
+        """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read.
+
+        Parameters
+        ----------
+        form
+            Content that the body represents; None: the body is the file.
+
+        Raises
+        ------
+        Refused
+            The media type, encoding or digest is refused, the body is empty, or its length is not the declared one.
+        UploadTooLarge, StorageFull
+            The file has more bytes than allowed, or there is no room for it.
+        """
+        content = form or SentContent(self.request.headers)
+        reserve_bytes = await run_in_threadpool(self.uploads.check_room_for, declared_bytes(self.request))
+        return await self.uploads.files.receive_stream(
+            chunks(self.request),
+            max_bytes=max_bytes,
+            reserve_bytes=reserve_bytes,
+            content=content,
+            executor=None if form is None else _APART,
+        )
+
+
+async def _reception(request: Request, inspections: TheInspections, uploads: TheUploads) -> Reception:
+    return Reception(request, inspections, uploads)
+
+
+TheReception = Annotated[Reception, Depends(_reception)]
 
 
 async def check_no_file(request: Request) -> None:
@@ -85,34 +126,8 @@ def _check(received: Received, max_bytes: int) -> None:
         FirstBytes().look(file.read(FirstBytes.NUMBER))
 
 
-async def received_body(request: Request, store: Store, *, max_bytes: int, form: Content | None = None) -> Received:
-    """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read.
-
-    Parameters
-    ----------
-    form
-        Content that the body represents; None: the body is the file.
-
-    Raises
-    ------
-    Refused
-        The media type, encoding or digest is refused, the body is empty, or its length is not the declared one.
-    UploadTooLarge, StorageFull
-        The file has more bytes than allowed, or there is no room for it.
-    """
-    content = form or SentContent(request.headers)
-    reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
-    return await store.files.receive_stream(
-        chunks(request),
-        max_bytes=max_bytes,
-        reserve_bytes=reserve_bytes,
-        content=content,
-        executor=None if form is None else _APART,
-    )
-
-
 async def body_sha256(request: Request, content: SentContent, *, max_bytes: int) -> str:
-    """Compute the SHA-256 of the sent content, which is not kept; refuse unreadable content as `received_body` does."""
+    """Compute the SHA-256 of the sent content, which is not kept; refuse unreadable content like `Reception.body`."""
     size, digest = 0, hashlib.sha256()
     async for part in in_parts(chunks(request)):
         size += await in_thread(_APART, _add, digest, content.take(part))

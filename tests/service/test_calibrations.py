@@ -95,7 +95,7 @@ def test_a_picture_cannot_outlive_its_calibration(store, seeded, monkeypatch):  
 
     monkeypatch.setattr(calibration_report, "overlay_png", removed_meanwhile)
     with pytest.raises(NotFound):
-        calibration_picture(store, "example", CalibrationPicture.OVERLAY)
+        calibration_picture(store.files, "example", CalibrationPicture.OVERLAY)
     assert not folder.exists()
     assert list((store.files.folder / "incoming").iterdir()) == []
 

@@ -144,7 +144,7 @@ def test_metrics_count_attempts_and_what_waits(client, store):
 
 def test_the_doctor_names_a_webhook_that_fails_its_reason_and_the_cure(store):
     def found(*allowed: str) -> list[tuple[str, str]]:
-        return [(finding.state.value, finding.sentence) for finding in findings(store, list(allowed))]
+        return [(finding.state.value, finding.sentence) for finding in findings(store.webhooks, list(allowed))]
 
     assert found() == [("good", "0 of 0 are enabled, and none fails")]
     webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))

@@ -12,7 +12,7 @@ from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.errors import Conflict, Damaged, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import AsSent
 from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
-from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
+from sawmill_platform.uploads.upload_store import UploadQuota, Uploads, WrongOffset
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -130,7 +130,7 @@ def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store, m
     monkeypatch.setattr("sawmill_platform.uploads.upload_parts.STEP_BYTES", 4)
     upload = create(store)
     for commits in (False, True):
-        part = store.uploads.begin_part(upload.id, 0, reserve_bytes=2**62)
+        part = Uploads(store.database, store.files, 2**62).begin_part(upload.id, 0)
         with pytest.raises(StorageFull, match="SAWMILL_DISK_RESERVE_BYTES"):
             part.take(AsSent(), CONTENT, commits=commits)
         part.close()

@@ -28,25 +28,13 @@ from sawmill_contracts.reconstructions import ReconstructionOptions, Reconstruct
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
-from sawmill_vocabulary import (
-    Handedness,
-    ProgressCallback,
-    Rotation,
-    Scanner,
-    SourceFrame,
-    Theta,
-    Verdict,
-)
+from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration.result_file import read_calibration as read_result
 from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
-from sawmill_worker.use_cases.drift.drift_check import (
-    DriftInput,
-    mean_of_common_rows,
-    run_drift,
-)
+from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 
@@ -311,7 +299,7 @@ def calibrate(
         bounds=None,
         drawing=drawing_of(phantom, phantom_width_mm),
         input_sha256=scan.sha256,
-        **limits.model_dump(),
+        limits=limits,
         from_counts=scan.from_counts,
         views=mean.views,
     )

@@ -30,6 +30,7 @@ from sawmill_contracts.geometry import (
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.row_ranges import ChosenViews, Rows
+from sawmill_contracts.scanners import Tolerances
 from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure
@@ -176,12 +177,24 @@ class CalibrationLimits(Contract):
         examples=[150.0],
     )
 
+    @classmethod
+    def of(cls, tolerances: Tolerances, log_radius_mm: float | None = None) -> Self:
+        """Return the limits by the tolerances of a scanner, inside the disc of its largest log."""
+        of_rays, of_scale = tolerances.predicted_ray_error_mm, tolerances.scale_percent
+        return cls(tolerance_mm=of_rays, scale_tolerance_percent=of_scale, log_radius_mm=log_radius_mm)
+
 
 class StandardDeviation(Contract):
     """Standard deviations of theta and of the source frame."""
 
     theta: ThetaDeviation = Field(description="Standard deviations of theta.")
     source_frame: SourceFrameDeviation = Field(description="Standard deviations of the source frame.")
+
+
+_UNKNOWN = StandardDeviation(
+    theta=ThetaDeviation.model_validate(dict.fromkeys(ThetaDeviation.model_fields)),
+    source_frame=SourceFrameDeviation.model_validate(dict.fromkeys(SourceFrameDeviation.model_fields)),
+)
 
 
 class PredictedRayError(Contract):
@@ -348,8 +361,8 @@ class SecondWitness(Contract):
     reason: str = Field(description="Meaning of the agreement, in one sentence.", examples=["phantom and log agree"])
 
 
-class CalibrationResult(Contract):
-    """A calibration's answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+class FoundGeometry(Contract):
+    """The geometry that was found, with its covariance."""
 
     theta: Theta = Field(description="The geometry that was found.")
     theta_twin: Theta | None = Field(
@@ -387,6 +400,16 @@ class CalibrationResult(Contract):
     unconstrained_source_distance_mm: float = Field(
         description="R before it was held at source_to_cor_mm; the same as R where it was not held.", examples=[917.1]
     )
+
+    @property
+    def deviations(self) -> StandardDeviation:
+        """Standard deviations, all of them null from a method that has no error bars."""
+        return self.standard_deviation or _UNKNOWN
+
+
+class Accuracy(Contract):
+    """Uncertainties of the image's scale and of the rays."""
+
     scale_uncertainty_mm: float = Field(
         description="Systematic uncertainty of R, mm, from the phantom's size tolerance.", examples=[1.37]
     )
@@ -405,6 +428,17 @@ class CalibrationResult(Contract):
     predicted_ray_error_mm: PredictedRayError | None = Field(
         description="Predicted ray error. Null without error bars."
     )
+
+    @property
+    def radius_mm(self) -> float:
+        """Radius of the disc, mm, in which ray errors are counted with this geometry, where its scanner names none."""
+        predicted = self.predicted_ray_error_mm
+        return LARGEST_ASSUMED_LOG_RADIUS_MM if predicted is None else predicted.radius_mm
+
+
+class PhantomPose(Contract):
+    """Pose of the phantom, and the hypotheses that were tried."""
+
     handedness: Handedness = Field(
         description="Handedness, from which end the phantom was seen.", examples=["as-drawn"]
     )
@@ -414,6 +448,11 @@ class CalibrationResult(Contract):
         description="Position of the drawing's origin in the image, (x, y) in mm from the centre of rotation.",
         examples=[[3.2, -1.4]],
     )
+
+
+class PhantomFit(Contract):
+    """Fit of the phantom, and corrections of the beam that follow from the fit."""
+
     gain: float = Field(
         description="Factor between the phantom's model and the sinogram: a line integral for each mm of wood, in "
         "1/mm.",
@@ -434,6 +473,16 @@ class CalibrationResult(Contract):
         description="Scattered radiation that was fitted; a reconstruction takes it out of a log's line integrals. "
         "Null: none was found, or an answer of an earlier version.",
     )
+
+    @property
+    def beam(self) -> BeamCorrection:
+        """Corrections that a reconstruction applies to a log's line integrals."""
+        return BeamCorrection(self.beam_hardening, self.scattered_radiation)
+
+
+class Judged(Contract):
+    """Verdicts with their limits and reasons, and adjustments to faults of the scan."""
+
     adjustments: list[str] = Field(
         [],
         description="Adjustments: what was found in the scan beyond the plain model, and what was done about it.",
@@ -466,6 +515,16 @@ class CalibrationResult(Contract):
         description="Reasons why the verdict is not pass, and further remarks, a sentence each.",
         examples=[["the phantom's size is known to 0.15 % only"]],
     )
+
+    @property
+    def verdict_on_rays(self) -> Verdict:
+        """The verdict on the rays alone; of an earlier version, which did not give it, the whole verdict."""
+        return self.rays_verdict or self.verdict
+
+
+class Provenance(Contract):
+    """Input, search, time and version of the software from which the answer comes."""
+
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
     phantom: str = Field(description="The phantom's name.", examples=["L-shape"])
     views: int = Field(description="Number of views that were used.", examples=[360])
@@ -479,6 +538,12 @@ class CalibrationResult(Contract):
         description="SHA-256 of the scan's file, in hexadecimal digits.",
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
+
+
+# Fields are in the order of the bases, from the last base to the first.
+class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, FoundGeometry):
+    """A calibration's answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+
     comparison: Comparison | None = Field(
         None, description="Changes since the scanner's active calibration. Null: there was none."
     )
@@ -487,17 +552,6 @@ class CalibrationResult(Contract):
         description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
-
-    @property
-    def beam(self) -> BeamCorrection:
-        """Corrections that a reconstruction applies to a log's line integrals."""
-        return BeamCorrection(self.beam_hardening, self.scattered_radiation)
-
-    @property
-    def radius_mm(self) -> float:
-        """Radius of the disc, mm, in which ray errors are counted with this geometry, where its scanner names none."""
-        predicted = self.predicted_ray_error_mm
-        return LARGEST_ASSUMED_LOG_RADIUS_MM if predicted is None else predicted.radius_mm
 
 
 class CalibrationFile(CalibrationResult):

@@ -196,13 +196,13 @@ class TwoQuestions:
             scanner is known.
         """
         predicted, status = result.predicted_ray_error_mm, result.status
-        limits = result.limits or (None if tolerances is None else _limits(tolerances))
+        limits = result.limits or (None if tolerances is None else CalibrationLimits.of(tolerances))
         failed = status is CalibrationStatus.NOT_CONVERGED
         return cls(
             RaysRight(
                 upper_95_mm=None if predicted is None else predicted.upper_95,
                 limit_mm=None if limits is None else limits.tolerance_mm,
-                verdict=result.rays_verdict or result.verdict,
+                verdict=result.verdict_on_rays,
             ),
             MillimetresRight(
                 percent_95=None if failed else result.scale_uncertainty_percent,
@@ -224,12 +224,6 @@ class TwoQuestions:
                 diameter_mm=2.0 * predicted.radius_mm,
             ),
         )
-
-
-def _limits(tolerances: Tolerances) -> CalibrationLimits:
-    return CalibrationLimits(
-        tolerance_mm=tolerances.predicted_ray_error_mm, scale_tolerance_percent=tolerances.scale_percent
-    )
 
 
 def _within(value: float | None, limit: float | None) -> bool | None:

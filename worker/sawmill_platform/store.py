@@ -73,7 +73,7 @@ class JobServiceStore:
         self._named_folders = subjects.named_folders
         self.database = Database(make_engine(settings.url, settings.database_password_file), clock)
         self.places = Places(self.database, settings)
-        self.uploads = Uploads(self.database, files)
+        self.uploads = Uploads(self.database, files, settings.disk_reserve_bytes)
         self.jobs = Jobs(self.database, files, subjects)
         self.tallies = Tallies(self.database)
         self.events = Events(self.database)
@@ -199,27 +199,6 @@ class JobServiceStore:
         """
         with self.database.read() as session:
             check_identity(session, self.files.folder)
-
-    def check_room_for(self, size_bytes: int) -> int:
-        """Check that an upload of this size leaves the disk its reserve, and room for the uploads already in progress.
-
-        Returns
-        -------
-        int
-            Bytes that must stay free in addition to the upload.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            Less would be free, the data folder is not in its place, or the database could not write the rows of the
-            upload.
-        """
-        self.database.check_writable()
-        self.check_folder()
-        reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
-        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
-        self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
-        return reserved_bytes
 
     def as_one(self) -> AbstractContextManager[object]:
         """Return one transaction of all that this thread does with the store within the block."""

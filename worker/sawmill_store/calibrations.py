@@ -6,9 +6,9 @@ from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
 from sawmill_platform.errors import Conflict
-from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_store.activations import activate
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.tables import CalibrationRow, ScannerRow
@@ -17,7 +17,7 @@ from sawmill_store.tables import CalibrationRow, ScannerRow
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):
     """Store of calibrations: every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
         super().__init__(database, files, places, calibrations.DECLARATION)
 
     def activate(self, calibration_id: str, reason: str) -> StoredScanner:

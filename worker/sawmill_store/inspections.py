@@ -6,11 +6,11 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
 from sawmill_platform.errors import Conflict
-from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
 from sawmill_store.requests.asked_rows import found_asked, read_asked
 
@@ -18,7 +18,7 @@ from sawmill_store.requests.asked_rows import found_asked, read_asked
 class Inspections(Asked[InspectionAsk, Inspection]):
     """Store of inspections and of the inspected files: every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
         super().__init__(database, files, places, DECLARATION)
 
     def accept_file(
@@ -60,7 +60,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         )
         identifier = identifier or new_id()
         with (
-            kept_upload(self._files, received, job_kinds.INSPECT, identifier) as keep,
+            kept_upload(self.files, received, job_kinds.INSPECT, identifier) as keep,
             self._database.write() as session,
         ):
             now = self._database.now()
@@ -77,7 +77,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             There is no such inspection, or its file has been removed.
         """
         file = self.get(identifier).options
-        again = self._files.receive_again(job_kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        again = self.files.receive_again(job_kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
         if again is None:
             msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
             raise Conflict("inspection-expired", msg)
@@ -100,5 +100,5 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             now = self._database.now()
             announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=details)
             session.delete(row)
-        self._files.remove(self._files.results(job_kinds.INSPECT, identifier))
-        self._files.remove_upload(job_kinds.INSPECT, identifier)
+        self.files.remove(self.files.results(job_kinds.INSPECT, identifier))
+        self.files.remove_upload(job_kinds.INSPECT, identifier)

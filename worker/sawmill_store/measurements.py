@@ -131,7 +131,7 @@ def _in_words(result: CalibrationResult) -> str:
 
 def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetime) -> MeasurementRow:
     frame, change, error = result.source_frame, result.comparison, result.predicted_ray_error_mm
-    deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
+    deviation = result.deviations.source_frame
     return MeasurementRow(
         scanner_id=row.scanner_id,
         at=now,
@@ -143,13 +143,13 @@ def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetim
         within_tolerance=change and change.within_tolerance,
         scale_change_percent=change and change.scale_change_percent,
         cor_column_mm=frame.cor_column_mm,
-        cor_column_standard_deviation_mm=deviation and deviation.cor_column_mm,
+        cor_column_standard_deviation_mm=deviation.cor_column_mm,
         cor_column_change_mm=change and change.cor_column_change_mm,
         tilt_rad=frame.tilt_rad,
-        tilt_standard_deviation_rad=deviation and deviation.tilt_rad,
+        tilt_standard_deviation_rad=deviation.tilt_rad,
         tilt_change_rad=None if change is None else math.radians(change.tilt_change_deg),
         source_to_detector_mm=frame.source_to_detector_mm,
-        source_to_detector_standard_deviation_mm=deviation and deviation.source_to_detector_mm,
+        source_to_detector_standard_deviation_mm=deviation.source_to_detector_mm,
         source_distance_mm=frame.source_distance_mm,
         relative_residual=result.residual.relative,
         gain=result.gain,

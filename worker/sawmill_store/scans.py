@@ -12,12 +12,12 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict
-from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.references_guard import unfinished_job_about
 from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
@@ -27,9 +27,9 @@ _COLUMNS = {"scanner_id", "phantom_id"}
 class Scans:
     """Store of scans: every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
         self._database = database
-        self._files = files
+        self.files = files
         self._places = places
 
     def accept(
@@ -70,7 +70,7 @@ class Scans:
             size_bytes=received.size_bytes,
             sha256=received.sha256,
         )
-        with kept_upload(self._files, received, job_kinds.INGEST, row.id) as keep, self._database.write() as session:
+        with kept_upload(self.files, received, job_kinds.INGEST, row.id) as keep, self._database.write() as session:
             refuse_taken(session, ScanRow, "scan", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
@@ -161,8 +161,8 @@ class Scans:
             now = self._database.now()
             announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)
             session.delete(row)
-        self._files.remove(self._files.results(job_kinds.INGEST, scan_id))
-        self._files.remove_upload(job_kinds.INGEST, scan_id)
+        self.files.remove(self.files.results(job_kinds.INGEST, scan_id))
+        self.files.remove_upload(job_kinds.INGEST, scan_id)
 
 
 def read_scan(row: ScanRow) -> Scan:

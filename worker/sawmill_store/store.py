@@ -7,6 +7,8 @@ from typing import Self
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_contracts.plans import Plan, PlanAsk
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.retention.retention_runner import RetentionKeeper
 from sawmill_platform.settings import StorageSettings
@@ -27,6 +29,9 @@ from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MillSubjects
+
+Reconstructions = Asked[ReconstructionAsk, Reconstruction]
+Plans = Asked[PlanAsk, Plan]
 
 
 class Store(JobServiceStore):

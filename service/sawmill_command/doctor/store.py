@@ -17,6 +17,7 @@ from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_service.pages.system.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.store import Store
 
 _SLOW_S = 0.5
@@ -50,9 +51,9 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 yield _files(store)
                 yield _workers(store)
                 yield _clock(store)
-                yield from webhooks(store, settings.webhook_destinations)
+                yield from webhooks(store.webhooks, settings.webhook_destinations)
                 yield _growth(store)
-                yield from _retention(store)
+                yield from _retention(store.retention)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
         yield DoctorFinding("database", State.BAD, str(error), cure)
@@ -182,9 +183,9 @@ def _growth(store: Store) -> DoctorFinding:
     return DoctorFinding("growth", State.WATCH, sentence, cure)
 
 
-def _retention(store: Store) -> Iterator[DoctorFinding]:
+def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:
     """Report retention rules that wait for a person."""
-    since = store.retention.get().days_wait_since
+    since = retention.get().days_wait_since
     if since is not None:
         sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
         cure = "check the clock, then confirm the rules on the page /retention"

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_platform.contracts.webhooks import Webhook, WebhookState
+from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_service.webhooks.destinations import SETTING
-from sawmill_store.store import Store
 
 
-def webhooks(store: Store, allowed: list[str]) -> Iterator[DoctorFinding]:
+def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]:
     """Yield a finding for each webhook that does not send, or one finding if all webhooks work."""
-    every = store.webhooks.all().webhooks
+    every = store.all().webhooks
     enabled = [webhook for webhook in every if webhook.enabled]
     if enabled and not allowed:
         sentence = f"{len(enabled)} are enabled, and {SETTING} is empty: nothing is sent anywhere"

@@ -20,13 +20,13 @@ from starlette.exceptions import HTTPException
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.errors import StorageError
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
+from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest, Repeats
 from sawmill_service.access import caller_of
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheFiles, TheRepeats
 from sawmill_service.http.bodies.sent_content import SentContent
 from sawmill_service.http.problems import Refused
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
-from sawmill_store.store import Store
+from sawmill_store.mill_files import MillFiles
 
 HEADER, REPLAYED = "Idempotency-Key", "Idempotency-Replayed"
 SECRET = "secret"  # noqa: S105 - the name of a field
@@ -62,15 +62,18 @@ class Repeatable:
     ----------
     request, response
         Request, and the response whose headers the route sets.
-    store
+    repeats
         Store that keeps the answers.
+    files
+        Data folder, which has the received file.
     keyed
         Request with its key; None: it has no key.
     """
 
     request: Request
     response: Response
-    store: Store
+    repeats: Repeats
+    files: MillFiles
     keyed: KeyedRequest | None
 
     def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
@@ -88,7 +91,7 @@ class Repeatable:
         if self.keyed is None:
             return make()
         keyed = replace(self.keyed, file_sha256=file_sha256)
-        made = self.store.repeats.once(keyed, make, self._kept)
+        made = self.repeats.once(keyed, make, self._kept)
         if isinstance(made, KeptAnswer):
             raise _repeated(made, self.request)
         return made
@@ -101,7 +104,7 @@ class Repeatable:
         try:
             return self.once(make, file_sha256=sent_sha256)
         finally:
-            self.store.files.discard(received)
+            self.files.discard(received)
 
     @asynccontextmanager
     async def unless_repeated(self, content: SentContent | None = None) -> AsyncIterator[None]:
@@ -142,7 +145,7 @@ class Repeatable:
         """
         if self.keyed is None:
             return
-        kept = await run_in_threadpool(self.store.repeats.find, self.keyed)
+        kept = await run_in_threadpool(self.repeats.find, self.keyed)
         if kept is None:
             return
         same, digest = kept.request.request_sha256 == self.keyed.request_sha256, None
@@ -163,24 +166,28 @@ class Repeatable:
         )
 
 
-async def _repeatable(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+async def _repeatable(
+    request: Request, response: Response, repeats: TheRepeats, files: TheFiles, key: Key = None
+) -> Repeatable:
     """Return the repeatable request of a route whose body is JSON or empty."""
-    return _keyed(request, response, store, key, await request.body())
+    return Repeatable(request, response, repeats, files, _keyed(request, key, await request.body()))
 
 
-async def _repeatable_with_file(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+async def _repeatable_with_file(
+    request: Request, response: Response, repeats: TheRepeats, files: TheFiles, key: Key = None
+) -> Repeatable:
     """Return the repeatable request of a route whose body is a file."""
-    return _keyed(request, response, store, key, b"")
+    return Repeatable(request, response, repeats, files, _keyed(request, key, b""))
 
 
-def _keyed(request: Request, response: Response, store: Store, key: str | None, body: bytes) -> Repeatable:
+def _keyed(request: Request, key: str | None, body: bytes) -> KeyedRequest | None:
     if key is None:
-        return Repeatable(request, response, store, None)
+        return None
     caller, scope = caller_of(request), request.scope
     parts = (scope["method"].encode(), scope["path"].encode(), scope["query_string"], body)
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()
     name = caller.name if caller.key_id is None else f"key {caller.key_id}"
-    return Repeatable(request, response, store, KeyedRequest(name, _read(key), digest))
+    return KeyedRequest(name, _read(key), digest)
 
 
 def _read(key: str) -> str:

@@ -11,15 +11,11 @@ from sawmill_platform.contracts.jobs import Job, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import Conflict
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheEvents, TheJobs
 from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
-from sawmill_store.store import Store
 
 JOBS = "/jobs"
 # Longest list: it fits on a screen, and is read again every few seconds.
@@ -62,60 +58,60 @@ TheJobsFilter = Annotated[JobsPageFilter, Query()]
 
 
 @router.get(JOBS)
-def jobs(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
+def jobs(page: ThePage, jobs: TheJobs, chosen: TheJobsFilter) -> HTMLResponse:
     """Show the page."""
-    return _answer("jobs.html", page, store, chosen)
+    return _answer("jobs.html", page, jobs, chosen)
 
 
 @router.get(f"{JOBS}/now")
-def now(page: ThePage, store: TheStore, chosen: TheJobsFilter) -> HTMLResponse:
+def now(page: ThePage, jobs: TheJobs, chosen: TheJobsFilter) -> HTMLResponse:
     """Return the part of the page that changes, for its script."""
-    return _answer("jobs_now.html", page, store, chosen)
+    return _answer("jobs_now.html", page, jobs, chosen)
 
 
 @router.get(JOBS + "/{job_id}/history")
-def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+def history(job_id: Identifier, page: ThePage, events: TheEvents) -> HTMLResponse:
     """Show the attempts at a job and the outcome of each, as a part of the page."""
-    return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
+    return page.answer("job_history.html", events=events.of_job(job_id), fates=FATES)
 
 
 @router.post(JOBS + "/{job_id}/cancel", needs=Scope.SUBMIT)
-def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
+def cancel(job_id: Identifier, jobs: TheJobs) -> RedirectResponse:
     """Cancel a job; a job that has already ended is left as it is, and the page shows how it ended."""
     try:
-        store.jobs.request_cancel(job_id)
+        jobs.request_cancel(job_id)
     except Conflict:
-        store.jobs.get(job_id)
+        jobs.get(job_id)
     return RedirectResponse(JOBS, status_code=303)
 
 
-def _answer(template: str, page: PageFrame, store: Store, chosen: JobsPageFilter) -> HTMLResponse:
-    shown = _shown(page, store, chosen)
+def _answer(template: str, page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> HTMLResponse:
+    shown = _shown(page, jobs, chosen)
     kinds = {kind: declaration_of(kind).label for kind in JobKind.all()}
     return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=chosen.kind, state=chosen.state)
 
 
-def _shown(page: PageFrame, store: Store, chosen: JobsPageFilter) -> JobsShown:
+def _shown(page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> JobsShown:
     kind, older = chosen.kind or None, chosen.after is not None
 
     def views(state: JobState, first: Callable[[], Sequence[Job]]) -> list[JobView] | None:
         return [job_view(job, page) for job in first()] if chosen.state in {"", state} and not older else None
 
-    ended = _ended(store, chosen)
+    ended = _ended(jobs, chosen)
     return JobsShown(
-        running=views(JobState.RUNNING, lambda: store.jobs.page(state=JobState.RUNNING, kind=kind, limit=LISTED).items),
-        queued=views(JobState.QUEUED, lambda: store.jobs.waiting_in_line(kind=kind, limit=LISTED)),
+        running=views(JobState.RUNNING, lambda: jobs.page(state=JobState.RUNNING, kind=kind, limit=LISTED).items),
+        queued=views(JobState.QUEUED, lambda: jobs.waiting_in_line(kind=kind, limit=LISTED)),
         ended=None if ended is None else [job_view(job, page) for job in ended.items],
         following=ended.next if ended else None,
-        counts=store.jobs.counts(),
+        counts=jobs.counts(),
         older=older,
     )
 
 
-def _ended(store: Store, chosen: JobsPageFilter) -> Page[Job] | None:
+def _ended(jobs: TheJobs, chosen: JobsPageFilter) -> Page[Job] | None:
     kind, state = chosen.kind or None, chosen.state
     if not state:
-        return store.jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
+        return jobs.ended_page(kind=kind, after=chosen.after, limit=LISTED)
     if state.ended:
-        return store.jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED)
+        return jobs.page(state=state, kind=kind, after=chosen.after, limit=LISTED)
     return None

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from fastapi import Depends, Query
 
 from sawmill_service.http.problems import Refused
-from sawmill_store.store import Store
+from sawmill_store.phantoms import Phantoms
 
 PER_PAGE = 24
 # Days far from today have no moment in some time zones.
@@ -112,6 +112,6 @@ def check_zone(text: str) -> str:
         raise Refused(422, "invalid-zone", f"zone must be a time zone such as Europe/Helsinki, not {text!r}") from error
 
 
-def phantom_names(store: Store) -> dict[str, str]:
+def phantom_names(phantoms: Phantoms) -> dict[str, str]:
     """Return the names of phantoms by their ids."""
-    return {phantom.id: phantom.name for phantom in store.phantoms.page(limit=_MOST_NAMES).items}
+    return {phantom.id: phantom.name for phantom in phantoms.page(limit=_MOST_NAMES).items}

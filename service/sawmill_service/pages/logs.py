@@ -11,17 +11,11 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheFiles, TheReconstructions, TheScanners, TheScans, TheStore
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.page_frame import (
-    ThePage,
-)
-from sawmill_service.pages.frame.words import (
-    COLOR_MAPS,
-    LOG_STATES,
-)
+from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.words import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.lists import TheFilter
-from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
 # Number of logs for comparison from the same scan, and from the same scanner.
@@ -31,15 +25,17 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/logs")
-def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
+def logs(
+    page: ThePage, reconstructions: TheReconstructions, scanners: TheScanners, scans: TheScans, chosen: TheFilter
+) -> Response:
     """Show the list, newest first."""
-    listed = store.reconstructions.page(**chosen.arguments())
+    listed = reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
         chosen=chosen,
         found=listed,
-        scans=store.scans.several({log.scan_id for log in listed.items}),
-        scanners=store.scanners.names(),
+        scans=scans.several({log.scan_id for log in listed.items}),
+        scanners=scanners.names(),
         states=LOG_STATES,
         method_of=method_of,
     )
@@ -54,14 +50,14 @@ def log(
 ) -> Response:
     """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
     log = store.reconstructions.get(reconstruction_id)
-    comparable = _others(store, log) if log.result else {}
+    comparable = _others(store.reconstructions, log) if log.result else {}
     shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
     scans = store.scans.several({each.scan_id for each in (*shown, *comparable.values())})
     return page.answer(
         "log.html",
         log=log,
         job=store.jobs.get(log.job_id),
-        volumes=[_volume(store, each) for each in shown if each.result],
+        volumes=[_volume(store.files, each) for each in shown if each.result],
         shown=shown,
         others=comparable,
         scans=scans,
@@ -87,20 +83,20 @@ def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
     return scan.name if scan else log.scan_id
 
 
-def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
+def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[str, Reconstruction]:
     """Find ready logs to compare with a log, by their ids; logs of the same scan come first."""
-    same_scan = store.reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
-    same_scanner = store.reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
+    same_scan = reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
+    same_scanner = reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
     return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
-def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
+def _volume(files: TheFiles, log: Reconstruction) -> dict[str, Any] | None:
     """Describe where a volume's slices and pixels lie, for the viewer's script; None where the file is gone."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
     assert log.result is not None  # noqa: S101 - the caller has checked
     try:
-        grid = volume_grid(store.files.volume(log.id), log.result.shape)
+        grid = volume_grid(files.volume(log.id), log.result.shape)
     except NotFound:
         return None
     return {

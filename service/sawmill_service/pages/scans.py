@@ -11,17 +11,12 @@ from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, Invalid, QueueFull
-from sawmill_service.dependencies import TheStore, TheWake
+from sawmill_service.dependencies import ThePhantoms, TheScanners, TheScans, TheStore, TheWake
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
-from sawmill_service.pages.frame.words import (
-    SCAN_STATES,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.frame.words import SCAN_STATES
 from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_store.store import Store
 from sawmill_vocabulary import CoordinateMm, ReconstructionMethod
@@ -46,14 +41,14 @@ class LogForm(Given, ReconstructionOptions):
 
 
 @router.get("/scans")
-def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
+def scans(page: ThePage, phantoms: ThePhantoms, scanners: TheScanners, scans: TheScans, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
     return page.answer(
         "scans.html",
         chosen=chosen,
-        found=store.scans.page(**chosen.arguments()),
-        scanners=store.scanners.names(),
-        phantoms=phantom_names(store),
+        found=scans.page(**chosen.arguments()),
+        scanners=scanners.names(),
+        phantoms=phantom_names(phantoms),
         states=SCAN_STATES,
     )
 
@@ -107,7 +102,7 @@ def _scan_page(
         status=status,
         scan=scan,
         scanner=store.scanners.get(scan.scanner_id).name,
-        phantoms=phantom_names(store),
+        phantoms=phantom_names(store.phantoms),
         state=SCAN_STATES[scan.state],
         logs=logs,
         calibrations=calibrations,

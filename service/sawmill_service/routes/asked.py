@@ -10,7 +10,7 @@ from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheCaller, TheSettings, TheWake, part
 from sawmill_service.http.bodies.sent_json import Strictly
 from sawmill_service.http.document.old_names import announce, announced
 from sawmill_service.http.document.openapi_document import trying
@@ -19,6 +19,7 @@ from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import AskedPriority, Dated, accept
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
+from sawmill_store.requests.asked import Asked
 
 
 def routers() -> list[Router]:
@@ -29,11 +30,12 @@ def routers() -> list[Router]:
 def _router(declared: AskedKind[Any, Any]) -> Router:
     router = Router(tags=[declared.tag or declared.kind.plural], reading=Scope.READ)
     folder = f"/v1/{declared.kind.plural}"
+    stored = part(lambda store: store.asked(declared))
 
     def ask(
         ask: Contract,
         path_ids: Annotated[Mapping[str, str], Depends(_ids_in_path(declared))],
-        store: TheStore,
+        asked: Annotated[Asked[Any, Any], stored],
         settings: TheSettings,
         wake: TheWake,
         caller: TheCaller,
@@ -41,20 +43,22 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
         priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
     ) -> Any:  # noqa: ANN401 - the kind's answer
         caller.check(declared.needed_scope(ask))
-        answer = store.asked(declared).accept(ask, priority=priority, given=path_ids)
+        answer = asked.accept(ask, priority=priority, given=path_ids)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         announce(ask, caller, response)
         return linked(declared, answer)
 
-    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - a page of answers
-        page = store.asked(declared).page(**query.model_dump())
+    def list_all(query: Dated, asked: Annotated[Asked[Any, Any], stored]) -> Any:  # noqa: ANN401 - a page of answers
+        page = asked.page(**query.model_dump())
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     async def get(
-        identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore, waiting: TheWaiting
+        identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")],
+        asked: Annotated[Asked[Any, Any], stored],
+        waiting: TheWaiting,
     ) -> Any:  # noqa: ANN401 - the kind's answer
-        return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
+        return linked(declared, await waiting.read(lambda: asked.get(identifier)))
 
     # Types of body and query for FastAPI, which are known only here.
     ask.__annotations__["ask"] = Annotated[declared.ask, Strictly()]

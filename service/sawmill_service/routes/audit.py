@@ -9,13 +9,12 @@ from fastapi.responses import StreamingResponse
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheAudit
 from sawmill_service.http.document.described_answers import SAVED
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.responses.answers import NumberedPaging
 from sawmill_service.http.responses.conditional import CACHING, check_conditions
 from sawmill_service.http.route_rules import Router
-from sawmill_store.store import Store
 
 router = Router(tags=["keys"], reading=Scope.ADMIN)
 
@@ -27,9 +26,9 @@ class JsonLines(StreamingResponse):
 
 
 @router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))
-def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
+def list_audit(paging: Annotated[NumberedPaging, Query()], audit: TheAudit) -> Page[AuditEntry]:
     """List activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
-    return store.audit.page(after=paging.after, limit=paging.limit)
+    return audit.page(after=paging.after, limit=paging.limit)
 
 
 @router.get(
@@ -38,16 +37,16 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     response_class=JsonLines,
     responses=SAVED | refuses("precondition-failed"),
 )
-def get_audit_file(request: Request, store: TheStore) -> Response:
+def get_audit_file(request: Request, audit: TheAudit) -> Response:
     """Send all entries, oldest first, as one JSON object a line."""
     # A weak tag: entries that are added while the file is sent are sent too.
-    tag = 'W/"{}-{}"'.format(*store.audit.extent())
+    tag = 'W/"{}-{}"'.format(*audit.extent())
     if held := check_conditions(request.headers, tag):
         return held
     headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag, "Cache-Control": CACHING}
-    return JsonLines(_lines(store), headers=headers)
+    return JsonLines(_lines(audit), headers=headers)
 
 
-def _lines(store: Store) -> Iterator[str]:
-    for entry in store.audit.all():
+def _lines(audit: TheAudit) -> Iterator[str]:
+    for entry in audit.all():
         yield entry.model_dump_json() + "\n"

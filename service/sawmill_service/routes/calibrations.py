@@ -9,7 +9,7 @@ from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheCalibrations
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import stored
@@ -19,7 +19,6 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.route_rules import Router
-from sawmill_store.store import Store
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
@@ -43,12 +42,12 @@ BY_HAND = Activate()
     summary="Get the report picture",
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
-def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_report(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
     """Draw the verdict and the numbers, the phantom's image, a log before and after, and the evidence, on one page.
 
     The report is drawn on the first request, which takes seconds, and stored.
     """
-    return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
+    return _picture(request, calibrations, calibration_id, CalibrationPicture.REPORT)
 
 
 @router.get(
@@ -57,9 +56,9 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     summary="Get the phantom with its outline",
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
-def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_overlay(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
     """Draw the phantom reconstructed with the calibrated theta, and its outline; drawn once and stored."""
-    return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
+    return _picture(request, calibrations, calibration_id, CalibrationPicture.OVERLAY)
 
 
 @router.get(
@@ -68,12 +67,12 @@ def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -
     summary="Get the log before the calibration",
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
-def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_log_before(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
     """Draw a log of the same scan with the calibration that was active then; without one, neither shifted nor tilted.
 
     The picture has the grey window and the size of `log-after.png`. 404 where the scan shows no log beside the phantom.
     """
-    return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
+    return _picture(request, calibrations, calibration_id, CalibrationPicture.LOG_BEFORE)
 
 
 @router.get(
@@ -82,9 +81,9 @@ def get_log_before(calibration_id: Identifier, request: Request, store: TheStore
     summary="Get the log with the calibration",
     responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
 )
-def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_log_after(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
     """Draw a log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
-    return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
+    return _picture(request, calibrations, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
 @router.get(
@@ -93,10 +92,10 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
     summary="Get the calibration as HDF5",
     responses=stored("calibration-not-found", "calibration-without-result", "result-h5-not-found"),
 )
-def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_calibration_file(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
     """Return every number, with the sinogram, its model and the residual."""
-    calibration = succeeded(store, calibration_id, "result.h5")
-    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    calibration = succeeded(calibrations, calibration_id, "result.h5")
+    path = calibrations.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def check() -> None:
         # Imported by the first download: a service at rest does not hold h5py.
@@ -116,18 +115,20 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 )
 @repeatable
 def activate_calibration(
-    calibration_id: Identifier, store: TheStore, activate: Sent[Activate] = BY_HAND
+    calibration_id: Identifier, calibrations: TheCalibrations, activate: Sent[Activate] = BY_HAND
 ) -> StoredScanner:
     """Use the calibration from now on; an older one is a roll-back. Refused (409) where it has no answer."""
-    return store.calibrations.activate(calibration_id, activate.reason)
+    return calibrations.activate(calibration_id, activate.reason)
 
 
-def _picture(request: Request, store: Store, calibration_id: str, picture: CalibrationPicture) -> Response:
-    succeeded(store, calibration_id, picture)
-    return file(request, calibration_picture(store, calibration_id, picture), Png.media_type)
+def _picture(
+    request: Request, calibrations: TheCalibrations, calibration_id: str, picture: CalibrationPicture
+) -> Response:
+    succeeded(calibrations, calibration_id, picture)
+    return file(request, calibration_picture(calibrations.files, calibration_id, picture), Png.media_type)
 
 
-def succeeded(store: Store, calibration_id: str, name: str) -> CalibrationSucceeded:
+def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> CalibrationSucceeded:
     """Return a calibration that has succeeded; `name` is the requested file, for the refusal.
 
     Raises
@@ -135,7 +136,7 @@ def succeeded(store: Store, calibration_id: str, name: str) -> CalibrationSuccee
     Refused
         409 `calibration-without-result`.
     """
-    calibration = store.calibrations.get(calibration_id)
+    calibration = calibrations.get(calibration_id)
     if isinstance(calibration, CalibrationSucceeded):
         return calibration
     detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"

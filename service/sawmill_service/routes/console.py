@@ -12,16 +12,12 @@ from starlette.types import Scope as RequestScope
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheCalibrations, TheFiles
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.responses.answers import file, picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.addresses import (
-    local_path,
-)
-from sawmill_service.pages.frame.page_frame import (
-    ThePage,
-)
+from sawmill_service.pages.frame.addresses import local_path
+from sawmill_service.pages.frame.page_frame import ThePage
 
 STATIC = Path(__file__).parent.parent / "static"
 
@@ -68,15 +64,15 @@ def openapi(request: Request) -> Response:
 
 
 @router.get("/examples/phantom-scan.npz")
-def example_scan(request: Request, store: TheStore) -> Response:
+def example_scan(request: Request, files: TheFiles) -> Response:
     """Return a small scan to upload."""
-    path = store.files.folder / EXAMPLES / "phantom-scan.npz"
+    path = files.folder / EXAMPLES / "phantom-scan.npz"
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 
 @router.post("/operator/activate/{calibration_id}", needs=Scope.ACTIVATE)
-def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
+def accept_or_roll_back(calibration_id: Identifier, calibrations: TheCalibrations, typed: TheForm) -> RedirectResponse:
     """Activate a calibration, for the buttons that accept and roll back; the field `next` leads back to their page."""
     reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]
-    store.calibrations.activate(calibration_id, reason or "by hand on a page")
+    calibrations.activate(calibration_id, reason or "by hand on a page")
     return RedirectResponse(local_path(typed.get("next", "/")), status_code=303)

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import Query, Request, Response
+from fastapi import Query, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
@@ -11,14 +11,14 @@ from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheInspections, ThePlaces, TheSettings, TheWake
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.responses.answers import AskedPriority, accept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
-from sawmill_service.uploads import InspectionId, UploadId, received_file
+from sawmill_service.uploads import InspectionId, TheReception, UploadId
 
 router = Router(prefix="/v1/inspections", tags=["inspections"])
 
@@ -56,9 +56,10 @@ class InspectionUpload(Given, InspectionOptions):
 async def inspect_file(
     upload: Annotated[InspectionUpload, Query()],
     *,
-    request: Request,
     response: Response,
-    store: TheStore,
+    reception: TheReception,
+    inspections: TheInspections,
+    places: ThePlaces,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -66,17 +67,11 @@ async def inspect_file(
     """Inspect a file; the declaration has the public description."""
     async with repeatable.unless_repeated():
         if upload.sends_file:
-            await run_in_threadpool(store.places.check)
-        received = await received_file(
-            request,
-            store,
-            max_bytes=settings.max_upload_bytes,
-            inspection_id=upload.inspection_id,
-            upload_id=upload.upload_id,
-        )
+            await run_in_threadpool(places.check)
+        received = await reception.file(upload.inspection_id, upload.upload_id, max_bytes=settings.max_upload_bytes)
 
     def accepted() -> Inspection:
-        inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
+        inspection = inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
         wake(inspection.job_id)
         accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
         return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
@@ -93,6 +88,6 @@ async def inspect_file(
     openapi_extra=trying(inspection_id="example-spare"),
     responses=refuses("inspection-not-found", "inspection-in-use"),
 )
-def delete_inspection(inspection_id: Identifier, store: TheStore) -> None:
+def delete_inspection(inspection_id: Identifier, inspections: TheInspections) -> None:
     """Delete an inspection and its file; a scan made from the file stays. Refused (409) while its job has not ended."""
-    store.inspections.delete(inspection_id)
+    inspections.delete(inspection_id)

@@ -5,7 +5,7 @@ from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Name
 from sawmill_platform.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
-from sawmill_service.dependencies import TheCaller, TheStore
+from sawmill_service.dependencies import TheCaller, TheKeys
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
@@ -43,16 +43,16 @@ def get_own_key(caller: TheCaller) -> OwnKey:
     responses=refuses("key-expired", "secret-not-repeated"),
 )
 @repeatable
-def create_key(ask: Sent[KeyAsk], store: TheStore, response: Response) -> NewKey:
+def create_key(ask: Sent[KeyAsk], keys: TheKeys, response: Response) -> NewKey:
     """Make a key. Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return store.keys.create(ask)
+    return keys.create(ask)
 
 
 @router.get("", needs=Scope.ADMIN, summary="List keys, newest first")
-def list_keys(store: TheStore) -> Keys:
+def list_keys(keys: TheKeys) -> Keys:
     """List keys without their secrets; with who made them and when they were last used."""
-    return store.keys.all()
+    return keys.all()
 
 
 @router.post(
@@ -63,15 +63,13 @@ def list_keys(store: TheStore) -> Keys:
     responses=refuses("key-not-found", "key-ended", "secret-not-repeated"),
 )
 @repeatable
-def rotate_key(
-    key_id: Identifier, store: TheStore, response: Response, rotation: Sent[KeyRotation] = AT_ONCE
-) -> NewKey:
+def rotate_key(key_id: Identifier, keys: TheKeys, response: Response, rotation: Sent[KeyRotation] = AT_ONCE) -> NewKey:
     """Replace the secret, which is valid for the grace period. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return store.keys.rotate(key_id, grace_s=rotation.grace_s)
+    return keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
 @router.delete("/{key_id}", needs=Scope.ADMIN, summary="Revoke a key", responses=refuses("key-not-found"))
-def revoke_key(key_id: Identifier, store: TheStore) -> Key:
+def revoke_key(key_id: Identifier, keys: TheKeys) -> Key:
     """Revoke a key: it is refused from now on, and stays listed."""
-    return store.keys.revoke(key_id)
+    return keys.revoke(key_id)

@@ -11,16 +11,12 @@ from sawmill_platform.acting import acting_as
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.keys.key_store import hash_of
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
-from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
+from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheSessions
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import NoKey, Router
-from sawmill_service.pages.frame.addresses import (
-    local_path,
-)
-from sawmill_service.pages.frame.page_frame import (
-    ThePage,
-)
+from sawmill_service.pages.frame.addresses import local_path
+from sawmill_service.pages.frame.page_frame import ThePage
 
 # Files that the login page loads.
 FILES = frozenset({"/static/mark.svg", "/static/pages/base.css", "/static/pages/dark.css", "/static/pages/time.js"})
@@ -36,7 +32,7 @@ def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/")
 
 @router.post(LOGIN, needs=NoKey.LOGIN)
 async def log_in(
-    request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
+    request: Request, fields: TheForm, sessions: TheSessions, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
     """Open a session, and lead the browser to the page that it requested."""
     secret_hash, onward = hash_of(fields.get("key", "").strip()), local_path(fields.get("next", "/"))
@@ -54,7 +50,7 @@ async def log_in(
     request.state.caller = holder
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):
-        opening = partial(store.sessions.open, lasting=holder.display, in_place_of=before)
+        opening = partial(sessions.open, lasting=holder.display, in_place_of=before)
         secret = await run_in_threadpool(opening, secret_hash)
     answer = RedirectResponse(onward, status_code=303)
     cookie.give(answer, request.scope, secret, lasting=holder.display)
@@ -62,10 +58,10 @@ async def log_in(
 
 
 @router.post(LOGOUT, needs=Scope.READ)
-def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
+def log_out(request: Request, sessions: TheSessions, caller: TheCaller, cookie: TheSessionCookie) -> RedirectResponse:
     """End the session of the request."""
     if caller.csrf_token is not None:
-        store.sessions.end(cookie.read(request.scope, request.headers))
+        sessions.end(cookie.read(request.scope, request.headers))
     answer = RedirectResponse(LOGIN, status_code=303)
     cookie.take_back(answer, request.scope)
     return answer

@@ -10,7 +10,7 @@ from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import ThePhantoms, ThePlaces, TheSettings, TheWake
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED, drawn
 from sawmill_service.http.document.openapi_document import trying, trying_file
@@ -20,7 +20,7 @@ from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.uploads import UploadId, received_file
+from sawmill_service.uploads import TheReception, UploadId
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 router = Router(prefix="/v1/phantoms", tags=["phantoms"], reading=Scope.READ)
@@ -70,9 +70,9 @@ class PictureUpload(Given, PhantomPicture):
     responses=LOCATED,
 )
 @repeatable
-def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Response) -> StoredPhantom:
+def create_phantom(drawing: Sent[PhantomAsk], phantoms: ThePhantoms, response: Response) -> StoredPhantom:
     """Draw a phantom from polygons and discs in mm, the rotation centre at the origin. Ready at once."""
-    phantom = store.phantoms.create(drawing)
+    phantom = phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
     return phantom
 
@@ -89,9 +89,10 @@ def create_phantom(drawing: Sent[PhantomAsk], store: TheStore, response: Respons
 async def upload_phantom_picture(
     upload: Annotated[PictureUpload, Query()],
     *,
-    request: Request,
     response: Response,
-    store: TheStore,
+    reception: TheReception,
+    phantoms: ThePhantoms,
+    places: ThePlaces,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -102,11 +103,11 @@ async def upload_phantom_picture(
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     async with repeatable.unless_repeated():
-        await run_in_threadpool(store.places.check)
-        received = await received_file(request, store, max_bytes=settings.max_picture_bytes, upload_id=upload.upload_id)
+        await run_in_threadpool(places.check)
+        received = await reception.file(None, upload.upload_id, max_bytes=settings.max_picture_bytes)
 
     def accepted() -> StoredPhantom:
-        phantom = store.phantoms.accept_picture(upload.picture, received, priority=upload.priority)
+        phantom = phantoms.accept_picture(upload.picture, received, priority=upload.priority)
         if phantom.job_id is not None:
             wake(phantom.job_id)
         accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
@@ -117,9 +118,9 @@ async def upload_phantom_picture(
 
 
 @router.get("", summary="List phantoms, newest first", responses=refuses("invalid-cursor"))
-def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredPhantom]:
+def list_phantoms(paging: Annotated[Paging, Query()], phantoms: ThePhantoms) -> Page[StoredPhantom]:
     """List phantoms; the built-in ones are `l-shape` and `rectangle-with-hole`."""
-    return store.phantoms.page(after=paging.after, limit=paging.limit)
+    return phantoms.page(after=paging.after, limit=paging.limit)
 
 
 @router.get(
@@ -128,9 +129,9 @@ def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[S
     openapi_extra=trying(phantom_id="l-shape"),
     responses=refuses("phantom-not-found"),
 )
-async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiting) -> StoredPhantom:
+async def get_phantom(phantom_id: Identifier, phantoms: ThePhantoms, waiting: TheWaiting) -> StoredPhantom:
     """Return the phantom's outlines in mm; null while its picture is being traced. `wait` waits for the tracing."""
-    return await waiting.read(lambda: store.phantoms.get(phantom_id))
+    return await waiting.read(lambda: phantoms.get(phantom_id))
 
 
 @router.get(
@@ -140,9 +141,9 @@ async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiti
     openapi_extra=trying(phantom_id="l-shape"),
     responses=drawn("phantom-not-found", "phantom-without-drawing"),
 )
-def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
     """Draw an SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
-    phantom = store.phantoms.get(phantom_id)
+    phantom = phantoms.get(phantom_id)
     drawing = phantom.drawing
     if drawing is None:
         detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
@@ -160,13 +161,13 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
 )
 @repeatable
 def measure_phantom(
-    phantom_id: Identifier, measured: Sent[MeasurementsAsk], store: TheStore, response: Response
+    phantom_id: Identifier, measured: Sent[MeasurementsAsk], phantoms: ThePhantoms, response: Response
 ) -> StoredPhantom:
     """Make a phantom of the newly measured size, which `follows` this one; this one stays for what refers to it.
 
     A length replaces an earlier one of the same name; other lengths stay.
     """
-    phantom = store.phantoms.measure(phantom_id, measured)
+    phantom = phantoms.measure(phantom_id, measured)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
     return phantom
 
@@ -179,6 +180,6 @@ def measure_phantom(
     openapi_extra=trying(phantom_id="example-spare"),
     responses=refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
 )
-def delete_phantom(phantom_id: Identifier, store: TheStore) -> None:
+def delete_phantom(phantom_id: Identifier, phantoms: ThePhantoms) -> None:
     """Delete a phantom. Refused (409) for a built-in one, and while scans or calibrations refer to it."""
-    store.phantoms.delete(phantom_id)
+    phantoms.delete(phantom_id)

@@ -16,7 +16,7 @@ from sawmill_contracts.row_ranges import STEPPED_ROWS, parse_span
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.document.described_answers import drawn, stored
@@ -137,12 +137,12 @@ def get_slice(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[SliceQuery, Query()],
     request: Request,
-    store: TheStore,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Draw a slice; a row of the picture is +x, a column +y."""
-    result = result_of(store, reconstruction_id)
+    result = result_of(reconstructions, reconstruction_id)
     check_slice(result, index)
-    path = store.files.volume(reconstruction_id)
+    path = reconstructions.files.volume(reconstruction_id)
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
@@ -176,17 +176,20 @@ def get_slice(
     responses=drawn(*OF_RESULT, "slice-not-found", "empty-window", "too-many-slices"),
 )
 def get_mosaic(
-    reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
+    reconstruction_id: Identifier,
+    query: Annotated[MosaicQuery, Query()],
+    request: Request,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
-    result = result_of(store, reconstruction_id)
+    result = result_of(reconstructions, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.log_pictures import mosaic_png
 
-        slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), result.shape, indices)
+        slices = volume_reader.volume_slices(reconstructions.files.volume(reconstruction_id), result.shape, indices)
         return mosaic_png(
             ((image.data, image.label) for image in slices),
             pixel_mm=result.pixel_mm if query.scale_bar else None,
@@ -206,17 +209,20 @@ def get_mosaic(
     responses=drawn(*OF_RESULT, "no-side-view", "empty-window"),
 )
 def get_side_view(
-    reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
+    reconstruction_id: Identifier,
+    query: Annotated[SideQuery, Query()],
+    request: Request,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Draw the densest value behind each point of the log's side; the log runs to the right."""
-    shape = result_of(store, reconstruction_id).shape
+    shape = result_of(reconstructions, reconstruction_id).shape
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.log_pictures import side_view_png
         from sawmill_worker.pictures.windows import window_of
 
-        view = volume_reader.side_view(store.files.volume(reconstruction_id), shape, query.along)
+        view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
         return side_view_png(
             view.data,
             across_mm=view.across_mm,
@@ -237,12 +243,12 @@ def get_side_view(
     openapi_extra=trying(reconstruction_id="example-sparse"),
     responses=drawn(*OF_RESULT, "no-alpha-curve"),
 )
-def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
     """Draw the middle slice's L-curve of a `tikhonov` reconstruction, and generalised cross-validation if requested."""
     from sawmill_formats.output import volume_reader
 
-    result_of(store, reconstruction_id)
-    columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
+    result_of(reconstructions, reconstruction_id)
+    columns = volume_reader.alpha_curve(reconstructions.files.volume(reconstruction_id))
     return picture(request, (reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
 
 
@@ -252,10 +258,10 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
     summary="Get the volume as HDF5",
     responses=stored(*OF_RESULT),
 )
-def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_volume(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
     """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
-    shape = result_of(store, reconstruction_id).shape
-    path = store.files.volume(reconstruction_id)
+    shape = result_of(reconstructions, reconstruction_id).shape
+    path = reconstructions.files.volume(reconstruction_id)
 
     def check() -> None:
         from sawmill_formats.output.volume_reader import check_volume

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 from sawmill_contracts.scans import Scan, state_what_is_averaged
 from sawmill_platform.contracts.base import Name
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import ThePlaces, TheScans, TheSettings, TheWake
 from sawmill_service.http.bodies.sent_form import FILE, SentForm
 from sawmill_service.http.document.described_answers import BINARY
 from sawmill_service.http.document.openapi_document import trying_form
@@ -18,7 +18,7 @@ from sawmill_service.http.document.refusals import OF_QUEUE, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.scans import GivenScan
-from sawmill_service.uploads import received_body
+from sawmill_service.uploads import TheReception
 
 router = Router(prefix="/v1/scans", tags=["scans"])
 
@@ -67,7 +67,9 @@ async def upload_scan_form(
     *,
     request: Request,
     response: Response,
-    store: TheStore,
+    reception: TheReception,
+    places: ThePlaces,
+    scans: TheScans,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -79,10 +81,10 @@ async def upload_scan_form(
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):
-        await run_in_threadpool(store.places.check)
-        content.check = lambda form: store.scans.check(form.spec)
-        received = await received_body(request, store, max_bytes=settings.max_form_file_bytes, form=content)
+        await run_in_threadpool(places.check)
+        content.check = lambda form: scans.check(form.spec)
+        received = await reception.body(max_bytes=settings.max_form_file_bytes, form=content)
 
-    make = partial(content.form.accept, received, response, store, settings, wake)
+    make = partial(content.form.accept, received, response, scans, settings, wake)
     sent_sha256 = content.sha256_with(received.sha256)
     return await run_in_threadpool(repeatable.once_with, received, make, sent_sha256=sent_sha256)

@@ -14,7 +14,7 @@ from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheDriftCharts, TheHistory, TheMeasurements, TheScanners
 from sawmill_service.history_file import history_csv
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED, NAMED
@@ -94,23 +94,23 @@ EXAMPLE = {
     responses=LOCATED,
 )
 @repeatable
-def create_scanner(spec: Sent[ScannerAsk], store: TheStore, response: Response) -> StoredScanner:
+def create_scanner(spec: Sent[ScannerAsk], scanners: TheScanners, response: Response) -> StoredScanner:
     """Describe a scanner by constants, search bounds and tolerances. All but name and constants has a default."""
-    scanner = store.scanners.create(spec)
+    scanner = scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
     return scanner
 
 
 @router.get("", summary="List scanners, newest first", responses=refuses("invalid-cursor"))
-def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
+def list_scanners(paging: Annotated[Paging, Query()], scanners: TheScanners) -> Page[StoredScanner]:
     """List scanners, each with its active calibration."""
-    return store.scanners.page(after=paging.after, limit=paging.limit)
+    return scanners.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{scanner_id}", summary="Get a scanner", responses=refuses("scanner-not-found"))
-def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
+def get_scanner(scanner_id: Identifier, scanners: TheScanners) -> StoredScanner:
     """Return the scanner with the calibration that it uses."""
-    return store.scanners.get(scanner_id)
+    return scanners.get(scanner_id)
 
 
 @router.put(
@@ -120,9 +120,9 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
     responses=refuses("scanner-not-found"),
 )
-def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheStore) -> StoredScanner:
+def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], scanners: TheScanners) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""
-    return store.scanners.update(scanner_id, spec)
+    return scanners.update(scanner_id, spec)
 
 
 @router.delete(
@@ -133,9 +133,9 @@ def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], store: TheSt
     openapi_extra=trying(scanner_id="example-spare"),
     responses=refuses("scanner-not-found", "scanner-in-use"),
 )
-def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
+def delete_scanner(scanner_id: Identifier, scanners: TheScanners) -> None:
     """Delete a scanner. Refused (409) while scans, results or schedules refer to it."""
-    store.scanners.delete(scanner_id)
+    scanners.delete(scanner_id)
 
 
 @router.get(
@@ -145,9 +145,9 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
     dependencies=[Depends(ACTIVATIONS)],
     responses=OLD | refuses("scanner-not-found"),
 )
-def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
+def scanner_history(scanner_id: Identifier, history: TheHistory) -> list[Activation]:
     """List the newest 50, newest first. Use `history/entries` of the kind `activation` instead, which has pages."""
-    return [Activation.of(entry) for entry in store.history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
+    return [Activation.of(entry) for entry in history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
 
 
 @router.get(
@@ -156,13 +156,13 @@ def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
 def scanner_history_entries(
-    scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
+    scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], history: TheHistory
 ) -> Page[HistoryEntry]:
     """List calibrations, drift checks, activations, alarms and changes of settings, with who, why and measured values.
 
     Entries are kept when their subjects are deleted.
     """
-    return store.history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
+    return history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
 
 
 @router.get(
@@ -172,11 +172,11 @@ def scanner_history_entries(
     responses=NAMED | refuses("scanner-not-found"),
 )
 def scanner_history_file(
-    scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore
+    scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], history: TheHistory
 ) -> StreamingResponse:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
     headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
-    return Csv(history_csv(store.history.all(scanner_id, **which.narrowed())), headers=headers)
+    return Csv(history_csv(history.all(scanner_id, **which.narrowed())), headers=headers)
 
 
 @router.get(
@@ -184,9 +184,11 @@ def scanner_history_file(
     summary="List what calibrations and drift checks measured",
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
-def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
+def list_measurements(
+    scanner_id: Identifier, which: Annotated[Since, Query()], measurements: TheMeasurements
+) -> Page[Measurement]:
     """List one entry for each that succeeded, newest first: changes of the rays, u_c and the tilt over months."""
-    return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
+    return measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
 
 
 @router.get(
@@ -194,6 +196,6 @@ def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], 
     summary="Get what a scanner's drift checks show together",
     responses=refuses("scanner-not-found"),
 )
-def get_scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
+def get_scanner_drift(scanner_id: Identifier, drift_charts: TheDriftCharts) -> ScannerDrift:
     """Return baseline, newest checks pooled, and any jump or slow drift, all since the active calibration."""
-    return store.drift_charts.of_scanner(scanner_id)
+    return drift_charts.of_scanner(scanner_id)

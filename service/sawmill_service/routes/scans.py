@@ -13,7 +13,7 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.upload_stream import Received
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
+from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake, Wake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import ready_scan
 from sawmill_service.http.document.described_answers import drawn, stored
@@ -24,8 +24,7 @@ from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, ac
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
-from sawmill_service.uploads import InspectionId, UploadId, received_file
-from sawmill_store.store import Store
+from sawmill_service.uploads import InspectionId, TheReception, UploadId
 
 router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 
@@ -48,10 +47,10 @@ class GivenScan(Given, ScanSpec):
         return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
     def accept(
-        self, received: Received, response: Response, store: Store, settings: ServiceSettings, wake: Wake
+        self, received: Received, response: Response, scans: TheScans, settings: ServiceSettings, wake: Wake
     ) -> Scan:
         """Store the scan with its file, and queue the job that reads the file."""
-        scan = store.scans.accept(self.spec, received, priority=self.priority)
+        scan = scans.accept(self.spec, received, priority=self.priority)
         wake(scan.job_id)
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
         return scan
@@ -100,9 +99,9 @@ class SinogramQuery(Given):
 async def upload_scan(
     upload: Annotated[ScanUpload, Query()],
     *,
-    request: Request,
     response: Response,
-    store: TheStore,
+    reception: TheReception,
+    scans: TheScans,
     settings: TheSettings,
     wake: TheWake,
     repeatable: TheRepeatableWithFile,
@@ -115,30 +114,24 @@ async def upload_scan(
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
     async with repeatable.unless_repeated():
-        await run_in_threadpool(store.scans.check, upload.spec)
-        received = await received_file(
-            request,
-            store,
-            max_bytes=settings.max_upload_bytes,
-            inspection_id=upload.inspection_id,
-            upload_id=upload.upload_id,
-        )
+        await run_in_threadpool(scans.check, upload.spec)
+        received = await reception.file(upload.inspection_id, upload.upload_id, max_bytes=settings.max_upload_bytes)
 
-    make = partial(upload.accept, received, response, store, settings, wake)
+    make = partial(upload.accept, received, response, scans, settings, wake)
     sent_sha256 = received.sha256 if upload.sends_file else None
     return await run_in_threadpool(repeatable.once_with, received, make, sent_sha256=sent_sha256)
 
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))
-def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
+def list_scans(query: Annotated[ScanFilter, Query()], scans: TheScans) -> Page[Scan]:
     """List all scans, or a selection by scanner, state or span of time."""
-    return store.scans.page(**query.model_dump())
+    return scans.page(**query.model_dump())
 
 
 @router.get("/{scan_id}", summary="Get a scan", responses=refuses("scan-not-found"))
-async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) -> Scan:
+async def get_scan(scan_id: Identifier, scans: TheScans, waiting: TheWaiting) -> Scan:
     """Return the scan's state and the file's format; with `wait` when the file has been read."""
-    return await waiting.read(lambda: store.scans.get(scan_id))
+    return await waiting.read(lambda: scans.get(scan_id))
 
 
 @router.delete(
@@ -149,16 +142,16 @@ async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) ->
     openapi_extra=trying(scan_id="example-spare"),
     responses=refuses("scan-not-found", "scan-in-use"),
 )
-def delete_scan(scan_id: Identifier, store: TheStore) -> None:
+def delete_scan(scan_id: Identifier, scans: TheScans) -> None:
     """Delete a scan and its files; results made from it stay. Refused (409) while a job needs it."""
-    store.scans.delete(scan_id)
+    scans.delete(scan_id)
 
 
 @router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan", responses=drawn(*OF_SCAN))
-def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
+def preview_scan(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
     """Draw the middle row's sinogram."""
-    scan, shape = ready_scan(store, scan_id)
-    return _sinogram(request, store, scan, shape, shape.rows // 2)
+    scan, shape = ready_scan(scans, scan_id)
+    return _sinogram(request, scans.files, scan, shape, shape.rows // 2)
 
 
 @router.get(
@@ -169,29 +162,29 @@ def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Resp
     responses=drawn(*OF_SCAN, "row-out-of-range"),
 )
 def get_sinogram(
-    scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
+    scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, scans: TheScans
 ) -> Response:
     """Draw line integrals over views and detector cells."""
-    scan, shape = ready_scan(store, scan_id)
-    return _sinogram(request, store, scan, shape, query.row)
+    scan, shape = ready_scan(scans, scan_id)
+    return _sinogram(request, scans.files, scan, shape, query.row)
 
 
 @router.get(
     "/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture", responses=stored(*OF_SCAN)
 )
-def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_scan_thumbnail(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
     """Draw the middle row's sinogram as a square of 160 pixels, for lists."""
-    scan, shape = ready_scan(store, scan_id)
-    return file(request, scan_thumbnail(store, scan, shape), Png.media_type)
+    scan, shape = ready_scan(scans, scan_id)
+    return file(request, scan_thumbnail(scans.files, scan, shape), Png.media_type)
 
 
-def _sinogram(request: Request, store: Store, scan: Scan, shape: ScanShape, row: int) -> Response:
+def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
         # The first picture imports this: a service that draws none does not hold NumPy, h5py and Pillow.
         from sawmill_formats.output import scan_reader  # noqa: PLC0415
         from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 
-        sinogram = scan_reader.sinogram(store.files.scan(scan.id), shape.lengths, row)
+        sinogram = scan_reader.sinogram(files.scan(scan.id), shape.lengths, row)
         return sinogram_png(
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )

@@ -15,7 +15,7 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.document.described_answers import drawn, stored
@@ -87,10 +87,10 @@ def get_slice_array(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[ArrayQuery, Query()],
     request: Request,
-    store: TheStore,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Return float32 (x, y) as an NPY file: a row is +x, a column +y, as in the pictures."""
-    result = result_of(store, reconstruction_id)
+    result = result_of(reconstructions, reconstruction_id)
     check_slice(result, index)
     factor = _averaged_pixels(result, query)
 
@@ -98,7 +98,7 @@ def get_slice_array(
         from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.arrays import averaged, npy
 
-        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
+        image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
         # Shift to the middle of the first block of pixels.
         shift_mm = 0.5 * (factor - 1) * image.pixel_mm
         headers = {
@@ -127,10 +127,10 @@ def get_slice_jpeg(
     index: Annotated[int, Path(ge=0, description="Number of the slice, from 0.", examples=[0])],
     query: Annotated[JpegQuery, Query()],
     request: Request,
-    store: TheStore,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Draw 8 bits a colour, nothing around the slice, a row is +x and a column +y: for a preview, not for measuring."""
-    result = result_of(store, reconstruction_id)
+    result = result_of(reconstructions, reconstruction_id)
     check_slice(result, index)
     window = window_to_draw(query, result.value_range)
 
@@ -139,7 +139,7 @@ def get_slice_jpeg(
         from sawmill_worker.pictures.arrays import averaged
         from sawmill_worker.pictures.images import jpeg
 
-        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), result.shape, index)
+        image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
         return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
 
     return unchanging(picture(request, (reconstruction_id, index, query), draw, answer=Jpeg))
@@ -159,10 +159,13 @@ def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
     openapi_extra=trying(along="x"),
 )
 def get_side_array(
-    reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
+    reconstruction_id: Identifier,
+    query: Annotated[SideArrayQuery, Query()],
+    request: Request,
+    reconstructions: TheReconstructions,
 ) -> Response:
     """Return float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
-    shape = result_of(store, reconstruction_id).shape
+    shape = result_of(reconstructions, reconstruction_id).shape
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
@@ -170,7 +173,7 @@ def get_side_array(
         from sawmill_worker.pictures.arrays import npy
         from sawmill_worker.pictures.log_pictures import densest_of
 
-        view = volume_reader.side_view(store.files.volume(reconstruction_id), shape, query.along)
+        view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
         most = (query.max_size or slices, query.max_size or max(size))
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
@@ -185,10 +188,12 @@ def get_side_array(
     summary="Get a reconstruction as a small picture",
     responses=stored(*OF_RESULT),
 )
-def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+def get_reconstruction_thumbnail(
+    reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions
+) -> Response:
     """Draw the middle slice, 160 pixels a side, for lists."""
-    result = result_of(store, reconstruction_id)
-    drawn = volume_thumbnail(store, reconstruction_id, result)
+    result = result_of(reconstructions, reconstruction_id)
+    drawn = volume_thumbnail(reconstructions.files, reconstruction_id, result)
     return file(request, drawn, Png.media_type)
 
 

@@ -18,7 +18,7 @@ from sawmill_platform.contracts.webhooks import (
     WebhookTest,
     destination_of,
 )
-from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.dependencies import TheSettings, TheWebhooks
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED
 from sawmill_service.http.document.openapi_document import trying
@@ -51,28 +51,30 @@ FOR_A_DAY = WebhookRotation()
     responses=LOCATED | refuses("destination-not-allowed", "too-many-webhooks", "secret-not-repeated"),
 )
 @repeatable
-def create_webhook(ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
+def create_webhook(
+    ask: Sent[WebhookAsk], webhooks: TheWebhooks, settings: TheSettings, response: Response
+) -> NewWebhook:
     """Add a webhook for events, signed as in Standard Webhooks. Its secret is in this answer and nowhere else.
 
     The destination must be one that `SAWMILL_WEBHOOK_DESTINATIONS` allows, which is empty at first.
     """
     _check(ask, settings)
-    webhook = store.webhooks.create(ask)
+    webhook = webhooks.create(ask)
     response.headers["Location"] = f"/v1/webhooks/{webhook.id}"
     response.headers["Cache-Control"] = "no-store"
     return webhook
 
 
 @router.get("", summary="List webhooks, newest first")
-def list_webhooks(store: TheStore) -> Webhooks:
+def list_webhooks(webhooks: TheWebhooks) -> Webhooks:
     """List webhooks without their secrets, each with its waiting events, and its last success and failure."""
-    return store.webhooks.all()
+    return webhooks.all()
 
 
 @router.get("/{webhook_id}", summary="Get a webhook", responses=refuses("webhook-not-found"))
-def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
+def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> Webhook:
     """Return the webhook's state and its waiting events."""
-    return store.webhooks.get(webhook_id)
+    return webhooks.get(webhook_id)
 
 
 @router.put(
@@ -82,10 +84,12 @@ def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("webhook-not-found", "destination-not-allowed"),
 )
-def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheStore, settings: TheSettings) -> Webhook:
+def replace_webhook(
+    webhook_id: Identifier, ask: Sent[WebhookAsk], webhooks: TheWebhooks, settings: TheSettings
+) -> Webhook:
     """Replace a webhook; its secret stays. If it is enabled, waiting events are sent at once, also if it was paused."""
     _check(ask, settings)
-    return store.webhooks.update(webhook_id, ask)
+    return webhooks.update(webhook_id, ask)
 
 
 @router.delete(
@@ -96,9 +100,9 @@ def replace_webhook(webhook_id: Identifier, ask: Sent[WebhookAsk], store: TheSto
     openapi_extra=trying(webhook_id="example-spare"),
     responses=refuses("webhook-not-found"),
 )
-def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
+def delete_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> None:
     """Delete a webhook and the list of its deliveries; nothing more is sent to it."""
-    store.webhooks.delete(webhook_id)
+    webhooks.delete(webhook_id)
 
 
 @router.post(
@@ -108,13 +112,15 @@ def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
     responses=refuses("webhook-not-found"),
 )
 async def test_webhook(
-    webhook_id: Identifier, store: TheStore, settings: TheSettings, repeatable: TheRepeatable
+    webhook_id: Identifier, webhooks: TheWebhooks, settings: TheSettings, repeatable: TheRepeatable
 ) -> WebhookTest:
     """Send one message of the type `webhook-test` now, also to a disabled webhook; the answer has the outcome."""
     await repeatable.check_sent()
     # Sent before the transaction, so that no lock waits for a receiver.
-    tested = await run_in_threadpool(send_test, store, AllowedDestinations(settings.webhook_destinations), webhook_id)
-    return await run_in_threadpool(repeatable.once, partial(store.webhooks.note_test, tested))
+    tested = await run_in_threadpool(
+        send_test, webhooks, AllowedDestinations(settings.webhook_destinations), webhook_id
+    )
+    return await run_in_threadpool(repeatable.once, partial(webhooks.note_test, tested))
 
 
 @router.post(
@@ -126,11 +132,11 @@ async def test_webhook(
 )
 @repeatable
 def rotate_webhook(
-    webhook_id: Identifier, store: TheStore, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
+    webhook_id: Identifier, webhooks: TheWebhooks, response: Response, rotation: Sent[WebhookRotation] = FOR_A_DAY
 ) -> NewWebhook:
     """Replace the secret; for the grace period both sign messages. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
-    return store.webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
+    return webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
 
 
 @router.get(
@@ -139,10 +145,10 @@ def rotate_webhook(
     responses=refuses("webhook-not-found", "invalid-cursor"),
 )
 def list_deliveries(
-    webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], store: TheStore
+    webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], webhooks: TheWebhooks
 ) -> Page[Delivery]:
     """List one entry for each event, the newest first; each is kept for a week after its last attempt."""
-    return store.webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
+    return webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
 
 
 def _check(ask: WebhookAsk, settings: ServiceSettings) -> None:

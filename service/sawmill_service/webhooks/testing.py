@@ -4,12 +4,12 @@ import asyncio
 from uuid import uuid4
 
 from sawmill_platform.contracts.webhooks import TestedWebhook, WebhookTest, WebhookTestMessage
+from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.messages import headers_of
-from sawmill_store.store import Store
 
 
-def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
+def send_test(webhooks: WebhookStore, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
     """Send a test message, and wait in this thread for the answer or the time limit; the caller notes the result.
 
     Raises
@@ -20,8 +20,8 @@ def send_test(store: Store, allowed: AllowedDestinations, webhook_id: str) -> We
     # Imported here: the HTTP client is not needed where nothing may be sent.
     from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 
-    webhook, secrets = store.webhooks.signing(webhook_id)
-    now, message_id = store.now(), f"msg_{uuid4().hex}"
+    webhook, secrets, now = webhooks.signing(webhook_id)
+    message_id = f"msg_{uuid4().hex}"
     tested = TestedWebhook(webhook_id=webhook_id, description=webhook.description)
     body = WebhookTestMessage(timestamp=now, data=tested).model_dump_json().encode()
     headers = headers_of(message_id, now, body, secrets)

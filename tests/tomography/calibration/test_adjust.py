@@ -163,12 +163,13 @@ def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles)
     _, sharp = off_mm(measured, angles, *Adjustment)
     _, found = off_mm(measured, angles)
     spread = 0.01 * np.sqrt(np.mean(clean**2))
-    assert sharp.fit.residual_rms > 1.2 * spread
-    assert sharp.error_bars.inflation > 5.0
+    assert sharp.findings.fit.residual_rms > 1.2 * spread
+    assert sharp.findings.error_bars.inflation > 5.0
     # A dozen terms are fitted to 46 080 samples.
-    assert found.fit.residual_rms == pytest.approx(spread, rel=0.03)
-    assert found.error_bars.inflation < 1.5
-    assert found.error_bars.predicted_ray_error.rms_mm < 0.2 * sharp.error_bars.predicted_ray_error.rms_mm
+    assert found.findings.fit.residual_rms == pytest.approx(spread, rel=0.03)
+    assert found.findings.error_bars.inflation < 1.5
+    predicted, without = (each.findings.error_bars.predicted_ray_error for each in (found, sharp))
+    assert predicted.rms_mm < 0.2 * without.rms_mm
     assert any("at the phantom's edges" in reason for reason in sharp.judgement.reasons)
 
 
@@ -242,8 +243,8 @@ def of_the_disc(views, cells, *, body=NEARLY_ROUND, position=(0.3, -0.2)):
 
 def assert_bounds_hold(found):
     off = ray_error(found.scanner, LABORATORY, found.frame, radius_mm=found.radius_mm)
-    assert off.rms_mm < found.error_bars.predicted_ray_error.upper_95_mm
-    assert 100.0 * abs(off.scale_change) < found.scale.percent_95
+    assert off.rms_mm < found.findings.error_bars.predicted_ray_error.upper_95_mm
+    assert 100.0 * abs(off.scale_change) < found.findings.scale.percent_95
 
 
 @pytest.mark.parametrize(("square", "percent"), [(0.002, 14.0), (0.004, 28.0)], ids=["a little", "much"])
@@ -287,7 +288,7 @@ def test_a_wobble_and_a_longer_outline_are_reported_together_where_the_scan_does
     (named,) = (sentence for sentence in found.adjustments if "wobbles" in sentence)
     assert named.startswith("the phantom is longer in x than in y")
     assert named.endswith("(this scan does not tell which): fitted")
-    assert found.scale.aspect_half > 0.0
+    assert found.findings.scale.aspect_half > 0.0
     assert_bounds_hold(found)
 
 

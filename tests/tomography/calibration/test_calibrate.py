@@ -75,7 +75,7 @@ def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_t
         assert psi < 0.1, seed
         assert (found.handedness, found.rotation) == (Handedness.AS_DRAWN, Rotation.AS_GIVEN), seed
         assert found.judgement.verdict == "pass", seed
-        assert found.fit.offset == pytest.approx(3.3477, abs=0.05), seed
+        assert found.findings.fit.offset == pytest.approx(3.3477, abs=0.05), seed
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_simulated_scans_are_calibrated_from_every_seed(repeats, theta, name, vi
         assert found.search.seed == seed
         assert found.search.history[-1] == (found.search.evaluations, found.search.best_value)
         # 2 % of the RMS of the whole sinogram.
-        assert found.fit.residual_rms == pytest.approx(0.02 * np.sqrt(np.mean(found.model**2)), rel=0.05)
+        assert found.findings.fit.residual_rms == pytest.approx(0.02 * np.sqrt(np.mean(found.model**2)), rel=0.05)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -114,7 +114,7 @@ def test_simulated_scans_are_calibrated_from_every_seed(repeats, theta, name, vi
 def test_the_predicted_ray_error_is_the_actual_one_on_average(repeats, theta, name, views, seeds):
     found = repeats(name, views, seeds)
     actual = math.sqrt(np.mean([errors(one, theta)[0] ** 2 for one in found]))
-    predicted = math.sqrt(np.mean([one.error_bars.predicted_ray_error.rms_mm**2 for one in found]))
+    predicted = math.sqrt(np.mean([one.findings.error_bars.predicted_ray_error.rms_mm**2 for one in found]))
     # An RMS of 20 has 15 % of scatter, one of 6 has 30 %, and an inflation from 20 views' residuals errs to the
     # careful side, so far by up to a half.
     assert 0.8 * actual < predicted < 2.0 * actual
@@ -139,7 +139,7 @@ def test_the_covariance_of_the_frame_is_its_scatter(repeats, theta, scanner, vie
     true = theta.source_frame(scanner.source_to_cor_mm)
     pulls = np.array(
         [
-            (to_vector(one.frame) - to_vector(true)) / np.sqrt(np.diag(one.error_bars.covariance.values))
+            (to_vector(one.frame) - to_vector(true)) / np.sqrt(np.diag(one.findings.error_bars.covariance.values))
             for one in repeats("l-shape", views, seeds)
         ]
     )
@@ -162,20 +162,18 @@ def test_each_of_the_four_hypotheses_is_recovered(scan, theta, full_turn, phanto
     angles = full_turn(24)
     found = calibrate(scan(seen, rotation.apply(angles), seed=1102, given=angles, drawn=phantom))
     assert (found.handedness, found.rotation) == (handedness, rotation)
-    assert (found.alternatives.hypotheses[0].handedness, found.alternatives.hypotheses[0].rotation) == (
-        handedness,
-        rotation,
-    )
-    assert len(found.alternatives.hypotheses) == 4
+    hypotheses = found.findings.alternatives.hypotheses
+    assert (hypotheses[0].handedness, hypotheses[0].rotation) == (handedness, rotation)
+    assert len(hypotheses) == 4
     # The hole says least of which side it is: its wrong hypotheses leave 0.11.
-    assert all(other.relative_residual > 0.1 for other in found.alternatives.hypotheses[1:])
+    assert all(other.relative_residual > 0.1 for other in hypotheses[1:])
     assert errors(found, theta)[0] < 0.06
 
 
 def test_a_hypothesis_that_is_given_is_the_only_one_tried(scan, theta, full_turn):
     given = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
     found = calibrate(scan(L_SHAPE, full_turn(24), seed=1103, **given))
-    assert len(found.alternatives.hypotheses) == 1
+    assert len(found.findings.alternatives.hypotheses) == 1
     assert errors(found, theta)[0] < 0.06
 
 
@@ -212,8 +210,8 @@ def test_a_phantom_off_the_centre_is_found_where_it_is(scan, theta, full_turn, p
     found = calibrate(scan(phantom.moved(*position), full_turn(24), seed=1106, drawn=phantom))
     assert errors(found, theta)[0] < 0.06
     # A hundredth of a cell.
-    np.testing.assert_allclose(found.fit.position_mm, position, atol=0.1)
-    assert found.seen == phantom.moved(*found.fit.position_mm)
+    np.testing.assert_allclose(found.findings.fit.position_mm, position, atol=0.1)
+    assert found.seen == phantom.moved(*found.findings.fit.position_mm)
 
 
 @by_night_the_other
@@ -224,21 +222,22 @@ def test_without_source_shift_the_answer_is_held_at_the_known_distance_or_unreso
         task = scan(phantom, full_turn(20), seed=seed, theta=true)
         found = calibrate(task, seed=seed)
         assert errors(found, true)[0] < 0.06
-        outcomes.add(found.source_distance.held)
+        distance, bars = found.findings.source_distance, found.findings.error_bars
+        outcomes.add(distance.held)
         r_s = task.scanner.source_to_cor_mm
-        if found.source_distance.held:
+        if distance.held:
             assert found.frame.source_distance_mm == r_s
-            assert found.source_distance.unconstrained_mm < r_s
+            assert distance.unconstrained_mm < r_s
             assert found.theta.source_shift_mm == 0.0
             assert found.theta_twin is None
-            assert found.error_bars.theta_deviation is None
-            assert found.error_bars.frame_deviation(found.frame)[1] > r_s - found.source_distance.unconstrained_mm
+            assert bars.theta_deviation is None
+            assert bars.frame_deviation(found.frame)[1] > r_s - distance.unconstrained_mm
             assert any("the source distance was held there" in reason for reason in found.judgement.reasons)
             np.testing.assert_allclose(
                 to_vector(found.theta.source_frame(r_s)), to_vector(found.frame), rtol=1e-12, atol=1e-9
             )
         else:
-            assert found.frame.source_distance_mm == found.source_distance.unconstrained_mm >= r_s
+            assert found.frame.source_distance_mm == distance.unconstrained_mm >= r_s
     # Half of the noises put the source nearer: over seven, both happen.
     assert outcomes == {True, False}
 
@@ -270,7 +269,7 @@ def test_a_small_phantom_is_judged_in_the_disc_that_held_it(scan, full_turn):
     own, stated = calibrate(task), calibrate(replace(task, log_radius_mm=60.0))
     assert own.radius_mm == own.seen.radius_mm == pytest.approx(scale * L_SHAPE.radius_mm, abs=5.0)
     assert stated.radius_mm == 60.0
-    assert own.error_bars.predicted_ray_error.rms_mm < stated.error_bars.predicted_ray_error.rms_mm
+    assert own.findings.error_bars.predicted_ray_error.rms_mm < stated.findings.error_bars.predicted_ray_error.rms_mm
 
 
 @by_night_the_other
@@ -312,16 +311,17 @@ def test_gain_and_background_are_free(scan, full_turn):
     plain = calibrate(task)
     scaled = calibrate(replace(task, sinogram=1e-4 * task.sinogram + 2.0))
     np.testing.assert_allclose(to_vector(scaled.frame), to_vector(plain.frame), rtol=1e-6)
-    assert scaled.fit.gain == pytest.approx(1e-4 * plain.fit.gain, rel=1e-6)
-    assert scaled.fit.offset == pytest.approx(2.0 + 1e-4 * plain.fit.offset, abs=1e-8)
+    assert scaled.findings.fit.gain == pytest.approx(1e-4 * plain.findings.fit.gain, rel=1e-6)
+    assert scaled.findings.fit.offset == pytest.approx(2.0 + 1e-4 * plain.findings.fit.offset, abs=1e-8)
 
 
 def test_a_phantom_assumed_too_large_scales_the_scanner_and_hides_from_the_residual(scan, full_turn):
     task = scan(L_SHAPE, full_turn(60), seed=1121)
     right, wrong = calibrate(task), calibrate(replace(task, phantom=L_SHAPE.scaled(1.005)))
     assert wrong.frame.source_distance_mm == pytest.approx(1.005 * right.frame.source_distance_mm, rel=1e-5)
-    assert wrong.fit.relative_residual == pytest.approx(right.fit.relative_residual, rel=1e-4)
-    assert right.scale.source_distance_mm == pytest.approx(L_SHAPE.size_tolerance * right.frame.source_distance_mm)
+    assert wrong.findings.fit.relative_residual == pytest.approx(right.findings.fit.relative_residual, rel=1e-4)
+    of_size = L_SHAPE.size_tolerance * right.frame.source_distance_mm
+    assert right.findings.scale.source_distance_mm == pytest.approx(of_size)
 
 
 def test_the_bounds_choose_between_theta_and_its_twin(scan, theta, scanner, full_turn):
@@ -354,7 +354,7 @@ def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_tur
 
 def test_too_much_noise_is_reported_and_does_not_pass(scan, full_turn):
     found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.2))
-    assert found.error_bars.predicted_ray_error.rms_mm > 0.1
+    assert found.findings.error_bars.predicted_ray_error.rms_mm > 0.1
     assert found.judgement.verdict in {"watch", "fail"}
     assert "use more views, more rows or a longer exposure" in found.judgement.reasons[0]
 
@@ -381,7 +381,7 @@ def test_the_residual_and_the_model_make_up_the_scan(scan, full_turn):
     task = scan(L_SHAPE, full_turn(24), seed=1130)
     found = calibrate(task)
     np.testing.assert_allclose(found.model + found.residual, task.sinogram, atol=1e-9)
-    assert found.fit.residual_rms == pytest.approx(np.sqrt(np.mean(found.residual**2)), rel=1e-6)
+    assert found.findings.fit.residual_rms == pytest.approx(np.sqrt(np.mean(found.residual**2)), rel=1e-6)
 
 
 def test_progress_counts_the_generations(scan, full_turn):

@@ -70,7 +70,7 @@ def test_metal_is_left_out_and_reported(phantom, views, photons, grown):
     found = calibrate(scan(phantom, *grown, views=views, photons=photons))
     assert len(metal_reported(found)) == 1
     # Twice the bound of scans without metal: their noise, and 3 to 9 % of the samples less.
-    bound = calibrate(scan(phantom, views=views, photons=photons)).error_bars.predicted_ray_error.upper_95_mm
+    bound = calibrate(scan(phantom, views=views, photons=photons)).findings.error_bars.predicted_ray_error.upper_95_mm
     assert off_mm(found) < 2.0 * bound
     assert found.judgement.verdict == "pass"
 

@@ -57,7 +57,7 @@ def test_the_bound_holds_what_wood_that_is_not_as_drawn_costs(body):
     inside, reported, plain = 0, 0, 0
     for seed in SEEDS:
         error, found = calibrated(body(np.random.default_rng(seed)), L_SHAPE, seed)
-        inside += error <= found.error_bars.predicted_ray_error.upper_95_mm
+        inside += error <= found.findings.error_bars.predicted_ray_error.upper_95_mm
         reported += any("not as noise" in reason for reason in found.judgement.reasons)
         # What noise alone of 0.5 % predicts: 0.002 mm.
         plain += error <= 2.0 * 0.002
@@ -72,12 +72,13 @@ def test_a_coarse_picture_is_reported_and_its_pixels_are_the_size_s_uncertainty(
     for number, size in enumerate((190, 154, 137)):
         drawn = trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="picture")
         error, found = calibrated(L_SHAPE, drawn, 1270 + number)
-        assert error <= found.error_bars.predicted_ray_error.upper_95_mm + 2.0 * found.scale.ray_error_mm
+        predicted = found.findings.error_bars.predicted_ray_error
+        assert error <= predicted.upper_95_mm + 2.0 * found.findings.scale.ray_error_mm
         assert found.judgement.verdict != "pass"
         assert any("not as noise" in reason for reason in found.judgement.reasons)
 
 
 def test_a_sound_scan_s_error_bars_are_those_of_its_noise():
     _, found = calibrated(L_SHAPE, L_SHAPE, 1280)
-    assert found.error_bars.inflation == 1.0
+    assert found.findings.error_bars.inflation == 1.0
     assert found.judgement.reasons == ()

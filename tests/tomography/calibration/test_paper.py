@@ -136,21 +136,21 @@ def test_the_rotation_that_is_given_is_taken(geometry):
     task = CalibrationTask(COARSE, L_SHAPE, reversed_scan, geometry.angles_rad, rotation=Rotation.REVERSED)
     found = calibrate_as_published(task, options=SEARCHED, seed=4)
     assert found.rotation is Rotation.REVERSED
-    assert {report.rotation for report in found.alternatives.hypotheses} == {Rotation.REVERSED}
+    assert {report.rotation for report in found.findings.alternatives.hypotheses} == {Rotation.REVERSED}
     assert ray_error(COARSE, geometry.frame, found.frame).rms_mm < 6.0
     assumed = calibrate_as_published(replace(task, rotation=None), options=SMALL, seed=4)
     assert assumed.rotation is Rotation.AS_GIVEN
-    assert assumed.fit.relative_residual > found.fit.relative_residual
+    assert assumed.findings.fit.relative_residual > found.findings.fit.relative_residual
 
 
 def test_without_error_bars_the_answer_is_to_be_watched(task, searched):
     found, _ = searched
     assert found.judgement.verdict == "watch"
     assert "gives no error bars" in found.judgement.reasons[0]
-    assert found.error_bars is None
+    assert found.findings.error_bars is None
     np.testing.assert_allclose(found.model + found.residual, task.sinogram, atol=1e-9)
-    assert found.fit.offset == pytest.approx(3.0, abs=3.0)
-    assert found.fit.gain == pytest.approx(1.0, abs=0.05)
+    assert found.findings.fit.offset == pytest.approx(3.0, abs=3.0)
+    assert found.findings.fit.gain == pytest.approx(1.0, abs=0.05)
 
 
 def test_the_published_stop_is_wider_than_the_tight_one(task):
@@ -168,4 +168,4 @@ def test_it_stays_within_its_bounds(task):
     bounds = ThetaBounds((690.0, 740.0), (250.0, 380.0), (0.0, 90.0), (0.2, 0.4))
     found = calibrate_as_published(replace(task, bounds=bounds), options=SMALL, seed=7)
     assert bounds.contain(found.theta)
-    assert math.isfinite(found.fit.relative_residual)
+    assert math.isfinite(found.findings.fit.relative_residual)

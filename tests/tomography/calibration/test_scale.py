@@ -58,7 +58,7 @@ def test_a_phantom_larger_than_stated_changes_the_scale_alone(scanner, theta, fu
     assert apart.rms_mm < 1e-4
     assert apart.scale_change == pytest.approx(1.0 / 1.004 - 1.0, abs=1e-6)
     assert wrong.judgement.rays_verdict == wrong.judgement.verdict == "pass"
-    assert 0.29 < wrong.scale.percent_95 < 0.4
+    assert 0.29 < wrong.findings.scale.percent_95 < 0.4
     strict = calibrate(replace(stated, scale_tolerance_percent=0.2)).judgement
     assert (strict.rays_verdict, strict.verdict) == ("pass", "watch")
     assert "the phantom's size tolerance" in strict.reasons[0]
@@ -86,7 +86,7 @@ def small_scan(full_turn):
 
 def deviations_off(found):
     """The errors of R, SDD and the common scale, each in its stated standard deviations."""
-    frame, bars, radius_mm = found.frame, found.error_bars, found.radius_mm
+    frame, bars, radius_mm = found.frame, found.findings.error_bars, found.radius_mm
     stated = bars.frame_deviation(frame)
     scale = scale_deviation(found.scanner, frame, bars.covariance.values, radius_mm=radius_mm)
     return (
@@ -99,17 +99,17 @@ def deviations_off(found):
 def test_the_scale_is_as_well_known_where_the_source_distance_was_held(small_scan):
     """R and SDD are known to 0.2 % each and their ratio to 0.005 %, whichever way the noise put R."""
     held, free = (calibrate(small_scan(seed)) for seed in (1, 0))
-    assert (held.source_distance.held, free.source_distance.held) == (True, False)
-    assert held.scale.statistical == pytest.approx(free.scale.statistical, rel=0.5)
+    assert (held.findings.source_distance.held, free.findings.source_distance.held) == (True, False)
+    assert held.findings.scale.statistical == pytest.approx(free.findings.scale.statistical, rel=0.5)
     assert held.judgement.verdict == free.judgement.verdict == "pass"
 
 
 def test_a_source_held_at_a_distance_that_was_measured_wrong_has_error_bars_that_cover_it(small_scan):
     """r_S 1 mm too large moves R and SDD by 0.24 % and leaves their ratio: no error above 2.6 deviations, 99 %."""
     found = calibrate(small_scan(1, r_s=411.66))
-    assert found.source_distance.held
+    assert found.findings.source_distance.held
     assert np.abs(deviations_off(found)).max() < 2.6
-    assert found.scale.statistical < 2e-4
+    assert found.findings.scale.statistical < 2e-4
     assert found.judgement.verdict == "pass"
 
 
@@ -118,6 +118,6 @@ def test_a_source_held_at_a_distance_that_was_measured_wrong_has_error_bars_that
 def test_the_stated_deviation_of_a_held_scale_is_of_the_error_s_size(small_scan, r_s):
     """RMS of the errors in stated deviations over the scans that were held, some eight or all of 16: 1 within 50 %."""
     found = [calibrate(small_scan(seed, r_s)) for seed in range(16)]
-    scale = [deviations_off(one)[2] for one in found if one.source_distance.held]
+    scale = [deviations_off(one)[2] for one in found if one.findings.source_distance.held]
     assert len(scale) >= 4
     assert math.sqrt(np.mean(np.square(scale))) == pytest.approx(1.0, abs=0.5)

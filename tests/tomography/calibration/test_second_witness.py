@@ -52,10 +52,10 @@ def off(calibration):
 @pytest.mark.slow
 def test_two_that_agree_are_combined(full_turn):
     alone, heard = both(full_turn(VIEWS))
-    witness = heard.evidence.witness
+    witness = heard.findings.witness
     assert witness.agreement is Agreement.AGREE
     assert (witness.moved, witness.taken) == (None, "both")
-    assert heard.error_bars.predicted_ray_error.rms_mm <= alone.error_bars.predicted_ray_error.rms_mm
+    assert heard.findings.error_bars.predicted_ray_error.rms_mm <= alone.findings.error_bars.predicted_ray_error.rms_mm
     # The log adds little to a good phantom; it may not harm it by more than its noise.
     assert off(heard) < off(alone) + 0.003
     assert heard.judgement.verdict == alone.judgement.verdict
@@ -68,28 +68,28 @@ def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
     # The phantom's own fit finds the slip too; the log need not mend it, and must not spoil it.
     assert any("the phantom moved at view" in reason for reason in heard.judgement.reasons)
-    assert off(heard) < min(off(alone) + 0.01, heard.error_bars.predicted_ray_error.upper_95_mm)
+    assert off(heard) < min(off(alone) + 0.01, heard.findings.error_bars.predicted_ray_error.upper_95_mm)
 
 
 def test_of_twenty_views_the_log_is_heard_by_pairs_of_them(full_turn):
     alone, heard = both(full_turn(20))
-    witness = heard.evidence.witness
+    witness = heard.findings.witness
     assert (witness.agreement, witness.moved, witness.taken) == (Agreement.AGREE, None, "both")
     assert witness.log.movement is None
     # 50 000 photons and 8 rows of 20 views of 256 cells: 0.03 mm, and three standard deviations.
     assert abs(witness.log.detector.cor_column_mm - TRUE.cor_column_mm) < 3.0 * witness.log.detector.deviations[0] < 0.2
-    assert heard.error_bars.predicted_ray_error.rms_mm <= alone.error_bars.predicted_ray_error.rms_mm
+    assert heard.findings.error_bars.predicted_ray_error.rms_mm <= alone.findings.error_bars.predicted_ray_error.rms_mm
     assert heard.judgement.verdict == alone.judgement.verdict
 
 
 @pytest.mark.slow
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):
     alone, heard = both(full_turn(VIEWS), log_by=(0.3, 0.2))
-    witness = heard.evidence.witness
+    witness = heard.findings.witness
     assert witness.moved is MovedBody.LOG
     assert witness.taken == "phantom"
     assert heard.frame == alone.frame
-    assert heard.error_bars.predicted_ray_error == alone.error_bars.predicted_ray_error
+    assert heard.findings.error_bars.predicted_ray_error == alone.findings.error_bars.predicted_ray_error
 
 
 @pytest.fixture

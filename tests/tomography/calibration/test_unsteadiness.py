@@ -55,7 +55,7 @@ def test_a_phantom_that_slips_is_reported_with_the_view_and_how_far(view, mm):
     # A slip is found to the view but for the few that noise gives or takes.
     assert abs(int(reported_view) - view) <= 2
     assert float(reported_mm) == pytest.approx(mm, rel=0.1)
-    assert error_mm(found) < min(LIMIT_MM, found.error_bars.predicted_ray_error.upper_95_mm)
+    assert error_mm(found) < min(LIMIT_MM, found.findings.error_bars.predicted_ray_error.upper_95_mm)
 
 
 @pytest.mark.parametrize(("view", "mm"), [(20, 0.4), (40, 8.0)])
@@ -65,7 +65,7 @@ def test_a_slip_that_is_not_fitted_is_reported_and_in_the_error_bars(view, mm):
     assert "it was not fitted, and the rays are off by" in reason
     assert error_mm(found) > 0.1
     assert found.judgement.verdict != "pass"
-    assert error_mm(found) < found.error_bars.predicted_ray_error.upper_95_mm
+    assert error_mm(found) < found.findings.error_bars.predicted_ray_error.upper_95_mm
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_angles_that_are_not_the_turntable_s_are_reported(angles, turn_deg, caus
     sinogram = np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)])
     found = calibrated(sinogram, 1302)
     assert any(reason.startswith(cause) for reason in found.judgement.reasons), found.judgement
-    assert error_mm(found) < min(LIMIT_MM, found.error_bars.predicted_ray_error.upper_95_mm)
+    assert error_mm(found) < min(LIMIT_MM, found.findings.error_bars.predicted_ray_error.upper_95_mm)
 
 
 @pytest.mark.parametrize("seed", range(1310, 1313))

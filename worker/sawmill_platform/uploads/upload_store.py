@@ -19,6 +19,7 @@ from sawmill_platform.database.paging import found, new_id, refuse_taken
 from sawmill_platform.database.tables import UploadRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_parts import UploadPart, announce_deleted, lost
@@ -46,9 +47,10 @@ class UploadQuota:
 class Uploads:
     """Store of uploads; every method is one transaction. An upload is visible to its own key only."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
+    def __init__(self, database: Database, files: FileStore, disk_reserve_bytes: int) -> None:
         self._database = database
-        self._files = files
+        self.files = files
+        self._disk_reserve_bytes = disk_reserve_bytes
 
     def create(self, ask: UploadAsk, quota: UploadQuota, *, identifier: str | None = None) -> Upload:
         """Add an upload, whose bytes follow.
@@ -84,9 +86,29 @@ class Uploads:
                 raise NotFound("upload", upload_id)
             return read_upload(row)
 
-    def begin_part(
-        self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0
-    ) -> UploadPart:
+    def check_room_for(self, size_bytes: int) -> int:
+        """Check that an upload of this size leaves the disk its reserve, and room for the uploads already in progress.
+
+        Returns
+        -------
+        int
+            Bytes that must stay free in addition to the upload.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            Less would be free, the data folder is not in its place, or the database could not write the rows of the
+            upload.
+        """
+        self._database.check_writable()
+        with self._database.read() as session:
+            check_identity(session, self.files.folder)
+        reserved_bytes = self._disk_reserve_bytes + self.promised_bytes()
+        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
+        self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
+        return reserved_bytes
+
+    def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0) -> UploadPart:
         """Open an upload for its next part, which no other writer writes in this time; `close` must follow.
 
         Parameters
@@ -95,8 +117,6 @@ class Uploads:
             Offset of the part.
         part_bytes
             Declared length of the part; 0 if it is not declared.
-        reserve_bytes
-            Bytes that must stay free on the disk.
 
         Raises
         ------
@@ -108,10 +128,11 @@ class Uploads:
         """
         self._database.check_writable()
         self._awaited(upload_id, offset_bytes, part_bytes)  # before a file of this name is made
-        part = UploadPart(self._files.unfinished(upload_id), upload_id, self._database)
+        part = UploadPart(self.files.unfinished(upload_id), upload_id, self._database)
         try:
             # Once more: another part may have ended just now.
-            part.begin(self._awaited(upload_id, offset_bytes, part_bytes), reserve_bytes=reserve_bytes)
+            upload = self._awaited(upload_id, offset_bytes, part_bytes)
+            part.begin(upload, reserve_bytes=self._disk_reserve_bytes)
         except BaseException:
             part.close()
             raise
@@ -128,8 +149,8 @@ class Uploads:
         upload = self.get(upload_id)
         if upload.state is not UploadState.COMPLETE:
             raise _not_usable(upload)
-        again = self._files.second_name(
-            self._files.unfinished(upload_id), size_bytes=upload.size_bytes, sha256=str(upload.sha256)
+        again = self.files.second_name(
+            self.files.unfinished(upload_id), size_bytes=upload.size_bytes, sha256=str(upload.sha256)
         )
         if again is None:
             raise _not_usable(self.get(upload_id))  # somebody has just used it, or deleted it
@@ -185,7 +206,7 @@ class Uploads:
         if or_else is not None and not removed:
             raise or_else
         for upload_id in removed:
-            self._files.remove(self._files.unfinished(upload_id))
+            self.files.remove(self.files.unfinished(upload_id))
         return removed
 
 

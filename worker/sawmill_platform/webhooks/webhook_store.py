@@ -94,11 +94,11 @@ class WebhookStore:
         with self._database.read() as session:
             return read_webhook(session, found(session, WebhookRow, "webhook", webhook_id))
 
-    def signing(self, webhook_id: str) -> tuple[Webhook, tuple[str, ...]]:
-        """Return one webhook and its secrets, or raise `NotFound`."""
+    def signing(self, webhook_id: str) -> tuple[Webhook, tuple[str, ...], datetime]:
+        """Return one webhook, its secrets and the time for which they sign, or raise `NotFound`."""
         with self._database.read() as session:
-            row = found(session, WebhookRow, "webhook", webhook_id)
-            return read_webhook(session, row), secret_of(row, self._database.now())
+            row, now = found(session, WebhookRow, "webhook", webhook_id), self._database.now()
+            return read_webhook(session, row), secret_of(row, now), now
 
     def update(self, webhook_id: str, ask: WebhookAsk) -> Webhook:
         """Replace a webhook; if it is enabled, the next attempt is made at once."""

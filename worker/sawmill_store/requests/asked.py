@@ -18,9 +18,9 @@ from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
+from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.requests.references import looked_up
 from sawmill_store.requests.scan_extent import refuse_beyond_scan
@@ -40,9 +40,9 @@ class Asked(Generic[Ask, Answer]):
         Declaration of the kind.
     """
 
-    def __init__(self, database: Database, files: FileStore, places: Places, declared: AskedKind[Ask, Answer]) -> None:
+    def __init__(self, database: Database, files: MillFiles, places: Places, declared: AskedKind[Ask, Answer]) -> None:
         self._database = database
-        self._files = files
+        self.files = files
         self._places = places
         self._declared = declared
 

@@ -88,7 +88,7 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Cal
     reason = activation_reason(
         wanted=calibration.activate,
         schedule_id=calibration.schedule_id,
-        rays_verdict=result.rays_verdict or result.verdict,  # an earlier version has the verdict alone
+        rays_verdict=result.verdict_on_rays,
         has_moved=result.comparison is not None and not result.comparison.within_tolerance,
     )
     if reason is not None:

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.calibrations import Provenance
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
 from sawmill_contracts.row_ranges import parse_rows
@@ -68,13 +68,13 @@ def _check_scan(path: Path, given: HandedOver, reading: ScanReading) -> None:
     check_scan(path, reading.shape.lengths)
 
 
-def _check_calibration(path: Path, given: HandedOver, result: CalibrationResult) -> None:
+def _check_calibration(path: Path, given: HandedOver, provenance: Provenance) -> None:
     from sawmill_formats.output.calibration_file import check_calibration
 
     shape, _ = _scan_of(given)
-    if result.views > shape.views:
-        raise NotAsWritten(f"the answer is of {result.views} views, and the scan has {shape.views}")
-    check_calibration(path, (result.views, shape.detector))
+    if provenance.views > shape.views:
+        raise NotAsWritten(f"the answer is of {provenance.views} views, and the scan has {shape.views}")
+    check_calibration(path, (provenance.views, shape.detector))
 
 
 def _check_volume(path: Path, given: HandedOver, result: ReconstructionResult) -> None:

@@ -87,7 +87,7 @@ def conclude(
         aspect_half=_aspect_half(task, joint),
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    evidence = Evidence(fit, source_distance, bars, alternatives, analysis, scale, in_bounds)
+    evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds)
     judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
     return CalibrationOutcome(
@@ -95,13 +95,8 @@ def conclude(
         hypothesis=ranked[0].hypothesis,
         theta=theta,
         theta_twin=twin,
-        fit=fit,
-        model=task.sinogram - joint.model.residual,
+        findings=evidence,
         residual=joint.model.residual,
-        source_distance=source_distance,
-        scale=scale,
-        error_bars=bars,
-        alternatives=alternatives,
         adjustments=(
             *task.screening.adjustments,
             *sentences,
@@ -109,7 +104,6 @@ def conclude(
             *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted),
         ),
         judgement=judgement,
-        evidence=evidence,
         beam=_beam(joint.model),
         search=basins.report,
         timing=StageSeconds(ended - started, searched - started, refined - searched, ended - refined),

@@ -2,13 +2,8 @@
 
 from dataclasses import dataclass
 
-from sawmill_tomography.calibration.alternatives import Alternatives
-from sawmill_tomography.calibration.error_bars import ErrorBars
-from sawmill_tomography.calibration.fit import FittedModel
-from sawmill_tomography.calibration.judgement import Evidence, Judgement
-from sawmill_tomography.calibration.scale import ScaleUncertainty
+from sawmill_tomography.calibration.judgement import Findings, Judgement
 from sawmill_tomography.calibration.search.search import SearchReport
-from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_tomography.phantoms.phantom import Phantom
@@ -36,14 +31,12 @@ class CalibrationOutcome:
         The task that was calibrated.
     theta_twin : Theta or None
         The other theta with the same sinogram.
-    model, residual : (views, cells) float64
-        Model sinogram and residual; their sum is the task's sinogram.
-    error_bars : ErrorBars or None
-        None from a method without error bars.
+    findings : Findings
+        `Evidence` from a method with error bars.
+    residual : (views, cells) float64
+        The task's sinogram less the model.
     adjustments : tuple of str
         Sentences on effects and faults in the scan beyond the plain model, and on what was done about each.
-    evidence : Evidence or None
-        The evidence that the judgement is based on; None from a method without error bars.
     beam : BeamCorrection
         Hardening and scatter, None where they were not fitted.
     """
@@ -52,18 +45,12 @@ class CalibrationOutcome:
     hypothesis: PoseHypothesis
     theta: Theta
     theta_twin: Theta | None
-    fit: FittedModel
-    model: FloatArray
+    findings: Findings
     residual: FloatArray
-    source_distance: SourceDistance
-    scale: ScaleUncertainty
-    error_bars: ErrorBars | None
-    alternatives: Alternatives
     adjustments: tuple[str, ...]
     judgement: Judgement
     search: SearchReport
     timing: StageSeconds
-    evidence: Evidence | None = None
     beam: BeamCorrection = NOTHING_FOUND
 
     @property
@@ -74,7 +61,12 @@ class CalibrationOutcome:
     @property
     def frame(self) -> SourceFrame:
         """The calibrated geometry."""
-        return self.fit.frame
+        return self.findings.fit.frame
+
+    @property
+    def model(self) -> FloatArray:
+        """Model sinogram, (views, cells) float64."""
+        return self.task.sinogram - self.residual
 
     @property
     def handedness(self) -> Handedness:
@@ -89,17 +81,18 @@ class CalibrationOutcome:
     @property
     def seen(self) -> Phantom:
         """The phantom as the scan shows it, in the image frame of theta."""
-        return self.task.phantoms[self.handedness].moved(*self.fit.position_mm)
+        return self.task.phantoms[self.handedness].moved(*self.findings.fit.position_mm)
 
     @property
     def radius_mm(self) -> float:
         """Radius of the disc in which ray errors are counted, mm."""
-        return self.task.radius_mm(self.handedness, self.fit.position_mm)
+        return self.task.radius_mm(self.handedness, self.findings.fit.position_mm)
 
     @property
     def geometry(self) -> "CalibratedGeometry":
         """Geometry for comparisons with another calibration, and for reconstruction."""
-        covariance = None if self.error_bars is None else self.error_bars.covariance.values
+        bars = self.findings.error_bars
+        covariance = None if bars is None else bars.covariance.values
         return CalibratedGeometry(self.scanner, self.theta, self.frame, self.rotation, covariance)
 
 

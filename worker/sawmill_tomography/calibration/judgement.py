@@ -8,7 +8,7 @@ from enum import Enum
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
-from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty
 from sawmill_tomography.calibration.second_witness import LogWitness
@@ -85,15 +85,23 @@ class JudgementLimits:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """The evidence that a calibration is judged by."""
+class Findings:
+    """The fitted geometry, its uncertainties and its rivals; a method without error bars finds no more."""
+
+    fit: FittedModel
+    source_distance: SourceDistance
+    alternatives: Alternatives
+    scale: ScaleUncertainty
+    error_bars: ErrorBars | None
+
+
+@dataclass(frozen=True)
+class Evidence(Findings):
+    """The findings of a method with error bars, by which a calibration is judged."""
 
     fit: Fit
-    source_distance: SourceDistance
     error_bars: ErrorBars
-    alternatives: Alternatives
     residual: ResidualAnalysis
-    scale: ScaleUncertainty
     theta_in_bounds: bool
     witness: LogWitness | None = None
 

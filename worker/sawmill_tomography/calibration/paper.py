@@ -19,7 +19,7 @@ from sawmill_tomography.calibration.alternatives import Alternatives, Hypothesis
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
-from sawmill_tomography.calibration.judgement import Degree, Judgement, Remark, combined
+from sawmill_tomography.calibration.judgement import Degree, Findings, Judgement, Remark, combined
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
@@ -244,13 +244,14 @@ def _answer(
         hypothesis=PoseHypothesis(handedness, rotation),
         theta=reported,
         theta_twin=twin,
-        fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
-        model=model,
+        findings=Findings(
+            fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
+            source_distance=SourceDistance(frame.source_distance_mm),
+            alternatives=Alternatives(tuple(hypotheses)),
+            scale=scale_uncertainty(task.scanner, frame, task.phantom, None, task.radius_mm(handedness, (0.0, 0.0))),
+            error_bars=None,
+        ),
         residual=residual,
-        source_distance=SourceDistance(frame.source_distance_mm),
-        scale=scale_uncertainty(task.scanner, frame, task.phantom, None, task.radius_mm(handedness, (0.0, 0.0))),
-        error_bars=None,
-        alternatives=Alternatives(tuple(hypotheses)),
         adjustments=(),
         judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,

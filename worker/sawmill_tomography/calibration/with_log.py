@@ -34,8 +34,8 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
     DriftError
         If the log shows nothing: too few views, a log too round, or a log that reaches an end of the detector.
     """
-    evidence, task = calibration.evidence, calibration.task
-    if evidence is None:
+    evidence, task = calibration.findings, calibration.task
+    if not isinstance(evidence, Evidence):
         return calibration
     covariance = evidence.error_bars.covariance.values
     log = _ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
@@ -84,16 +84,7 @@ def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: Log
     )
     with_witness = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
     judgement = judge(with_witness, JudgementLimits.of(task))
-    return replace(
-        calibration,
-        theta=theta,
-        theta_twin=twin,
-        fit=fit,
-        error_bars=bars,
-        scale=scale,
-        judgement=judgement,
-        evidence=with_witness,
-    )
+    return replace(calibration, theta=theta, theta_twin=twin, findings=with_witness, judgement=judgement)
 
 
 def _moved(fit: Fit, witness: LogWitness) -> Fit:

@@ -3,7 +3,7 @@
 from datetime import datetime
 from pathlib import Path
 
-from sawmill_contracts.calibrations import CalibrationOptions, CalibrationResult
+from sawmill_contracts.calibrations import CalibrationLimits, CalibrationOptions, CalibrationResult
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.phantom_options import PhantomSource
@@ -39,8 +39,7 @@ def calibrate_scan(
             bounds=None,
             drawing=drawing,
             input_sha256=used.sha256,
-            scale_tolerance_percent=scale_tolerance_percent,
-            log_radius_mm=log_radius_mm,
+            limits=CalibrationLimits(scale_tolerance_percent=scale_tolerance_percent, log_radius_mm=log_radius_mm),
             from_counts=used.counts,
             views=mean.views,
             remarks=of_saturation(used.remarks),

@@ -24,7 +24,7 @@ def open_with_calibration(
     calibration, scan = _calibrated(scan, geometry)
     r_s = calibration.scanner.source_to_cor_mm
     with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
-        _check_same_detector(calibration, used.scanner)
+        _check_same_detector(calibration.scanner, used.scanner)
         yield calibration, used
 
 
@@ -44,8 +44,8 @@ def _check_agreement(name: str, carried: float, flag: float | None) -> None:
         )
 
 
-def _check_same_detector(calibration: CalibrationResult, scanner: ScannerConstants) -> None:
-    calibrated, cells = calibration.scanner.num_detector_pixels, scanner.num_detector_pixels
+def _check_same_detector(of_calibration: ScannerConstants, of_scan: ScannerConstants) -> None:
+    calibrated, cells = of_calibration.num_detector_pixels, of_scan.num_detector_pixels
     if calibrated != cells:
         raise refused(
             "contradiction",

@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_contracts.calibrations import CalibrationOptions, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.calibrations import (
+    CalibrationLimits,
+    CalibrationOptions,
+    CalibrationSucceeded,
+    CalibrationUnfinished,
+)
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import read_stored_scan
@@ -118,9 +123,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
         bounds=scanner.bounds,
         drawing=drawing_of(attempt),
         input_sha256=scan.sha256,
-        log_radius_mm=scanner.log_radius_mm,
-        tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
-        scale_tolerance_percent=scanner.tolerances.scale_percent,
+        limits=CalibrationLimits.of(scanner.tolerances, scanner.log_radius_mm),
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
         remarks=of_saturation(scan.remarks),

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 
-from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
 from sawmill_mill.two_questions import VERDICTS
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
@@ -66,10 +66,10 @@ def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figur
     return figure
 
 
-def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
+def overlay_png(provenance: Provenance, arrays: CalibrationArrays) -> bytes:
     """Draw only the phantom's reconstruction under its outlines; arguments as for `report_figure`."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    figure.suptitle(f"{result.phantom} with the geometry found", fontsize=15, fontweight="bold")
+    figure.suptitle(f"{provenance.phantom} with the geometry found", fontsize=15, fontweight="bold")
     _draw_phantom(figure, figure.add_subplot(), arrays)
     return encoded(figure)
 
@@ -152,20 +152,20 @@ def _draw_fit(part: SubFigure, result: CalibrationResult, arrays: CalibrationArr
     draw_search(search_part.add_subplot(), history, final=result.residual.relative if of_residuals else None)
 
 
-def _draw_pairs(part: SubFigure, result: CalibrationResult) -> None:
+def _draw_pairs(part: SubFigure, geometry: FoundGeometry) -> None:
     frame_part, theta_part = _side_by_side(part, 1.15, 1)
-    covariance = np.zeros((5, 5)) if result.covariance is None else np.array(result.covariance)
+    covariance = np.zeros((5, 5)) if geometry.covariance is None else np.array(geometry.covariance)
     if np.count_nonzero(np.diag(covariance)) < 2:
         frame_part.suptitle("source frame: no error bars, so no ellipses")
     else:
         frame_part.suptitle("source frame: 95 % ellipse of each pair, from the answer")
         draw_frame_pairs(frame_part, covariance)
-    twin = result.theta_twin
     theta_part.suptitle(
-        "theta: source shift 0, no twin" if twin is None else "theta and its twin: the same sinogram, exactly"
+        "theta: source shift 0, no twin"
+        if geometry.theta_twin is None
+        else "theta and its twin: the same sinogram, exactly"
     )
-    deviations = result.standard_deviation
-    draw_theta_and_twin(theta_part, result.theta, twin, None if deviations is None else deviations.theta)
+    draw_theta_and_twin(theta_part, geometry)
 
 
 def _side_by_side(part: SubFigure, *widths: float) -> list[SubFigure]:

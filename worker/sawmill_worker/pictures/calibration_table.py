@@ -2,20 +2,13 @@
 
 import math
 
-from sawmill_contracts.calibrations import CalibrationResult, StandardDeviation
-from sawmill_contracts.geometry import SourceFrameDeviation, ThetaDeviation
-
-UNKNOWN = StandardDeviation(
-    theta=ThetaDeviation.model_validate(dict.fromkeys(ThetaDeviation.model_fields)),
-    source_frame=SourceFrameDeviation.model_validate(dict.fromkeys(SourceFrameDeviation.model_fields)),
-)
+from sawmill_contracts.calibrations import CalibrationResult
 
 
 def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
     """Return labels and values, with standard deviations where these are known."""
     theta, frame = result.theta, result.source_frame
-    deviation = result.standard_deviation or UNKNOWN
-    theta_sd, frame_sd = deviation.theta, deviation.source_frame
+    theta_sd, frame_sd = result.deviations.theta, result.deviations.source_frame
     rows = [
         ("first angle alpha0", _degrees(theta.initial_angle_rad, theta_sd.initial_angle_rad)),
         ("COR to detector r_D", _mm(theta.detector_to_cor_mm, theta_sd.detector_to_cor_mm)),

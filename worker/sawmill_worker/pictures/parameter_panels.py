@@ -9,6 +9,7 @@ from matplotlib.figure import SubFigure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
+from sawmill_contracts.calibrations import FoundGeometry
 from sawmill_contracts.geometry import ThetaDeviation
 from sawmill_vocabulary import Theta
 
@@ -63,15 +64,16 @@ def _draw_ellipse(ax: Axes, covariance: NDArray[np.float64]) -> None:
     ax.locator_params(nbins=4)
 
 
-def draw_theta_and_twin(figure: SubFigure, theta: Theta, twin: Theta | None, deviation: ThetaDeviation | None) -> None:
+def draw_theta_and_twin(figure: SubFigure, geometry: FoundGeometry) -> None:
     """Draw theta's other parameters against the source shift: the answer, and the twin with the same sinogram."""
+    theta, twin, deviation = geometry.theta, geometry.theta_twin, geometry.deviations.theta
     values, spreads = _shown(theta), _spreads(deviation)
     for index, label in enumerate(THETA):
         ax = figure.add_subplot(2, 2, 1 + index)
         ax.errorbar(
             [theta.source_shift_mm],
             [values[index]],
-            xerr=None if deviation is None else deviation.source_shift_mm,
+            xerr=deviation.source_shift_mm,
             yerr=spreads[index],
             fmt="o",
             color=ANSWER,
@@ -95,9 +97,7 @@ def _shown(theta: Theta) -> tuple[float, ...]:
     return angle_deg, theta.detector_to_cor_mm, theta.detector_shift_mm, theta.detector_tilt
 
 
-def _spreads(deviation: ThetaDeviation | None) -> tuple[float | None, ...]:
-    if deviation is None:
-        return (None,) * len(THETA)
+def _spreads(deviation: ThetaDeviation) -> tuple[float | None, ...]:
     angle_rad = deviation.initial_angle_rad
     angle_deg = None if angle_rad is None else math.degrees(angle_rad)
     return angle_deg, deviation.detector_to_cor_mm, deviation.detector_shift_mm, deviation.detector_tilt

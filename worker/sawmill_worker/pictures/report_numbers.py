@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from sawmill_contracts.calibrations import CalibrationResult, SecondWitness
+from sawmill_contracts.calibrations import Comparison, FoundGeometry, PhantomPose, SecondWitness
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
 
@@ -36,17 +36,14 @@ def moment(time: datetime) -> str:
     return f"{time:%Y-%m-%d %H:%M} {time.tzname()} (UTC{offset[:3]}:{offset[3:]})"
 
 
-def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
+def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
     """Return theta with its standard deviations, and its twin."""
-    theta, twin = result.theta, result.theta_twin
-    deviation = None if result.standard_deviation is None else result.standard_deviation.theta
-
-    def spread(name: str) -> float | None:
-        return None if deviation is None else getattr(deviation, name)
+    theta, twin, deviation = geometry.theta, geometry.theta_twin, geometry.deviations.theta
 
     def length(name: str, text: str, symbol: str) -> ReportedParameter:
         value, twin_text = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
-        return ReportedParameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=twin_text)
+        spread = _plus_minus(getattr(deviation, name), "mm")
+        return ReportedParameter(text, symbol, f"{value:.3f} mm", spread, twin=twin_text)
 
     angle = theta.initial_angle_rad
     return [
@@ -54,7 +51,7 @@ def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
             "first angle",
             "alpha_0",
             f"{math.degrees(angle):.4f}°",
-            _plus_minus_degrees(spread("initial_angle_rad")),
+            _plus_minus_degrees(deviation.initial_angle_rad),
             f"{angle:.6f} rad",
             "" if twin is None else f"{math.degrees(twin.initial_angle_rad):.2f}°",
         ),
@@ -65,7 +62,7 @@ def theta_rows(result: CalibrationResult) -> list[ReportedParameter]:
             "detector tilt",
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
-            _plus_minus_degrees(_of_slope(theta, spread("detector_tilt"))),
+            _plus_minus_degrees(_of_slope(theta, deviation.detector_tilt)),
             f"slope {theta.detector_tilt:.6f}",
             "" if twin is None else f"{_slope_degrees(twin):.2f}°",
         ),
@@ -93,22 +90,17 @@ def theta_change(before: Theta, after: Theta) -> list[str]:
     return [f"{name} {change:+.3g}{unit}" for name, change, unit in changes if change]
 
 
-def frame_rows(result: CalibrationResult) -> list[ReportedParameter]:
+def frame_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
     """Return the source frame with its standard deviations."""
-    frame = result.source_frame
-    deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
-
-    def spread(name: str) -> float | None:
-        return None if deviation is None else getattr(deviation, name)
+    frame, deviation = geometry.source_frame, geometry.deviations.source_frame
 
     def angle(name: str, text: str, symbol: str) -> ReportedParameter:
-        value = getattr(frame, name)
-        return ReportedParameter(
-            text, symbol, f"{math.degrees(value):.4f}°", _plus_minus_degrees(spread(name)), f"{value:.6f} rad"
-        )
+        value, spread = getattr(frame, name), _plus_minus_degrees(getattr(deviation, name))
+        return ReportedParameter(text, symbol, f"{math.degrees(value):.4f}°", spread, f"{value:.6f} rad")
 
     def length(name: str, text: str, symbol: str) -> ReportedParameter:
-        return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
+        spread = _plus_minus(getattr(deviation, name), "mm")
+        return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", spread)
 
     return [
         angle("psi_rad", "direction of the first view", "psi"),
@@ -116,15 +108,15 @@ def frame_rows(result: CalibrationResult) -> list[ReportedParameter]:
         length("source_to_detector_mm", "source to detector", "SDD"),
         length("cor_column_mm", "COR on the detector", "u_c"),
         angle("tilt_rad", "detector tilt", "tau"),
-        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
+        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(deviation.magnification, "")),
     ]
 
 
-def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
+def correlations(geometry: FoundGeometry) -> list[tuple[str, list[str]]]:
     """Return the lower triangle of the source frame's correlations by rows, without parameters that have no error."""
-    if result.covariance is None:
+    if geometry.covariance is None:
         return []
-    covariance = np.array(result.covariance)
+    covariance = np.array(geometry.covariance)
     deviations = np.sqrt(np.diag(covariance))
     determined = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
     return [
@@ -139,9 +131,8 @@ def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
     ]
 
 
-def comparison_rows(result: CalibrationResult) -> list[Row]:
+def comparison_rows(change: Comparison | None) -> list[Row]:
     """Return the changes since the previously active calibration."""
-    change = result.comparison
     if change is None:
         return []
     rows = [("rays moved (RMS)", f"{change.ray_change_mm:.3f} mm")]
@@ -159,7 +150,7 @@ def comparison_rows(result: CalibrationResult) -> list[Row]:
     ]
 
 
-def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
+def hypothesis_rows(pose: PhantomPose) -> list[tuple[str, str, str]]:
     """Return each hypothesis with its residual and its log-likelihood deficit to the best hypothesis."""
     return [
         (
@@ -167,7 +158,7 @@ def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
             f"{each.relative_residual:.3%}",
             NOT_KNOWN if each.log_likelihood_behind is None else f"{each.log_likelihood_behind:.1f}",
         )
-        for each in result.hypotheses
+        for each in pose.hypotheses
     ]
 
 
@@ -182,9 +173,9 @@ def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
     return rows
 
 
-def position(result: CalibrationResult) -> str:
+def position(pose: PhantomPose) -> str:
     """Format the position of the phantom."""
-    x_mm, y_mm = result.phantom_position_mm
+    x_mm, y_mm = pose.phantom_position_mm
     return f"x {x_mm:z.2f} mm, y {y_mm:z.2f} mm"
 
 

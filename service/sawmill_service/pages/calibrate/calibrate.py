@@ -22,7 +22,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
@@ -30,10 +30,7 @@ from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.store import Store
 
 CALIBRATE = "/calibrate"
@@ -190,7 +187,9 @@ def _of_inspection(page: PageFrame, store: Store, where: PageAddress, inspection
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
-    questions = questions_of(store, inspection, {"scanner_id": where.scanner or "", **_earlier(store, where.scan)})
+    questions = questions_of(
+        store, inspection, {"scanner_id": where.scanner or "", **_earlier(store.scans, where.scan)}
+    )
     return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
 
 
@@ -205,7 +204,7 @@ def _of_scan(
         where=where,
         scan=scan,
         scanner=store.scanners.get(scan.scanner_id),
-        phantoms=usable_phantoms(store),
+        phantoms=usable_phantoms(store.phantoms),
         chosen_phantom=scan.phantom_id,
         problem=problem,
     )
@@ -214,7 +213,7 @@ def _of_scan(
 def _of_calibration(
     page: PageFrame, store: Store, where: PageAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
-    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
         return page.answer(
             "calibrate_result.html",
@@ -223,9 +222,9 @@ def _of_calibration(
             scanner=scanner,
             scan=scan,
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
-            changes=changes_of(page, calibration),
+            changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
-            log=shown_log(store, calibration.id),
+            log=shown_log(store.files, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
         jobs = [calibration.job_id] if scan is None else [scan.job_id, calibration.job_id]
@@ -247,21 +246,21 @@ def _of_calibration(
         unread=unread is not None,
         failure=failure,
         advice=advice_for(page, failure, unread=unread is not None),
-        again=_again(store, where, scan),
+        again=_again(store.files, where, scan),
     )
 
 
-def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
+def _earlier(scans: TheScans, scan_id: str | None) -> dict[str, str]:
     """Return the answers that made a scan of the same file; none where the scan was deleted since."""
-    scan = None if scan_id is None else scan_if_kept(store, scan_id)
+    scan = None if scan_id is None else scan_if_kept(scans, scan_id)
     values = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def _again(store: Store, where: PageAddress, scan: Scan | None) -> str | None:
+def _again(files: TheFiles, where: PageAddress, scan: Scan | None) -> str | None:
     """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None
-    if where.inspection is not None and store.files.upload(job_kinds.INSPECT, where.inspection).exists():
+    if where.inspection is not None and files.upload(job_kinds.INSPECT, where.inspection).exists():
         return where.path(calibration=None, scan=scan.id)
     return None if scan.state is ScanState.REFUSED else PageAddress(scan=scan.id).path()

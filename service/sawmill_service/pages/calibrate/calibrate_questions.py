@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_store.phantoms import Phantoms
+from sawmill_store.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -78,31 +80,31 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
         inspection=inspection,
         datasets=_arrays(result) if "dataset" in missing else [],
         scanners=store.scanners.page(limit=OFFERED).items,
-        phantoms=usable_phantoms(store),
+        phantoms=usable_phantoms(store.phantoms),
         data=_only_possible(result),
         counts_possible=result.reading is not None and result.reading.flats is not None,
         angles="angles_deg" in missing,
         answers=answered,
     )
     questions.scanners.sort(key=lambda scanner: not questions.fits(scanner))
-    return replace(questions, answers=_proposed(store, questions) | answered)
+    return replace(questions, answers=_proposed(store.scans, questions) | answered)
 
 
-def _proposed(store: Store, questions: Questions) -> dict[str, str]:
+def _proposed(scans: Scans, questions: Questions) -> dict[str, str]:
     """Propose the only scanner whose detector fits, and the phantom that its last scan with a phantom showed."""
     fitting = [each.id for each in questions.scanners if questions.fits(each)]
     scanner_id = questions.answers.get("scanner_id") or (fitting[0] if len(fitting) == 1 else "")
     if not scanner_id:
         return {}
-    last = store.scans.page(scanner_id=scanner_id, limit=LAST_SCANS).items
+    last = scans.page(scanner_id=scanner_id, limit=LAST_SCANS).items
     shown = (scan.phantom_id for scan in last if scan.phantom_id in {each.id for each in questions.phantoms})
     return {"scanner_id": scanner_id, "phantom_id": next(shown, None) or ""}
 
 
-def usable_phantoms(store: Store) -> list[StoredPhantom]:
+def usable_phantoms(phantoms: Phantoms) -> list[StoredPhantom]:
     """Select the phantoms that can be used and that no newer measurement has replaced."""
-    replaced = store.phantoms.replaced()
-    listed = store.phantoms.page(limit=OFFERED).items
+    replaced = phantoms.replaced()
+    listed = phantoms.page(limit=OFFERED).items
     return [each for each in listed if each.state is PhantomState.READY and each.id not in replaced]
 
 

@@ -4,15 +4,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import Comparison, FoundGeometry, Judged
 from sawmill_contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
 from sawmill_platform.contracts.jobs import Failure
-from sawmill_service.pages.frame.languages import (
-    marked,
-)
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-)
+from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.page_frame import PageFrame
 
 # Stages, by the names that jobs report.
 STAGES = {
@@ -65,20 +61,20 @@ def stages(page: PageFrame) -> dict[str, str]:
     return {name: page.text.gettext(text) for name, text in STAGES.items()}
 
 
-def headline(page: PageFrame, calibration: CalibrationSucceeded, *, active: bool) -> Headline:
+def headline(page: PageFrame, judged: Judged, *, active: bool) -> Headline:
     """Return the headline for the verdict on the rays, which must be right for a sharp image."""
     _ = page.text.gettext
-    rays = calibration.rays_verdict or calibration.verdict
+    rays = judged.verdict_on_rays
     if rays == "fail" and active:
         must_not = _("It is in use and must not be: go back to an earlier one, or scan again.")
         return Headline("bad", _("Do not use this calibration"), must_not)
-    if active and calibration.verdict != "pass":
+    if active and judged.verdict != "pass":
         return Headline("watch", _("This calibration is in use"), _("Read what is not certain."))
     if active:
         return Headline("good", _("This calibration is in use"), _("Nothing more to do here."))
     if rays == "fail":
         return Headline("bad", _("Do not use this calibration"), _("Read what is not certain, and scan again."))
-    if calibration.verdict == "pass":
+    if judged.verdict == "pass":
         return Headline("good", _("The calibration is good"), _("Accept it to use it."))
     return Headline("watch", _("Look before you accept"), _("Read what is not certain, then decide."))
 
@@ -93,9 +89,8 @@ def advice_for(page: PageFrame, failure: Failure | None, *, unread: bool) -> str
     return page.text.gettext(_ADVICE.get(code, _EXPORT if unread else _OTHER))
 
 
-def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
+def changes_of(page: PageFrame, compared: Comparison | None) -> list[Row]:
     """Return the changes against the calibration that was in use; empty where there was none."""
-    compared = calibration.comparison
     if compared is None:
         return []
     _, formats = page.text.gettext, page.formats
@@ -110,17 +105,16 @@ def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
     ]
 
 
-def parameters_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
+def parameters_of(page: PageFrame, geometry: FoundGeometry) -> list[Row]:
     """Return the geometry that was found, each number with its standard deviation."""
-    _, formats, frame = page.text.gettext, page.formats, calibration.source_frame
-    deviation = calibration.standard_deviation
-    spreads = None if deviation is None else deviation.source_frame
+    _, formats, frame = page.text.gettext, page.formats, geometry.source_frame
+    spreads = geometry.deviations.source_frame
 
     def rows() -> Iterator[Row]:
         for name, label in _PARAMETERS.items():
             angle = name.endswith("_rad")
             written = formats.degrees if angle else formats.mm
-            value, spread = getattr(frame, name), None if spreads is None else getattr(spreads, name)
+            value, spread = getattr(frame, name), getattr(spreads, name)
             factor = math.degrees(1.0) if angle else 1.0
             held = _("held, or not known") if spread is None else f"± {written(factor * spread)}"
             yield Row(_(label), written(factor * value), held)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
 from sawmill_contracts.history import HistoryEntry
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.calibrations import succeeded
@@ -34,15 +34,15 @@ def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
     """Show the report of a calibration that has an answer."""
     from sawmill_worker.pictures.report_page import report_html
 
-    calibration = succeeded(store, calibration_id, "report")
-    html = report_html(calibration, _about(store, calibration), _arrays(store, calibration_id))
+    calibration = succeeded(store.calibrations, calibration_id, "report")
+    html = report_html(calibration, _about(store, calibration), _arrays(store.files, calibration_id))
     return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
 
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
     from sawmill_worker.pictures.report_page import About
 
-    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     activation = store.history.activation_of(scanner.id, calibration.id)
     return About(
         calibration_id=calibration.id,
@@ -53,7 +53,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         tolerances=scanner.tolerances,
-        asked_by=_asked_by(store, calibration),
+        asked_by=_asked_by(store.jobs, calibration),
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else _in_use(activation),
         back=f"/scanners/{scanner.id}",
@@ -66,19 +66,19 @@ def _in_use(activation: HistoryEntry) -> str:
     return f"since {moment(activation.at.astimezone())}: {activation.why}"
 
 
-def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
+def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:
     if calibration.schedule_id is not None:
         return f"schedule {calibration.schedule_id}"
-    return store.jobs.get(calibration.job_id).asked_by
+    return jobs.get(calibration.job_id).asked_by
 
 
-def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
+def _arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | None":
     """Read the arrays of result.h5; None where the file was removed."""
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
     try:
-        path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = calibration_file.read_calibration(path).arrays

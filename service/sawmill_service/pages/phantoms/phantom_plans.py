@@ -7,14 +7,10 @@ from sawmill_contracts.plans import Plan
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.errors import NotFound
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-)
-from sawmill_service.pages.frame.verdicts import (
-    ShownQuestion,
-    shown_pair,
-)
-from sawmill_store.store import Store
+from sawmill_service.pages.frame.page_frame import PageFrame
+from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
+from sawmill_store.scanners import Scanners
+from sawmill_store.store import Plans
 
 SHOWN = 3
 
@@ -36,10 +32,10 @@ class PlanView:
     questions: list[ShownQuestion]
 
 
-def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
+def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
     """Yield the newest plans with a phantom, judged by the present tolerances."""
-    for plan in store.plans.page(phantom_id=phantom_id, limit=SHOWN).items:
-        scanner = _scanner(store, plan.scanner_id)
+    for plan in plans.page(phantom_id=phantom_id, limit=SHOWN).items:
+        scanner = _scanner(scanners, plan.scanner_id)
         questions: list[ShownQuestion] = []
         if plan.result is not None and scanner is not None:
             promised = TwoQuestions.of_plan(plan.result, scanner.tolerances)
@@ -47,8 +43,8 @@ def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanV
         yield PlanView(plan, scanner, questions)
 
 
-def _scanner(store: Store, scanner_id: str) -> StoredScanner | None:
+def _scanner(scanners: Scanners, scanner_id: str) -> StoredScanner | None:
     try:
-        return store.scanners.get(scanner_id)
+        return scanners.get(scanner_id)
     except NotFound:
         return None

@@ -18,17 +18,13 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, TheSettings
 from sawmill_service.http.problems import complaint
 from sawmill_service.http.responses.answers import Paging, Svg, file, picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.phantoms.phantom_plans import plan_views
 from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
-from sawmill_store.store import Store
 from sawmill_vocabulary import Shape
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 
@@ -82,13 +78,9 @@ class Preview(Contract):
 
 
 @router.get(PHANTOMS)
-def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
+def phantoms(page: ThePage, phantoms: ThePhantoms, paging: Annotated[Paging, Query()]) -> HTMLResponse:
     """List the phantoms that no newer measurement has replaced, the newest first."""
-    listed, replaced, today = (
-        store.phantoms.page(after=paging.after, limit=LISTED),
-        store.phantoms.replaced(),
-        _today(),
-    )
+    listed, replaced, today = phantoms.page(after=paging.after, limit=LISTED), phantoms.replaced(), _today()
     rows = [_listed(each, page, today) for each in listed.items if each.id not in replaced]
     return page.answer("phantoms.html", rows=rows, following=listed.next)
 
@@ -118,47 +110,58 @@ def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, m
 
 
 @router.get(PHANTOMS + "/{phantom_id}")
-def phantom(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+def phantom(
+    phantom_id: Identifier, page: ThePage, phantoms: ThePhantoms, plans: ThePlans, scanners: TheScanners
+) -> HTMLResponse:
     """Show a phantom: its drawing, its measurements, its plans."""
-    return _phantom_page(phantom_id, page, store)
+    return _phantom_page(phantom_id, page, phantoms, plans, scanners)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/plans")
-def plans(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+def plans(phantom_id: Identifier, page: ThePage, plans: ThePlans, scanners: TheScanners) -> HTMLResponse:
     """Return the part of the phantom's page with the newest plans, for when a plan has ended."""
-    return page.answer("phantom_plans.html", plans=list(plan_views(store, phantom_id, page)))
+    return page.answer("phantom_plans.html", plans=list(plan_views(plans, scanners, phantom_id, page)))
 
 
 @router.get(PHANTOMS + "/{phantom_id}/outline.svg")
-def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+def outline(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
     """Return a small picture of the phantom's shapes, for lists."""
-    drawing = store.phantoms.get(phantom_id).drawing
+    drawing = phantoms.get(phantom_id).drawing
     if drawing is None:
         raise NotFound("drawing", phantom_id)
     return picture(request, ("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/picture.png")
-def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+def uploaded_picture(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
     """Return the picture from which the outline was traced."""
-    store.phantoms.picture(phantom_id)
-    return file(request, store.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
+    phantoms.picture(phantom_id)
+    return file(request, phantoms.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
 
 
 @router.post(PHANTOMS + "/{phantom_id}/delete", needs=Scope.ADMIN)
-def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
+def delete(
+    phantom_id: Identifier, page: ThePage, phantoms: ThePhantoms, plans: ThePlans, scanners: TheScanners
+) -> Response:
     """Delete a phantom, or show what still needs it."""
     try:
-        store.phantoms.delete(phantom_id)
+        phantoms.delete(phantom_id)
     except Conflict as refused:
-        return _phantom_page(phantom_id, page, store, refused=str(refused), status=409)
+        return _phantom_page(phantom_id, page, phantoms, plans, scanners, refused=str(refused), status=409)
     return RedirectResponse(PHANTOMS, status_code=303)
 
 
 def _phantom_page(
-    phantom_id: str, page: PageFrame, store: Store, *, refused: str | None = None, status: int = 200
+    phantom_id: str,
+    page: PageFrame,
+    phantoms: ThePhantoms,
+    plans: ThePlans,
+    scanners: TheScanners,
+    *,
+    refused: str | None = None,
+    status: int = 200,
 ) -> HTMLResponse:
-    stored, today = store.phantoms.get(phantom_id), _today()
+    stored, today = phantoms.get(phantom_id), _today()
     drawing = stored.drawing
     return page.answer(
         "phantom.html",
@@ -167,18 +170,18 @@ def _phantom_page(
         size=size_text(drawing, page.formats) if drawing else None,
         known=size_known(stored, page, today),
         svg=Markup(shown_svg(drawing.name, dict(enumerate(drawing.shapes)))) if drawing else None,  # noqa: S704 - ours
-        shown=_picture_of(stored, store),
-        newer=store.phantoms.followers().get(phantom_id),
-        plans=list(plan_views(store, phantom_id, page)),
-        scanners=_scanners(store),
+        shown=_picture_of(stored, phantoms),
+        newer=phantoms.followers().get(phantom_id),
+        plans=list(plan_views(plans, scanners, phantom_id, page)),
+        scanners=_scanners(scanners),
         today=today,
         refused=refused,
     )
 
 
-def _scanners(store: Store) -> list[StoredScanner]:
+def _scanners(scanners: TheScanners) -> list[StoredScanner]:
     """Return the scanners, first those whose calibration has a geometry to plan with."""
-    return sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
+    return sorted(scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
 
 
 def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
@@ -186,12 +189,12 @@ def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhant
     return ListedPhantom(phantom, size, size_known(phantom, page, today))
 
 
-def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
+def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown | None:
     """Return the size of the uploaded picture; None where the phantom was drawn, or the upload is no PNG."""
     if phantom.job_id is None:
         return None
-    uploaded: PhantomPicture = store.phantoms.picture(phantom.id)
-    path = store.files.upload(job_kinds.TRACE_PHANTOM, phantom.id)
+    uploaded: PhantomPicture = phantoms.picture(phantom.id)
+    path = phantoms.files.upload(job_kinds.TRACE_PHANTOM, phantom.id)
     with path.open("rb") as stream:
         head = stream.read(_PNG_HEAD.size)
     if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):

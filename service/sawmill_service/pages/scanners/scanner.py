@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import CalibrationHeader, Provenance
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
@@ -16,21 +16,15 @@ from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheCalibrations, TheFiles, TheScanners, TheSchedules, TheStore
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts.charts import is_calibration, span_of
 from sawmill_service.pages.charts.drift_chart import drift_chart
 from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
-from sawmill_service.pages.frame.languages import (
-    locale_of,
-    marked,
-)
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-    ThePage,
-)
+from sawmill_service.pages.frame.languages import locale_of, marked
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.scanners.geometry_drawing import scanner_drawing
 from sawmill_service.pages.scanners.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.scanners.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
@@ -60,12 +54,12 @@ def new_scanner(page: ThePage) -> HTMLResponse:
 
 
 @router.post("/scanners/new", needs=Scope.ACTIVATE, response_model=None)
-def create_scanner(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
+def create_scanner(page: ThePage, scanners: TheScanners, typed: TheForm) -> HTMLResponse | RedirectResponse:
     """Add a scanner, or show the form again with what is wrong."""
     form, spec = _forms(page).read(typed, None)
     if spec is None:
         return _new(page, form)
-    return RedirectResponse(f"/scanners/{store.scanners.create(spec).id}", status_code=303)
+    return RedirectResponse(f"/scanners/{scanners.create(spec).id}", status_code=303)
 
 
 @router.get("/scanners/{scanner_id}")
@@ -98,18 +92,18 @@ def add_schedule(
 ) -> HTMLResponse | RedirectResponse:
     """Add a schedule, or show the form again with what is wrong."""
     stored = store.scanners.get(scanner_id)
-    form = added(store, stored, typed, page.text)
+    form = added(store.schedules, stored, typed, page.text)
     if form.errors:
         return _answer(page, store, stored, schedule=form)
     return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
 
 
 @router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete", needs=Scope.ACTIVATE)
-def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, store: TheStore) -> RedirectResponse:
+def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, schedules: TheSchedules) -> RedirectResponse:
     """Remove a schedule of the scanner."""
-    if store.schedules.get(schedule_id).scanner_id != scanner_id:
+    if schedules.get(schedule_id).scanner_id != scanner_id:
         raise NotFound("schedule", schedule_id)
-    store.schedules.delete(schedule_id)
+    schedules.delete(schedule_id)
     return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
 
 
@@ -145,7 +139,7 @@ def _answer(
         condition=condition,
         alarms=ALARMS,
         active=active,
-        log=_log(store, condition.newest),
+        log=_log(store.files, condition.newest),
         chart=drift_chart(
             movements,
             activations,
@@ -160,7 +154,7 @@ def _answer(
         days=days,
         spans=SPANS,
         history=history,
-        schedules=_schedules(store, stored.id),
+        schedules=_schedules(store.calibrations, store.schedules, stored.id),
         plain=plain,
         kinds=KINDS,
         outcomes=OUTCOMES,
@@ -176,21 +170,23 @@ def _answer(
     )
 
 
-def _made_with(active: CalibrationSucceeded | None, now: ScannerConstants) -> ScannerConstants | None:
+def _made_with(active: Provenance | None, now: ScannerConstants) -> ScannerConstants | None:
     """Return the constants of the active calibration if others are set since; the row pitch is no part of theta."""
     if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
         return None
     return active.scanner
 
 
-def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:
-    return None if newest is None else shown_log(store, newest.id)
+def _log(files: TheFiles, newest: CalibrationHeader | None) -> ShownLog | None:
+    return None if newest is None else shown_log(files, newest.id)
 
 
-def _schedules(store: Store, scanner_id: str) -> list[tuple[Schedule, list[ScheduleRun], set[str]]]:
+def _schedules(
+    calibrations: TheCalibrations, schedules: TheSchedules, scanner_id: str
+) -> list[tuple[Schedule, list[ScheduleRun], set[str]]]:
     """Return the schedules, each with its newest outcomes and the ids of their calibrations that succeeded."""
-    items = store.schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items
-    with_runs = [(each, store.schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]
+    items = schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items
+    with_runs = [(each, schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]
     ids = {run.calibration_id for _, runs in with_runs for run in runs if run.calibration_id is not None}
-    succeeded = {each.id for each in store.calibrations.several(ids).values() if each.state == "succeeded"}
+    succeeded = {each.id for each in calibrations.several(ids).values() if each.state == "succeeded"}
     return [(each, runs, succeeded) for each, runs in with_runs]

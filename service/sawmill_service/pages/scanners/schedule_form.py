@@ -9,10 +9,8 @@ from typing import Any
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.schedules import ScheduleAsk
 from sawmill_platform.errors import Invalid
-from sawmill_service.pages.frame.languages import (
-    marked,
-)
-from sawmill_store.store import Store
+from sawmill_service.pages.frame.languages import marked
+from sawmill_store.schedules import Schedules
 
 # Choices of days, by the weekdays of cron.
 DAYS = {
@@ -67,7 +65,7 @@ def plain(cron: str) -> tuple[str, str] | None:
 
 
 def added(
-    store: Store, scanner: StoredScanner, typed: Mapping[str, str], text: gettext.NullTranslations
+    schedules: Schedules, scanner: StoredScanner, typed: Mapping[str, str], text: gettext.NullTranslations
 ) -> ScheduleForm:
     """Add the schedule that somebody typed; the form holds errors where the schedule is wrong."""
     form = ScheduleForm()
@@ -82,7 +80,7 @@ def added(
     try:
         zone = form.values["time_zone"][:64]
         ask = ScheduleAsk(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
-        store.schedules.create(ask)
+        schedules.create(ask)
     except Invalid as refused:
         if refused.code == "invalid-zone":
             sentence = text.gettext("must be a name of the tz database, as Europe/Helsinki or UTC, not “%(value)s”")

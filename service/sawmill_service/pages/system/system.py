@@ -8,7 +8,7 @@ from fastapi.responses import HTMLResponse
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.dependencies import TheKeys, TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
@@ -73,15 +73,15 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         "system.html",
         health=health_of(store, request.app.state.broker_url),
         states=STATES,
-        queue=queue_of(store),
-        disk=(disk := disk_of(store)),
+        queue=queue_of(store.places, store.settings),
+        disk=(disk := disk_of(store.scans, store.settings)),
         growth=store.retention.growth(disk.free_bytes - disk.reserve_bytes),
         plenty_days=PLENTY_DAYS,
-        workers=workers_of(store, page, now),
+        workers=workers_of(store.events, store.jobs, page, now),
         database=store.database_report(),
         broker=broker_of(request.app.state.broker_url),
         clock_off_s=store.clock_off_s(),
-        clock=clock_remarks(store),
+        clock=clock_remarks(store.events),
         versions=versions(),
         limits=limits_of(settings, store.settings),
         keys=store.keys.all().keys if admin else None,
@@ -93,6 +93,6 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
 
 
 @router.get(f"{SYSTEM}/keys", needs=Scope.ADMIN)
-def keys(page: ThePage, store: TheStore) -> HTMLResponse:
+def keys(page: ThePage, keys: TheKeys) -> HTMLResponse:
     """Return the part of the page with the keys, for when a key was made or has ended."""
-    return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
+    return page.answer("system_keys.html", keys=keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.jobs.queue_limits import Waiting
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.jobs.queue_limits import Places, Waiting
+from sawmill_platform.ledger.events import Events
 from sawmill_platform.settings import StorageSettings
-from sawmill_service.pages.frame.page_frame import (
-    PageFrame,
-)
+from sawmill_service.pages.frame.page_frame import PageFrame
 from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.store import Store
+from sawmill_store.scans import Scans
 from sawmill_vocabulary.version import VERSION
 
 # A worker that has taken no job for this time is not known to be there.
@@ -101,31 +101,30 @@ class Limit(NamedTuple):
     description: str
 
 
-def disk_of(store: Store) -> Disk:
+def disk_of(scans: Scans, settings: StorageSettings) -> Disk:
     """Read the present state of the disk, or raise an `OSError`."""
-    room = store.files.room()
-    reserve_bytes = store.settings.disk_reserve_bytes
-    return Disk(room.free_bytes, room.size_bytes, reserve_bytes, store.scans.uploaded_bytes())
+    room = scans.files.room()
+    return Disk(room.free_bytes, room.size_bytes, settings.disk_reserve_bytes, scans.uploaded_bytes())
 
 
-def queue_of(store: Store) -> Queue:
+def queue_of(places: Places, settings: StorageSettings) -> Queue:
     """Read the present state of the queue."""
-    return Queue(store.places.waiting(), store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key)
+    return Queue(places.waiting(), settings.max_queued_jobs, settings.max_queued_jobs_per_key)
 
 
-def workers_of(store: Store, page: PageFrame, now: datetime) -> list[Worker]:
+def workers_of(events: Events, jobs: Jobs, page: PageFrame, now: datetime) -> list[Worker]:
     """Return the workers that run something, then those that ran something lately."""
     busy: dict[str, list[JobView]] = {}
-    for job in store.jobs.page(state=JobState.RUNNING, limit=MOST_WORKERS).items:
+    for job in jobs.page(state=JobState.RUNNING, limit=MOST_WORKERS).items:
         busy.setdefault(job.worker or "?", []).append(job_view(job, page))
-    lately = store.events.workers_since(now - SEEN)
-    working = [Worker(name, jobs, lately.get(name)) for name, jobs in busy.items()]
+    lately = events.workers_since(now - SEEN)
+    working = [Worker(name, running, lately.get(name)) for name, running in busy.items()]
     return working + [Worker(name, [], at) for name, at in lately.items() if name not in busy]
 
 
-def clock_remarks(store: Store) -> list[Event]:
+def clock_remarks(events: Events) -> list[Event]:
     """Return the events of the clock, the newest first."""
-    return store.events.of_clock()[::-1][:CLOCK_EVENTS]
+    return events.of_clock()[::-1][:CLOCK_EVENTS]
 
 
 @cache

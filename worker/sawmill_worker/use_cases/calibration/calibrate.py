@@ -2,9 +2,8 @@
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,23 +14,18 @@ from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
-from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.phantom_rows import segments
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
-from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.calibration.size_measurements import measurement_reasons
 from sawmill_worker.use_cases.checkpoints import NOTHING_KEPT, Keeper
-from sawmill_worker.use_cases.conversion import (
-    from_deviation,
-    from_predicted,
-    to_phantom,
-)
+from sawmill_worker.use_cases.conversion import from_deviation, from_predicted, to_phantom
 
 # Number of runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
@@ -60,9 +54,7 @@ class CalibrationInput:
     bounds: ThetaBounds | None
     drawing: PhantomDrawing
     input_sha256: str
-    log_radius_mm: float | None = None
-    tolerance_mm: float = 0.1
-    scale_tolerance_percent: float = 0.5
+    limits: contracts.CalibrationLimits = field(default_factory=contracts.CalibrationLimits)
     from_counts: bool = False
     remarks: tuple[str, ...] = ()
     views: NDArray[np.intp] | None = None
@@ -181,7 +173,7 @@ def _in_phantom_rows(
             on_progress(Progress(fraction=end, stage="rows"))
     if not results:
         return None
-    return min(results, key=lambda one: one[1].fit.relative_residual)
+    return min(results, key=lambda one: one[1].findings.fit.relative_residual)
 
 
 def _as_published(
@@ -253,9 +245,9 @@ def _task(calibration_input: CalibrationInput, chosen: contracts.CalibrationOpti
         handedness=chosen.handedness,
         rotation=chosen.rotation,
         rays_per_cell=chosen.rays_per_cell,
-        log_radius_mm=calibration_input.log_radius_mm,
-        tolerance_mm=calibration_input.tolerance_mm,
-        scale_tolerance_percent=calibration_input.scale_tolerance_percent,
+        log_radius_mm=calibration_input.limits.log_radius_mm,
+        tolerance_mm=calibration_input.limits.tolerance_mm,
+        scale_tolerance_percent=calibration_input.limits.scale_tolerance_percent,
         true_axis=chosen.true_axis or calibration_input.drawing.true_axis,
         from_counts=calibration_input.from_counts,
         without=frozenset(chosen.without),
@@ -269,20 +261,24 @@ def calibration_result(
     witness: contracts.SecondWitness | None = None,
 ) -> contracts.CalibrationResult:
     """Convert a calibration to its contract; a scanner that moved is the first of the reasons."""
-    fit, bars, judgement = calibration.fit, calibration.error_bars, calibration.judgement
+    findings, frame, judgement = calibration.findings, calibration.frame, calibration.judgement
+    fit, bars = findings.fit, findings.error_bars
     moved = [] if comparison is None or comparison.within_tolerance else [comparison.reason]
     return contracts.CalibrationResult(
         theta=calibration.theta,
         theta_twin=calibration.theta_twin,
-        source_frame=calibration.frame,
-        **_with_error_bars(calibration.frame, bars, calibration.radius_mm),
-        unconstrained_source_distance_mm=calibration.source_distance.unconstrained_mm,
-        scale_uncertainty_mm=calibration.scale.source_distance_mm,
-        scale_ray_error_mm=calibration.scale.ray_error_mm,
-        scale_uncertainty_percent=calibration.scale.percent_95,
+        source_frame=frame,
+        standard_deviation=bars and from_deviation(bars.theta_deviation, bars.frame_deviation(frame)),
+        covariance=bars and bars.covariance.values.tolist(),
+        theta_covariance=None if bars is None or bars.theta_covariance is None else bars.theta_covariance.tolist(),
+        predicted_ray_error_mm=bars and from_predicted(bars.predicted_ray_error, calibration.radius_mm),
+        unconstrained_source_distance_mm=findings.source_distance.unconstrained_mm,
+        scale_uncertainty_mm=findings.scale.source_distance_mm,
+        scale_ray_error_mm=findings.scale.ray_error_mm,
+        scale_uncertainty_percent=findings.scale.percent_95,
         handedness=calibration.handedness,
         rotation=calibration.rotation,
-        hypotheses=_hypotheses(calibration.alternatives),
+        hypotheses=_hypotheses(findings.alternatives),
         phantom_position_mm=fit.position_mm,
         gain=fit.gain,
         offset=fit.offset,
@@ -293,11 +289,7 @@ def calibration_result(
         status=judgement.status,
         verdict=judgement.verdict,
         rays_verdict=judgement.rays_verdict,
-        limits=contracts.CalibrationLimits(
-            tolerance_mm=calibration_input.tolerance_mm,
-            scale_tolerance_percent=calibration_input.scale_tolerance_percent,
-            log_radius_mm=calibration_input.log_radius_mm,
-        ),
+        limits=calibration_input.limits,
         reasons=[
             *moved,
             *judgement.reasons,
@@ -314,18 +306,6 @@ def calibration_result(
         comparison=comparison,
         second_witness=witness,
     )
-
-
-def _with_error_bars(frame: SourceFrame, bars: ErrorBars | None, radius_mm: float) -> dict[str, Any]:
-    """Return the fields that are null without error bars."""
-    if bars is None:
-        return dict.fromkeys(("standard_deviation", "covariance", "theta_covariance", "predicted_ray_error_mm"))
-    return {
-        "standard_deviation": from_deviation(bars.theta_deviation, bars.frame_deviation(frame)),
-        "covariance": bars.covariance.values.tolist(),
-        "theta_covariance": None if bars.theta_covariance is None else bars.theta_covariance.tolist(),
-        "predicted_ray_error_mm": from_predicted(bars.predicted_ray_error, radius_mm),
-    }
 
 
 def _hypotheses(alternatives: Alternatives) -> list[contracts.Hypothesis]:

@@ -117,7 +117,8 @@ def _phantom_image(
         calibration.scanner, calibration.theta, calibration.rotation.apply(calibration_input.angles_rad)
     )
     projector = Projector(fan, ImageGrid(PHANTOM_SIZE, field_mm))
-    lines = (calibration_input.sinogram - calibration.fit.offset) / calibration.fit.gain
+    fit = calibration.findings.fit
+    lines = (calibration_input.sinogram - fit.offset) / fit.gain
     try:
         return fbp(projector, lines).image, ReconstructionMethod.FBP
     except GeometryError:  # the views cover less than a full turn

@@ -64,7 +64,7 @@ def log_images(
 
     Return None where the views cover less than a full turn.
     """
-    field = 2.0 * MARGIN * (calibration_input.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
+    field = 2.0 * MARGIN * (calibration_input.limits.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
     after = _image(log, calibration_input, new_geometry, field)
     if after is None:
         return None

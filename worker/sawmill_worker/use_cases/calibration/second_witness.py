@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sawmill_contracts import calibrations as contracts
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
+from sawmill_tomography.calibration.judgement import Evidence
 from sawmill_tomography.calibration.phantom_rows import shows_another_body
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.drift.change import DriftError
@@ -55,7 +56,7 @@ def with_second_witness(
     -------
     The input, with a remark if a log could not be used, and the calibration.
     """
-    if calibration.error_bars is None or calibration_input.angles_rad.size < FEWEST_PAIRED_VIEWS:
+    if calibration.findings.error_bars is None or calibration_input.angles_rad.size < FEWEST_PAIRED_VIEWS:
         return calibration_input, calibration
     log = log_rows(calibration_input, row_range=row_range, rows=rows, read=read)
     if log is None:
@@ -97,9 +98,9 @@ def log_rows(
 
 def witness_of(calibration: CalibrationOutcome, calibration_input: CalibrationInput) -> contracts.SecondWitness | None:
     """Convert the answers of phantom and log to the contract."""
-    witness = None if calibration.evidence is None else calibration.evidence.witness
-    if witness is None:
+    if not isinstance(calibration.findings, Evidence) or calibration.findings.witness is None:
         return None
+    witness = calibration.findings.witness
     jump = witness.log.movement
     return contracts.SecondWitness(
         log_rows=(calibration_input.log_rows[0], calibration_input.log_rows[-1] + 1),
