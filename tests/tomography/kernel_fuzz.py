@@ -71,7 +71,7 @@ def project(numbers: Numbers) -> None:
     source, centre, axis = numbers(VIEWS, 2), numbers(VIEWS, 2), numbers(VIEWS, 2)
     if numbers.one() > 0.0:
         source, centre = np.full((VIEWS, 2), (30.0, -860.0)), np.full((VIEWS, 2), (30.0, 700.0))
-    pitch, half, pixel = abs(numbers.some(6)[5]), *(abs(value) for value in numbers.some(9)[7:])
+    positions, (half, pixel) = numbers(CELLS), (abs(value) for value in numbers.some(9)[7:])
     for lanes, forward, adjoint in (
         (1, projector.forward_1, projector.adjoint_1),
         (4, projector.forward_4, projector.adjoint_4),
@@ -79,8 +79,8 @@ def project(numbers: Numbers) -> None:
     ):
         pixels = (SIZE + projector.BORDER) ** 2 * lanes
         lines = np.zeros((lanes, 1, VIEWS, CELLS), np.float32)
-        call(forward, np.ones(pixels, np.float32), SIZE, source, centre, axis, pitch, half, pixel, lines)
-        call(adjoint, lines, SIZE, source, centre, axis, pitch, half, pixel, np.empty((2, pixels), np.float32))
+        call(forward, np.ones(pixels, np.float32), SIZE, source, centre, axis, positions, half, pixel, lines)
+        call(adjoint, lines, SIZE, source, centre, axis, positions, half, pixel, np.empty((2, pixels), np.float32))
 
 
 def shadow(numbers: Numbers) -> None:
@@ -89,10 +89,11 @@ def shadow(numbers: Numbers) -> None:
     psi, big_r, sdd, u_c, tau, pitch, first, *_ = numbers.some(9)
     if numbers.one() > 500.0:
         edges, discs = numbers(6, 5), numbers(2, 4)
-    frame = np.array([psi, big_r, sdd, u_c, tau])
+    # Two modules of any geometry.
+    frames = np.array([(0, 3, psi, big_r, sdd, u_c, tau, *numbers(6)), (3, CELLS, psi, big_r, *numbers(9))])
     t_x, t_y = 0.01 * numbers(VIEWS), 0.01 * numbers(VIEWS)
     for rays in (0, 2):
-        arguments = (edges, discs, frame, t_x, t_y, numbers(VIEWS), first, pitch, rays)
+        arguments = (edges, discs, frames, t_x, t_y, numbers(VIEWS), first, pitch, rays)
         gram = (*arguments, np.ones((VIEWS, CELLS)), np.empty((0, 0)), np.empty((VIEWS, 10, 10)))
         out = np.empty((VIEWS, CELLS))
         for kernel, given in (

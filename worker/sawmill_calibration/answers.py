@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -344,15 +344,15 @@ def reconstruct(
     if isinstance(geometry, Calibration):
         _check_same_scanner(scan, geometry)
         theta, handedness, rotation = geometry.result.theta, geometry.result.handedness, geometry.rotation
-        beam = geometry.result.beam
+        beam, modules = geometry.result.beam, geometry.result.scanner.detector_modules
     else:
         theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
-        beam = NOTHING_FOUND
+        beam, modules = NOTHING_FOUND, scan.constants.detector_modules
     job_input = ReconstructionInput(
         read=lambda start, stop: scan.line_integrals[:, start:stop],
         angles_rad=scan.angles_rad,
         rows=scan.rows,
-        scanner=scan.constants,
+        scanner=replace(scan.constants, detector_modules=modules),
         theta=theta,
         rotation=Rotation(rotation),
         handedness=handedness,
@@ -433,7 +433,8 @@ def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str,
 
 def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
     """Refuse a calibration of another scanner."""
-    for name, calibrated in vars(calibration.scanner).items():
+    for name in ("source_to_cor_mm", "num_detector_pixels", "detector_pitch_mm"):
+        calibrated = getattr(calibration.scanner, name)
         of_scan = getattr(scan.scanner, name)
         if not math.isclose(of_scan, calibrated, rel_tol=1e-6):
             raise InputError(

@@ -97,6 +97,7 @@ class Adjustment(StrEnum):
     LAG = "lag"
     ROTATION_DURING_EXPOSURE = "rotation-during-exposure"
     FLAT_FIELD = "flat-field"
+    MODULES = "modules"
     DEFORMATION = "deformation"
     CORNERS = "corners"
     PACE = "pace"

@@ -10,6 +10,7 @@ Axes, signs and formulas: docs/conventions.md#source-frame.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Self
 
 from sawmill_vocabulary.as_contract import AsContract
@@ -48,6 +49,37 @@ def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
+class DetectorModule(AsContract):
+    """A module of the line detector after the first, as it stands against the module before.
+
+    Positions count from the module that holds the detector's middle (docs/conventions.md#modules).
+    """
+
+    first_cell: int = field(
+        metadata={"description": "First cell of the module, counted from 0.", "ge": 1, "le": 65535, "examples": [384]}
+    )
+    gap_mm: float = field(
+        default=0.0,
+        metadata={
+            "description": "Distance between the module's first cell and the cell before, beyond the detector pitch, "
+            "mm.",
+            "ge": -1000,
+            "le": 1000,
+            "examples": [0.35],
+        },
+    )
+    kink_rad: float = field(
+        default=0.0,
+        metadata={
+            "description": "Angle of the module against the module before, counter-clockwise, rad.",
+            "ge": -0.5,
+            "le": 0.5,
+            "examples": [0.002],
+        },
+    )
+
+
+@dataclass(frozen=True)
 class Scanner(AsContract):
     """Known constants of a scanner, which no calibration determines."""
 
@@ -70,15 +102,29 @@ class Scanner(AsContract):
             "examples": [1.502864583],
         }
     )
+    detector_modules: tuple[DetectorModule, ...] = field(
+        default=(),
+        metadata={
+            "description": "Modules of the line detector after the first, in the order of the cells; empty: one "
+            "module. A calibration starts from these gaps and kinks and adds what the scan shows.",
+            "max_length": 64,
+        },
+    )
 
     def __post_init__(self) -> None:
-        """Refuse sizes that no scanner has."""
+        """Refuse sizes that no scanner has, and modules that are not in the order of the cells."""
         for name in ("source_to_cor_mm", "detector_pitch_mm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise GeometryError(f"{name} must be a positive number of millimetres, not {value}")
         if self.num_detector_pixels < 2:
             raise GeometryError(f"num_detector_pixels must be at least 2, not {self.num_detector_pixels}")
+        first_cells = [0, *(module.first_cell for module in self.detector_modules), self.num_detector_pixels]
+        if any(after <= before for before, after in pairwise(first_cells)):
+            raise GeometryError(
+                f"the first cells of detector_modules must increase, from 1 to {self.num_detector_pixels - 1}, not "
+                f"{first_cells[1:-1]}"
+            )
 
 
 @dataclass(frozen=True)

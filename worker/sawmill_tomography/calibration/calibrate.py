@@ -70,6 +70,8 @@ def conclude(
     best = _best_fit(task, ranked, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, statistics, source_distance = with_theta(task, prepare(best, task.without), on_step)
+    adjusted = (*task.screening.adjustments, *sentences, *prepared.adjustments)
+    task = replace(task, scanner=replace(task.scanner, detector_modules=joint.modules))
     refined = time.perf_counter()
     fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame
@@ -97,12 +99,7 @@ def conclude(
         theta_twin=twin,
         findings=evidence,
         residual=joint.model.residual,
-        adjustments=(
-            *task.screening.adjustments,
-            *sentences,
-            *prepared.adjustments,
-            *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted),
-        ),
+        adjustments=(*adjusted, *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted)),
         judgement=judgement,
         beam=_beam(joint.model),
         search=basins.report,

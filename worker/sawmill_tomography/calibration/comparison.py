@@ -115,7 +115,8 @@ def _described_scale(change: GeometryChange) -> str:
 
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
     try:
-        return ray_error(scanner, active.frame, new.frame, radius_mm=radius_mm)
+        before, after = (replace(scanner, detector_modules=each.scanner.detector_modules) for each in (active, new))
+        return ray_error(before, active.frame, new.frame, radius_mm=radius_mm, other_scanner=after)
     except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
         scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0
         return RayError(radius_mm, radius_mm, scale)

@@ -18,6 +18,8 @@ class ErrorBars:
     ----------
     covariance : Covariance
         Covariance of the geometry's five unknowns.
+    ray_covariance : (5 + 3 modules, 5 + 3 modules) float64
+        Covariance of the five unknowns, then of the gap, the kink and the first cell of each module.
     theta_covariance : (5, 5) float64 or None
         Covariance of theta; None where the source shift is not resolved.
     predicted_ray_error : RayErrorPrediction
@@ -31,6 +33,7 @@ class ErrorBars:
     """
 
     covariance: Covariance
+    ray_covariance: FloatArray
     theta_covariance: FloatArray | None
     predicted_ray_error: RayErrorPrediction
     inflation: float
@@ -55,8 +58,9 @@ def error_bars(
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
         covariance=covariance,
+        ray_covariance=statistics.ray_covariance,
         theta_covariance=of_theta,
-        predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
+        predicted_ray_error=predicted_ray_error(scanner, frame, statistics.ray_covariance, radius_mm=radius_mm),
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,
         source_shift_resolved=of_theta is not None,

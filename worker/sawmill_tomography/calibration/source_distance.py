@@ -8,7 +8,7 @@ import numpy as np
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
@@ -74,7 +74,9 @@ def with_theta(
     )
     moved = held.model.x - free.model.x
     covariance = replace(statistics.covariance, values=statistics.covariance.values + np.outer(moved, moved))
-    return prepared, held, replace(residual_statistics(held), covariance=covariance), distance
+    statistics = residual_statistics(held)
+    statistics.ray_covariance[FRAME, FRAME] = covariance.of_frame.values
+    return prepared, held, replace(statistics, covariance=covariance), distance
 
 
 def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: ResidualStatistics) -> float:

@@ -8,7 +8,7 @@ from sawmill_tomography.calibration.calibration import CalibrationOutcome, choos
 from sawmill_tomography.calibration.covariance import theta_covariance
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
@@ -102,10 +102,13 @@ def _error_bars(
 ) -> ErrorBars:
     scanner, values = calibration.scanner, witness.covariance
     of_theta = theta_covariance(scanner, frame, theta, values)
-    predicted = predicted_ray_error(scanner, frame, values, radius_mm=calibration.radius_mm)
+    of_rays = alone.ray_covariance.copy()
+    of_rays[FRAME, FRAME] = values
+    predicted = predicted_ray_error(scanner, frame, of_rays, radius_mm=calibration.radius_mm)
     return replace(
         alone,
         covariance=replace(alone.covariance, values=values),
+        ray_covariance=of_rays,
         theta_covariance=of_theta,
         predicted_ray_error=predicted,
         source_shift_resolved=of_theta is not None,

@@ -1,10 +1,13 @@
 """The detector's geometry from a scan of a log: by opposite rays where the scan has them, else by pairs of views."""
 
+from dataclasses import replace
+
 from sawmill_tomography.drift.change import DetectorFit
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.full_turn import opposite_rays_pair
 from sawmill_tomography.drift.view_pairs.few_views import few_view_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_tomography.geometry.modules import FlatDetector
 from sawmill_vocabulary import Rotation
 
 
@@ -31,6 +34,11 @@ def detector_fit(
     GeometryError
         Error of `few_view_fit`.
     """
+    if scanner.detector_modules:
+        # Opposite rays are interpolated between cells at equal distances.
+        flat = FlatDetector.of(scanner, start)
+        sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
+        deviations = None if deviations is None else flat.resampled(deviations)
     if opposite_rays_pair(angles_rad):
         return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
     return few_view_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)

@@ -11,8 +11,8 @@ from sawmill_tomography.geometry.geometry import (
     GeometryError,
     Scanner,
     SourceFrame,
-    cell_centres_mm,
 )
+from sawmill_tomography.geometry.modules import cell_points, lines_of
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 
 POINTS_PER_CHORD = 9
@@ -36,8 +36,7 @@ class RayError:
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
     """Return source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
-    w = cell_centres_mm(scanner) - frame.cor_column_mm
-    a = np.stack([w * np.cos(frame.tilt_rad), frame.source_to_detector_mm + w * np.sin(frame.tilt_rad)], -1)
+    a = cell_points(scanner, frame)
     return np.array([0.0, -frame.source_distance_mm]), a / np.hypot(a[:, 0], a[:, 1])[:, None]
 
 
@@ -83,8 +82,17 @@ def _distances(
     return d, np.stack([by_turn, np.broadcast_to(-offset[:, None], d.shape)])
 
 
-def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius_mm: float = 150.0) -> RayError:
+def ray_error(
+    scanner: Scanner,
+    true: SourceFrame,
+    other: SourceFrame,
+    *,
+    radius_mm: float = 150.0,
+    other_scanner: Scanner | None = None,
+) -> RayError:
     """Compute the RMS and maximum distance between the rays of two geometries inside a disc around the COR.
+
+    `other_scanner` is the scanner of the other geometry, where its modules differ; None: the same scanner.
 
     It does not depend on theta's gauge (the twin has 0). One common rotation and one common scale are removed: psi has
     no effect, and R only in `scale_change`.
@@ -92,12 +100,12 @@ def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius
     points, cells = chord_points(scanner, true, radius_mm)
     turn, shrink = 0.0, 1.0
     for _ in range(20):
-        d, slope = _distances(scanner, other, points, cells, turn, shrink)
+        d, slope = _distances(other_scanner or scanner, other, points, cells, turn, shrink)
         step = np.linalg.lstsq(slope.reshape(2, -1).T, -d.ravel())[0]
         turn, shrink = turn + float(step[0]), shrink + float(step[1])
         if np.abs(step).max() < 1e-15:
             break
-    d, _ = _distances(scanner, other, points, cells, turn, shrink)
+    d, _ = _distances(other_scanner or scanner, other, points, cells, turn, shrink)
     return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
 
 
@@ -106,7 +114,7 @@ def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 1
 
     A bias of these five changes the scale by gradient @ bias.
     """
-    return _linear(scanner, frame, radius_mm).scale
+    return _linear(scanner, frame, radius_mm).scale[:5]
 
 
 def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
@@ -129,7 +137,10 @@ def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radiu
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale removed, and of the scale."""
+    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale removed, and of the scale.
+
+    Derivatives by the gap, the kink and the first cell of each module follow.
+    """
 
     distances: FloatArray
     scale: FloatArray
@@ -145,22 +156,50 @@ def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> _Linear:
 
 
 def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp]) -> FloatArray:
-    """Return the derivatives of the points' distances by (psi, R, SDD, u_c, tau), (points, 5); psi has no effect."""
+    """Return the derivatives of the points' distances, (points, 5 + 3 modules), in the order of `_Linear`.
+
+    psi has no effect.
+    """
     source, direction = _rays(scanner, frame)
-    e, w = direction[cells], cell_centres_mm(scanner)[cells] - frame.cor_column_mm
-    c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
-    x, y = w * c, frame.source_to_detector_mm + w * s
+    e = direction[cells]
+    x, y = cell_points(scanner, frame)[cells].T
+    c, s, sdd = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad), frame.source_to_detector_mm
+    # Movements of the cells, which form one body, by SDD, u_c and tau, and of the cells on one side of each joint.
+    moves = [(np.zeros(x.size), np.ones(x.size)), (np.full(x.size, -c), np.full(x.size, -s)), (sdd - y, x)]
+    moves += _module_moves(scanner, frame, cells)
     # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
-    turns = np.stack([x, y * c - x * s, w * (x * c + y * s)]) / (x * x + y * y)
+    turns = np.stack([x * dy - y * dx for dx, dy in moves]) / (x * x + y * y)
     along = np.einsum("rpc,rc->rp", points - source, e)
     by_r = np.broadcast_to(e[:, :1], along.shape)
     columns = np.stack([np.zeros_like(along), by_r, *(-along * turns[..., None])], -1)
-    return columns.reshape(-1, 5)
+    return columns.reshape(-1, columns.shape[-1])
+
+
+def _module_moves(scanner: Scanner, frame: SourceFrame, cells: NDArray[np.intp]) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the movements (x, y) of cells by the gap, the kink and the first cell of each module.
+
+    A border that lies one cell farther leaves one cell without the gap.
+    """
+    lines, (x, y) = lines_of(scanner, frame), cell_points(scanner, frame)[cells].T
+    moves: list[tuple[FloatArray, FloatArray]] = []
+    for number, module in enumerate(scanner.detector_modules, 1):
+        right = module.first_cell > scanner.num_detector_pixels // 2
+        side = np.where(cells >= module.first_cell, 1.0, 0.0) if right else np.where(cells < module.first_cell, -1.0, 0)
+        # The joint is the end of the module that is nearer to the middle.
+        near = lines[number - 1 if right else number]
+        c, s = math.cos(near.tilt_rad), math.sin(near.tilt_rad)
+        border = (module.first_cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm
+        w = border - near.cor_column_mm
+        moves.append((side * c, side * s))
+        moves.append((side * (near.sdd_mm + w * s - y), side * (x - w * c)))
+        one = module.gap_mm * (cells == module.first_cell)
+        moves.append((one * c, one * s))
+    return moves
 
 
 def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
     """Compute the RMS ray error, mm, of a frame with a bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
-    distances = _linear(scanner, frame, radius_mm).distances @ bias
+    distances = _linear(scanner, frame, radius_mm).distances[:, : len(bias)] @ bias
     return float(np.sqrt(np.mean(distances * distances)))
 
 
@@ -191,11 +230,13 @@ def predicted_ray_error(
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
+    The covariance may go on with the gap, the kink and the first cell of each module.
+
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
     from the distances. `scale_deviation` returns the scale's own error.
     """
-    derivative = _linear(scanner, frame, radius_mm).distances
+    derivative = _linear(scanner, frame, radius_mm).distances[:, : len(covariance)]
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
     weights = _weights(derivative, covariance)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
@@ -217,7 +258,7 @@ def exceeded_ray_error(
     The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
-    weights = _weights(_linear(scanner, frame, radius_mm).distances, covariance)
+    weights = _weights(_linear(scanner, frame, radius_mm).distances[:, : len(covariance)], covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.modules import lines_of
 from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
 from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
 from sawmill_tomography.physics.body import WornBody
@@ -44,7 +45,7 @@ def transmission(
         )
     polygons = [counter_clockwise(shape) for shape in body.wood.shapes if isinstance(shape, Polygon)]
     out = np.empty((motion.angles_rad.size, scanner.num_detector_pixels))
-    most = transmit(
+    body_arguments = (
         np.concatenate([np.empty((0, 2)), *polygons]),
         np.cumsum([0, *map(len, polygons)]),
         np.array([shape.density for shape in body.wood.shapes if isinstance(shape, Polygon)], np.float64),
@@ -52,16 +53,23 @@ def transmission(
         body.grain,
         body.metal,
         body.slope_per_mm,
-        np.array([frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad]),
-        np.stack([motion.angles_rad + frame.psi_rad, motion.turn_rad], -1),
-        np.ascontiguousarray(motion.offset_mm),
-        np.ascontiguousarray(motion.hall_mm),
-        ray_samples(scanner.detector_pitch_mm, frame, effects, step_rad),
-        _energies(effects.beam.energy_spread),
-        (0.5 - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm,
-        scanner.detector_pitch_mm,
-        out,
     )
+    most, pitch = 0, scanner.detector_pitch_mm
+    for line in lines_of(scanner, frame):
+        part = np.empty((len(out), line.end - line.first))
+        crossings = transmit(
+            *body_arguments,
+            np.array([frame.source_distance_mm, line.sdd_mm, line.cor_column_mm, line.tilt_rad]),
+            np.stack([motion.angles_rad + frame.psi_rad, motion.turn_rad], -1),
+            np.ascontiguousarray(motion.offset_mm),
+            np.ascontiguousarray(motion.hall_mm),
+            ray_samples(pitch, frame, effects, step_rad),
+            _energies(effects.beam.energy_spread),
+            (line.first + 0.5 - 0.5 * scanner.num_detector_pixels) * pitch,
+            pitch,
+            part,
+        )
+        out[:, line.first : line.end], most = part, max(most, crossings)
     if most > CROSSINGS:
         raise GeometryError(f"a ray crosses {most} sides of the phantom, where {CROSSINGS} can be followed: smooth it")
     past = effects.beam.past_end_share

@@ -5,6 +5,9 @@ point V of the object at q = Rot(-beta) V + (0, R) seen from the source, and a r
 a = (w cos tau, SDD + w sin tau), w = u - u_c. An edge A -> B is met at the distance |a| X / Y from the source, with
 X = q_A x q_B and Y = a x (q_B - q_A); the chord of a polygon is minus the sum of these over its edges, each signed
 by the direction in which it runs over the detector.
+
+Lines (modules, 13) are `DetectorCells.lines`: every module of the detector is a flat line with an SDD, u_c and tau of
+its own.
 """
 
 import math
@@ -67,14 +70,14 @@ def _edge_point(u, share, line, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b, row, m,
                 row[10 + i, m] += g * (line[6 + 3 * i] - s * (ax * line[8 + 3 * i] - ay * line[7 + 3 * i]))
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _cell_under(u, u_first, pitch, cells):
     """Return the cell that holds u: -1 before the first cell and for nan, `cells` beyond the last."""
     # Clip the float first: a number beyond any integer may become any integer. -1 comes first, or nan would pass.
     return int(math.floor(min(max(-1.0, (u - u_first) / pitch), float(cells))))
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
     """Return derivatives of X and of the edge's vector (x, y) by aspect (x / 2, -y / 2), then shear (y / 2, x / 2)."""
     hax, hay, hbx, hby = 0.5 * edge[0], 0.5 * edge[1], 0.5 * edge[2], 0.5 * edge[3]
@@ -193,27 +196,29 @@ def _part_of_cell(line, m, a, b, pitch, big_r, sdd, u_c, c_tau, s_tau, c_b, s_b,
 
 
 @njit(fastmath=_FAST, error_model="numpy")
-def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
-    """Add all polygons' edges to the row of one view: whole cells by sums over the edges, parts of cells each."""
-    big_r, sdd, u_c = frame[1], frame[2], frame[3]
-    c_tau, s_tau = math.cos(frame[4]), math.sin(frame[4])
+def _edges(edges, line_of_cells, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
+    """Add all polygons' edges to a module's cells of one view: whole cells by sums over the edges, parts each."""
+    from_cell, to_cell = int(line_of_cells[0]), int(line_of_cells[1])
+    big_r, sdd, u_c = line_of_cells[3], line_of_cells[4], line_of_cells[5]
+    c_tau, s_tau = math.cos(line_of_cells[6]), math.sin(line_of_cells[6])
+    u_from, u_to = u_first + from_cell * pitch, u_first + to_cell * pitch
     lines = np.empty((len(edges), 12))
     low, high = math.inf, -math.inf
     for e in range(len(edges)):
         _line(edges[e], big_r, sdd, u_c, t_x, t_y, c_tau, s_tau, c_b, s_b, derivative, lines[e])
         low, high = min(low, lines[e, 4]), max(high, lines[e, 5])
-    first = max(0, _cell_under(low, u_first, pitch, cells))
-    last = max(first, min(cells, _cell_under(high, u_first, pitch, cells) + 1))
+    first = min(max(from_cell, _cell_under(low, u_first, pitch, cells)), to_cell)
+    last = max(first, min(to_cell, _cell_under(high, u_first, pitch, cells) + 1))
     centre, sums, nodes = np.empty(cells), np.empty((3, SUMS + 1, cells)), 0
     for m in range(first, last):
         centre[m] = u_first + (m + 0.5) * pitch - u_c
     for e in range(len(edges)):
         line = lines[e]
-        low, high = max(line[4], u_first), min(line[5], u_first + cells * pitch)
+        low, high = max(line[4], u_from), min(line[5], u_to)
         if not (line[5] - line[4] >= 1e-9 and high > low):
             continue
-        begin = max(0, _cell_under(low, u_first, pitch, cells))
-        end = min(cells - 1, _cell_under(high, u_first, pitch, cells))
+        begin = max(from_cell, _cell_under(low, u_first, pitch, cells))
+        end = min(to_cell - 1, _cell_under(high, u_first, pitch, cells))
         if rays > 0:
             for m in range(begin, end + 1):
                 for i in range(rays):
@@ -249,7 +254,7 @@ def _edges(edges, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, d
         _add_sums(sums, i, first, last, centre, shift, big_r, sdd, c_tau, s_tau, c_b, s_b, row, derivative)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
     """Compute the signed distance of the disc's centre to the ray at u (out[7]) and seven derivatives (out[:7])."""
     w = u - u_c
@@ -270,14 +275,14 @@ def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
     out[6] = nx * c_b - ny * s_b
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _segment(d, r):
     """Integrate 2 sqrt(r^2 - d^2) from 0 to d, d clipped to the disc."""
     d = min(max(d, -r), r)
     return d * math.sqrt(max(r * r - d * d, 0.0)) + r * r * math.asin(d / r)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
     """Add a chord's first moments around the COR: its length times its middle, the foot of the perpendicular."""
     ny = math.sqrt(max(1.0 - nx * nx, 0.0))
@@ -285,7 +290,7 @@ def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
     row[9, m] += chord * (qy - d * nx - big_r)
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def _disc_bend(disc, by_t_x, by_t_y, by_ellipse, nx, c_b, s_b, row, m):
     """Add a disc's derivatives by aspect and shear: its centre moves, and it becomes an ellipse of the same area."""
     ny = math.sqrt(max(1.0 - nx * nx, 0.0))
@@ -296,10 +301,11 @@ def _disc_bend(disc, by_t_x, by_t_y, by_ellipse, nx, c_b, s_b, row, m):
     row[11, m] += by_t_x * hy + by_t_y * hx - by_ellipse * 2.0 * along_x * along_y
 
 
-@njit(fastmath=_FAST)
-def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right):
-    """Add one disc to the row of one view; the signed distance grows with u."""
-    big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
+@njit(fastmath=_FAST, error_model="numpy")
+def _disc(disc, line_of_cells, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right):
+    """Add one disc to a module's cells of one view; the signed distance grows with u."""
+    from_cell, to_cell = int(line_of_cells[0]), int(line_of_cells[1])
+    big_r, sdd, u_c, tau = line_of_cells[3], line_of_cells[4], line_of_cells[5], line_of_cells[6]
     c_tau = math.cos(tau)
     s_tau = math.sin(tau)
     x, y = disc[0] + t_x, disc[1] + t_y
@@ -309,8 +315,8 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
     half = math.asin(r / math.sqrt(qx * qx + qy * qy))
     low = u_c + sdd * math.sin(direction - half) / math.cos(direction - half + tau)
     high = u_c + sdd * math.sin(direction + half) / math.cos(direction + half + tau)
-    first = max(0, _cell_under(low, u_first, pitch, cells))
-    last = min(cells - 1, _cell_under(high, u_first, pitch, cells))
+    first = max(from_cell, _cell_under(low, u_first, pitch, cells))
+    last = min(to_cell - 1, _cell_under(high, u_first, pitch, cells))
     if rays > 0:
         for m in range(first, last + 1):
             for i in range(rays):
@@ -356,46 +362,60 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
         area_left = area_right
 
 
-@njit(fastmath=_FAST)
-def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, derivative, left, right):
-    beta = angles[k] + frame[0]
+@njit(fastmath=_FAST, error_model="numpy")
+def _by_source_frame(line_of_cells, row):
+    """Turn derivatives by a module's own SDD, u_c and tau into derivatives by the source frame's."""
+    sdd_by_column, sdd_by_tilt = line_of_cells[8], line_of_cells[9]
+    column_by_column, column_by_tilt = line_of_cells[11], line_of_cells[12]
+    for m in range(int(line_of_cells[0]), int(line_of_cells[1])):
+        by_sdd, by_column = row[2, m], row[3, m]
+        row[3, m] = sdd_by_column * by_sdd + column_by_column * by_column
+        row[4, m] += sdd_by_tilt * by_sdd + column_by_tilt * by_column
+
+
+@njit(fastmath=_FAST, error_model="numpy")
+def _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, derivative, left, right):
+    beta = angles[k] + lines[0, 2]
     c_b = math.cos(beta)
     s_b = math.sin(beta)
     x, y = t_x[k], t_y[k]
-    if len(edges) > 0:
-        _edges(edges, frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
-    for i in range(discs.shape[0]):
-        _disc(discs[i], frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
+    for j in range(lines.shape[0]):
+        if len(edges) > 0:
+            _edges(edges, lines[j], x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
+        for i in range(discs.shape[0]):
+            _disc(discs[i], lines[j], x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
+        if derivative and lines.shape[0] > 1:
+            _by_source_frame(lines[j], row)
 
 
-@njit(fastmath=_FAST)
-def _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+@njit(fastmath=_FAST, error_model="numpy")
+def _project_view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
     cells = out.shape[1]
     row = np.empty((ROWS, cells))
     row[7] = 0.0
     left = np.empty(8)
     right = np.empty(8)
-    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, 0, left, right)
+    _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, 0, left, right)
     for m in range(cells):
         out[k, m] = row[7, m]
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def project(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def project(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
     """Fill out (views, cells) with the projection; rays = 0 averages over the cells."""
     for k in prange(out.shape[0]):
-        _project_view(np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out)
+        _project_view(np.int64(k), edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out)
 
 
-@njit(cache=True, fastmath=_FAST)
-def project_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def project_in_one_thread(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
     """Do the work of `project` in one thread, where handing work to threads costs more than the work."""
     for k in range(out.shape[0]):
-        _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out)
+        _project_view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def project_with_derivative(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, out):
     """Fill out (8 or 12, views, cells): seven derivatives, the projection; first moments in x and y, aspect, shear."""
     count, views, cells = out.shape
     for kk in prange(views):
@@ -404,9 +424,9 @@ def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitc
         left = np.empty(8)
         right = np.empty(8)
         level = 2 if count > 8 else 1
-        _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, level, left, right)
+        _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, level, left, right)
         if count > 8:
-            c, s = math.cos(angles[k] + frame[0]), math.sin(angles[k] + frame[0])
+            c, s = math.cos(angles[k] + lines[0, 2]), math.sin(angles[k] + lines[0, 2])
             for m in range(cells):
                 x, y = row[8, m], row[9, m]
                 row[8, m] = c * x - s * y
@@ -416,13 +436,13 @@ def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitc
                 out[p, k, m] = row[p, m]
 
 
-@njit(fastmath=_FAST)
-def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
+@njit(fastmath=_FAST, error_model="numpy")
+def _gram_view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     cells = sinogram.shape[1]
     row = np.zeros((ROWS, cells))
     left = np.empty(8)
     right = np.empty(8)
-    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, 1, left, right)
+    _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, row, 1, left, right)
     for m in range(cells):
         row[8, m] = 1.0
         row[9, m] = sinogram[k, m]
@@ -435,7 +455,7 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
     products_of_rows(row, TERMS, out[k])
 
 
-@njit(fastmath=_FAST)
+@njit(fastmath=_FAST, error_model="numpy")
 def products_of_rows(row, count, products):
     """Fill products (count, count) with the rows' inner products; `ROWS_AT_ONCE` spare rows follow the rows."""
     cells = row.shape[1]
@@ -459,18 +479,18 @@ def products_of_rows(row, count, products):
                     products[p + 1, q + i] = products[q + i, p + 1] = b
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
+@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+def gram(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     """Fill out (views, 10, 10) with each view's inner products of: seven derivatives of p, p, 1, sinogram.
 
     weights (views, cells) multiply each cell's products; an empty array gives equal weights.
     """
     for k in prange(sinogram.shape[0]):
-        _gram_view(np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)
+        _gram_view(np.int64(k), edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)
 
 
-@njit(cache=True, fastmath=_FAST)
-def gram_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def gram_in_one_thread(edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     """Do the work of `gram` in one thread, where handing work to threads costs more than the work."""
     for k in range(sinogram.shape[0]):
-        _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)
+        _gram_view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)

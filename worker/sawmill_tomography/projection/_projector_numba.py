@@ -29,11 +29,11 @@ _LOWEST, _SLOPE, _LENGTH, _PER_PIXEL, _FIRST, _COUNT, _ALONG_Y = range(7)
 
 
 @njit(inline="always")
-def _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays):
+def _tabulate_rays(k, start, source, centre, axis, positions, half, pixel, n, rays):
     """Fill rays (7, cells at a time), which `_march` needs, for the rays start.. of view k."""
     sx, sy = source[k, 0], source[k, 1]
     for c in range(rays.shape[1]):
-        u = (start + c + 0.5 - 0.5 * cells) * pitch
+        u = positions[start + c]
         dx, dy = centre[k, 0] + u * axis[k, 0] - sx, centre[k, 1] + u * axis[k, 1] - sy
         along_y = abs(dy) >= abs(dx)
         slope = dx / dy if along_y else dy / dx
@@ -82,7 +82,7 @@ def _march(rays, c, n, where, near, far):
 
 
 @njit(inline="always")
-def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lanes, lines):
+def _forward(k, start, images, n, source, centre, axis, positions, half, pixel, lanes, lines):
     """Compute line integrals of the rays start.. of view k into lines (slices, turns, views, cells)."""
     slices, turns, _, cells = lines.shape
     where, near, far = (
@@ -93,7 +93,7 @@ def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lane
     rays = np.empty((7, min(_CELLS, cells - start)))
     sums = np.empty(lanes, np.float32)
     width = np.uint64(lanes)
-    _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays)
+    _tabulate_rays(k, start, source, centre, axis, positions, half, pixel, n, rays)
     for c in range(rays.shape[1]):
         _, count, step = _march(rays, c, n, where, near, far)
         # Four sums: with a single one every addition would wait for the last.
@@ -115,7 +115,7 @@ def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lane
 
 
 @njit(inline="always")
-def _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes, images):
+def _adjoint(k, start, lines, n, source, centre, axis, positions, half, pixel, lanes, images):
     """Add the values of the rays start.. of view k to images, along the rays."""
     slices, turns, _, cells = lines.shape
     where, near, far = (
@@ -126,7 +126,7 @@ def _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes
     rays = np.empty((7, min(_CELLS, cells - start)))
     values = np.zeros(lanes, np.float32)
     width = np.uint64(lanes)
-    _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays)
+    _tabulate_rays(k, start, source, centre, axis, positions, half, pixel, n, rays)
     for c in range(rays.shape[1]):
         for s in range(slices):
             for q in range(turns):
@@ -141,15 +141,15 @@ def _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes
 
 
 @njit(inline="always")
-def _forward_views(images, n, source, centre, axis, pitch, half, pixel, lanes, lines):
+def _forward_views(images, n, source, centre, axis, positions, half, pixel, lanes, lines):
     views, cells = lines.shape[2:]
     for task in prange(views * _tasks(cells)):
         k, start = np.int64(task) // _tasks(cells), np.int64(task) % _tasks(cells) * _CELLS
-        _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lanes, lines)
+        _forward(k, start, images, n, source, centre, axis, positions, half, pixel, lanes, lines)
 
 
 @njit(inline="always")
-def _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, lanes, work):
+def _adjoint_views(lines, n, source, centre, axis, positions, half, pixel, lanes, work):
     views, cells = lines.shape[2:]
     threads, tasks = work.shape[0], views * _tasks(cells)
     for tt in prange(threads):
@@ -157,44 +157,44 @@ def _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, lanes, wo
         work[t] = np.float32(0.0)
         for task in range(t * tasks // threads, (t + 1) * tasks // threads):
             k, start = task // _tasks(cells), task % _tasks(cells) * _CELLS
-            _adjoint(k, start, lines, n, source, centre, axis, pitch, half, pixel, lanes, work[t])
+            _adjoint(k, start, lines, n, source, centre, axis, positions, half, pixel, lanes, work[t])
 
 
 # The width of a vector must be known at compile time: one kernel for each number of lanes.
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def forward_1(images, n, source, centre, axis, pitch, half, pixel, lines):
+def forward_1(images, n, source, centre, axis, positions, half, pixel, lines):
     """Fill lines (slices, turns, views, cells) with line integrals of a flat block of one lane."""
-    _forward_views(images, n, source, centre, axis, pitch, half, pixel, 1, lines)
+    _forward_views(images, n, source, centre, axis, positions, half, pixel, 1, lines)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def forward_4(images, n, source, centre, axis, pitch, half, pixel, lines):
+def forward_4(images, n, source, centre, axis, positions, half, pixel, lines):
     """Do the work of `forward_1` with four lanes; lanes beyond slices * turns only fill up the vector."""
-    _forward_views(images, n, source, centre, axis, pitch, half, pixel, 4, lines)
+    _forward_views(images, n, source, centre, axis, positions, half, pixel, 4, lines)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def forward_16(images, n, source, centre, axis, pitch, half, pixel, lines):
+def forward_16(images, n, source, centre, axis, positions, half, pixel, lines):
     """Do the work of `forward_4` with sixteen lanes."""
-    _forward_views(images, n, source, centre, axis, pitch, half, pixel, 16, lines)
+    _forward_views(images, n, source, centre, axis, positions, half, pixel, 16, lines)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def adjoint_1(lines, n, source, centre, axis, pitch, half, pixel, work):
+def adjoint_1(lines, n, source, centre, axis, positions, half, pixel, work):
     """Fill work (threads, pixels * lanes), whose sum over the threads is the transpose of `forward_1`."""
-    _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, 1, work)
+    _adjoint_views(lines, n, source, centre, axis, positions, half, pixel, 1, work)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def adjoint_4(lines, n, source, centre, axis, pitch, half, pixel, work):
+def adjoint_4(lines, n, source, centre, axis, positions, half, pixel, work):
     """Do the work of `adjoint_1` for `forward_4`."""
-    _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, 4, work)
+    _adjoint_views(lines, n, source, centre, axis, positions, half, pixel, 4, work)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def adjoint_16(lines, n, source, centre, axis, pitch, half, pixel, work):
+def adjoint_16(lines, n, source, centre, axis, positions, half, pixel, work):
     """Do the work of `adjoint_1` for `forward_16`."""
-    _adjoint_views(lines, n, source, centre, axis, pitch, half, pixel, 16, work)
+    _adjoint_views(lines, n, source, centre, axis, positions, half, pixel, 16, work)
 
 
 @njit(inline="always")

@@ -1,14 +1,16 @@
 """Analytic fan-beam projection of polygons and discs, and its derivatives: no pixels anywhere."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_tomography.geometry.modules import module_lines
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import _analytic_numba as kernels
+from sawmill_vocabulary import DetectorModule
 
 PARAMETERS = kernels.PARAMETERS
 # The phantom's position x, y in mm: one for all views, or (views, 2).
@@ -19,19 +21,58 @@ WORTH_THREADS = 40_000
 
 @dataclass(frozen=True)
 class DetectorCells:
-    """Positions of the detector's cells: the first one's border in mm, their width in mm, their number."""
+    """Positions of the detector's cells.
+
+    Attributes
+    ----------
+    first_border_mm, width_mm : float
+        Border of the first cell, and the width of a cell.
+    count : int
+    modules : tuple of DetectorModule
+        Modules after the first.
+    """
 
     first_border_mm: float
     width_mm: float
     count: int
+    modules: tuple[DetectorModule, ...] = ()
 
     @classmethod
     def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
-        """Return the scanner's cells, combined in groups of `binned`; a remainder at the far end is left out."""
+        """Return the scanner's cells, combined in groups of `binned`; a remainder at the far end is left out.
+
+        Gaps and kinks between modules are too small for combined cells, which do not have them.
+        """
         return cls(
             -0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm,
             scanner.detector_pitch_mm * binned,
             scanner.num_detector_pixels // binned,
+            scanner.detector_modules if binned == 1 else (),
+        )
+
+    def divided(self, parts: int) -> "DetectorCells":
+        """Return the cells divided into this number of equal parts."""
+        modules = tuple(replace(module, first_cell=parts * module.first_cell) for module in self.modules)
+        return DetectorCells(self.first_border_mm, self.width_mm / parts, self.count * parts, modules)
+
+    def lines(self, frame: SourceFrame) -> FloatArray:
+        """Return a row for each module: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
+        lines = module_lines(self.modules, self.count, self.first_border_mm, self.width_mm, frame)
+        return np.array(
+            [
+                (
+                    line.first,
+                    line.end,
+                    frame.psi_rad,
+                    frame.source_distance_mm,
+                    line.sdd_mm,
+                    line.cor_column_mm,
+                    line.tilt_rad,
+                    *line.sdd_slopes,
+                    *line.column_slopes,
+                )
+                for line in lines
+            ]
         )
 
 
@@ -179,7 +220,7 @@ def kernel_arguments(
     return (
         phantom.edges,
         phantom.discs,
-        to_vector(frame),
+        cells.lines(frame),
         *positions,
         np.ascontiguousarray(angles_rad, np.float64),
         cells.first_border_mm,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.geometry.modules import flat_centres_mm
 from sawmill_tomography.projection import _projector_numba as kernels
 
 Image = NDArray[np.float32]
@@ -162,14 +163,14 @@ class Projector:
         return lines.reshape(slices, quarters.size, views // quarters.size, cells)
 
     @cached_property
-    def _rays(self) -> tuple[int, FloatArray, FloatArray, FloatArray, float, float, float]:
-        """Arguments of the kernels: image size, the views' vectors, detector pitch, half the field, a pixel's side."""
+    def _rays(self) -> tuple[int, FloatArray, FloatArray, FloatArray, FloatArray, float, float]:
+        """Arguments of the kernels: image size, the views' vectors, the cells' u, half the field, a pixel's side."""
         grid = self.grid
-        pitch = self.geometry.scanner.detector_pitch_mm
+        positions = flat_centres_mm(self.geometry.scanner, self.geometry.frame)
         source, middle, axis = self.geometry.vectors()
         # The kernels' field is centred on their origin.
         source, middle = source - grid.centre_mm, middle - grid.centre_mm
-        return grid.size, source, middle, axis, pitch, 0.5 * grid.field_mm, grid.pixel_mm
+        return grid.size, source, middle, axis, positions, 0.5 * grid.field_mm, grid.pixel_mm
 
 
 def aligned(*shape: int) -> Image:

@@ -10,6 +10,7 @@ from numba import get_num_threads
 from numpy.typing import ArrayLike
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
+from sawmill_tomography.geometry.modules import FlatDetector
 from sawmill_tomography.projection.projector import Image, Projector, aligned
 from sawmill_tomography.reconstruction import _fbp_numba as kernels
 from sawmill_tomography.reconstruction import cost
@@ -61,6 +62,9 @@ def fbp(
     GeometryError
         If the shapes do not fit or the views do not cover the full turn.
     """
+    geometry = projector.geometry
+    if geometry.scanner.detector_modules:
+        sinogram = FlatDetector.of(geometry.scanner, geometry.frame).resampled(np.asarray(sinogram, np.float32))
     if np.ndim(sinogram) == 3:
         data = _block(projector, sinogram)
         prepared = Preparation.of(projector, weighting, filter_name, frequency_scaling)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError, cell_centres_mm
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_tomography.geometry.modules import flat_centres_mm
 from sawmill_tomography.projection.projector import Image
 from sawmill_tomography.sinograms.air import find_air
 
@@ -33,12 +34,12 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
-    return _radius_mm(geometry, cell_centres_mm(geometry.scanner)[shadowed]) if shadowed.any() else 0.0
+    return _radius_mm(geometry, flat_centres_mm(geometry.scanner, geometry.frame)[shadowed]) if shadowed.any() else 0.0
 
 
 def seen_radius_mm(geometry: FanBeamGeometry) -> float:
     """Return the radius of the disc around the COR that the whole detector sees: no object's is larger."""
-    return _radius_mm(geometry, cell_centres_mm(geometry.scanner))
+    return _radius_mm(geometry, flat_centres_mm(geometry.scanner, geometry.frame))
 
 
 def _radius_mm(geometry: FanBeamGeometry, centres: FloatArray) -> float:

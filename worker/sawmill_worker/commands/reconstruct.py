@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
@@ -92,7 +93,8 @@ def _open(
             yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, NOTHING_FOUND)
         return
     with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (calibration, used):
-        yield used, _input(used, calibration.theta, calibration.rotation, calibration.handedness, calibration.beam)
+        like = replace(used, scanner=replace(used.scanner, detector_modules=calibration.scanner.detector_modules))
+        yield used, _input(like, calibration.theta, calibration.rotation, calibration.handedness, calibration.beam)
 
 
 def _input(

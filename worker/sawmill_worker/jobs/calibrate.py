@@ -1,7 +1,7 @@
 """The job that calibrates a scanner with one scan."""
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -115,11 +115,13 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
     views = chosen_views(options.views, shape.views)
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
+    active = _active(attempt)
+    modules = scanner.constants.detector_modules if active is None else active.scanner.detector_modules
     calibration_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad[mean.views],
         rows=(rows.start, rows.stop),
-        scanner=scanner.constants,
+        scanner=replace(scanner.constants, detector_modules=modules),
         bounds=scanner.bounds,
         drawing=drawing_of(attempt),
         input_sha256=scan.sha256,

@@ -17,7 +17,7 @@ from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.iterative.coarse_outside import WORTH_WHILE, fitted_size
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
 from sawmill_tomography.warm_up import load_iterative_methods
-from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
+from sawmill_vocabulary import DataKind, DetectorModule, Handedness, Rotation, Theta
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
@@ -39,14 +39,14 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
-    theta, rotation, handedness, beam = _geometry_of(attempt, options)
+    theta, rotation, handedness, beam, modules = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
         reconstruction_input = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
             angles_rad=stored.angles_rad[views],
             rows=(rows.start, rows.stop),
             row_step=rows.step,
-            scanner=replace(attempt.scanner.constants, row_pitch_mm=stored.row_pitch_mm),
+            scanner=replace(attempt.scanner.constants, row_pitch_mm=stored.row_pitch_mm, detector_modules=modules),
             theta=theta,
             rotation=rotation,
             handedness=handedness,
@@ -69,7 +69,7 @@ def _keeper(
         "options": options.model_dump(mode="json"),
         "rows": (*reconstruction_input.rows, reconstruction_input.row_step),
         "views": len(reconstruction_input.angles_rad),
-        "scanner": vars(reconstruction_input.scanner),
+        "scanner": asdict(reconstruction_input.scanner),
         "theta": asdict(reconstruction_input.theta),
         "beam": asdict(reconstruction_input.beam),
         "rotation": reconstruction_input.rotation,
@@ -114,12 +114,16 @@ def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShap
 
 def _geometry_of(
     attempt: MillAttempt, options: ReconstructionAsked
-) -> tuple[Theta, Rotation, Handedness, BeamCorrection]:
-    """Return the given theta, or the calibration's with its beam correction; refuse a calibration without theta."""
+) -> tuple[Theta, Rotation, Handedness, BeamCorrection, tuple[DetectorModule, ...]]:
+    """Return the given theta, or the calibration's with its beam correction and modules of the detector.
+
+    Refuse a calibration without theta.
+    """
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
-        return options.theta, rotation, handedness, NOTHING_FOUND
+        return options.theta, rotation, handedness, NOTHING_FOUND, attempt.scanner.constants.detector_modules
     if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
     calibration = usable_calibration(attempt, "use")
-    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam
+    modules = calibration.scanner.detector_modules
+    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam, modules

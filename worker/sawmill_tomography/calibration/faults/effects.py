@@ -43,12 +43,15 @@ class Effect:
         Reported sentence, from the model that has the effect and the sizes of the effect's columns.
     remedy : str
         Advice to the user, where something should be done.
+    largest : tuple of float or None
+        Largest sizes of the columns with which the effect joins a fit; None: any.
     """
 
     adjustment: Adjustment
     columns: Callable[[ScanModel], tuple[Column, ...]]
     sentence: Callable[[ScanModel, FloatArray], str]
     remedy: str = ""
+    largest: tuple[float, ...] | None = None
 
 
 def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[Column, ...]]:
@@ -113,7 +116,7 @@ DEFORMATION = Effect(
     "measure both sides of the phantom, and check that it stands square to the axis",
 )
 # The turntable's axis wobbles, as with a worn bearing.
-WOBBLE_ONCE, WOBBLE_TWICE = _wobble(1, "once"), _wobble(2, "twice")
+WOBBLES = tuple(_wobble(order, times) for order, times in enumerate(("once", "twice", "three times", "four times"), 1))
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
@@ -186,9 +189,8 @@ EFFECTS: tuple[Effect, ...] = (
         _encoder_sentence,
         "the encoder is off its axis, or the drive slips and catches: look at them",
     ),
-    WOBBLE_ONCE,
-    WOBBLE_TWICE,
+    *WOBBLES,
 )
 # A body that comes nearer to the source twice a turn casts the shadow of one that is longer in one direction. Only the
 # lengths of the rays in the body differ, and a gain of each view hides that.
-ALIKE = (DEFORMATION, WOBBLE_TWICE)
+ALIKE = (DEFORMATION, WOBBLES[1])

@@ -9,7 +9,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.projection.analytic import DetectorCells, Position
+from sawmill_tomography.projection.analytic import Position
 from sawmill_vocabulary import Adjustment
 
 # Rays over which a cell's intensities are averaged.
@@ -41,8 +41,9 @@ def averaging(
 ) -> FloatArray:
     """Compute mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), for p in the data's unit."""
     cells = data.cells
-    fine = DetectorCells(cells.first_border_mm, cells.width_mm / FINE_RAYS, cells.count * FINE_RAYS)
-    rays = analytic.project(phantom, fine, frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1)
+    rays = analytic.project(
+        phantom, cells.divided(FINE_RAYS), frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1
+    )
     rays *= gain
     by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
     difference: FloatArray = by_cell.mean(axis=2) + np.log(np.exp(-by_cell).mean(axis=2))

@@ -21,7 +21,7 @@ from sawmill_tomography.projection._analytic_numba import (
 # One thread takes the views of a block one after another, so the sums do not depend on the number of threads.
 BLOCK = 16
 
-TERMS = len(Term)
+TERMS, _U_C = len(Term), int(Term.U_C)
 _GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
 _HARDENING, _CUBIC = int(Term.HARDENING), int(Term.HARDENING_CUBIC)
 _GRADIENT_X, _GRADIENT_Y = int(Term.GRADIENT_X), int(Term.GRADIENT_Y)
@@ -156,6 +156,7 @@ def inner_products(
     residual,
     stripes,
     kept_terms,
+    by_column,
     products,
 ):
     """Fill the views' inner products, and the sums over views.
@@ -170,32 +171,36 @@ def inner_products(
         added; (0, cells) where the line integrals were not made from counts
     weights, residual : (views, cells); stripes : (cells,) the part of the residual that all views share
     kept_terms : terms whose weighted rows are kept
-    products : grams (views, terms, terms), scores (views, terms), sums (blocks, terms, cells) of the weighted rows,
-        kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbouring cells' products
+    by_column : (rows, cells) factors of the derivative by u_c that give the rows of the detector's modules
+    products : grams (views, rows, rows), scores (views, rows), sums (blocks, rows, cells) of the weighted rows,
+        of_column (blocks, rows + 1, cells) products of the weighted rows and of the residual with the derivative by
+        u_c, kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbouring cells'
+        products; the rows of the detector's modules follow those of the terms
     """
-    edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays = geometry
-    grams, scores, sums, kept, neighbours = products
+    edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays = geometry
+    grams, scores, sums, of_column, kept, neighbours = products
     views, cells = residual.shape
     around, wide, lagging, added = intensities
     from_counts = len(added) > 0
-    count = TERMS if from_counts else _SCATTER
+    extra = by_column.shape[0]
+    count = TERMS + extra if from_counts or extra else _SCATTER
     for block in prange(sums.shape[0]):
-        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + ROWS_AT_ONCE, cells))
+        raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + extra + ROWS_AT_ONCE, cells))
         of_rows = np.empty((count + 1, count + 1))
         lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
             raw[:] = 0.0
-            _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
-            beta = angles[k] + frame[0]
+            _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
+            beta = angles[k] + lines[0, 2]
             _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
             lengths[:, PARAMETERS] = 0.0
             for end in range(2):
                 at = lengths[end]
-                _view(k, edges, discs, frame, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
+                _view(k, edges, discs, lines, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
             _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
             at = lengths[2]
-            _view(k, corner_edges, discs[:0], frame, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
+            _view(k, corner_edges, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
             for m in range(cells):
                 row[_CORNERS, m] = at[PARAMETERS, m] * chain[m]
             if taps.size > 0:
@@ -207,6 +212,9 @@ def inner_products(
                 row[_CURVATURE, m] = across * across
             if from_counts:
                 _of_intensities(around[k], wide[k], lagging[k], added[k], row)
+            for n in range(extra):
+                for m in range(cells):
+                    row[TERMS + n, m] = by_column[n, m] * row[_U_C, m]
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])
@@ -214,6 +222,11 @@ def inner_products(
                 for m in range(cells):
                     row[p, m] *= chain[m]
                     sums[block, p, m] += chain[m] * row[p, m]
+            for p in range(count):
+                for m in range(cells):
+                    of_column[block, p, m] += row[_U_C, m] * row[p, m]
+            for m in range(cells):
+                of_column[block, TERMS + extra, m] += row[_U_C, m] * row[count, m]
             for n in range(kept_terms.size):
                 for m in range(cells):
                     kept[n, k, m] = chain[m] * row[kept_terms[n], m]

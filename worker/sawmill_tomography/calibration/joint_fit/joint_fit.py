@@ -6,7 +6,7 @@ bias to the covariance.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,16 +21,26 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
     without_views,
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
+from sawmill_tomography.calibration.faults.modules import ModuleSearch, effect_of, with_module, with_modules
 from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.joint_fit.selection import EffectTest, EffectTester
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term, first_cell, is_of_module
+from sawmill_tomography.calibration.joint_fit.selection import (
+    BEYOND_CHANCE,
+    FITTED,
+    ON_DETECTOR,
+    STRUCTURES,
+    UNTRUSTED,
+    EffectTest,
+    EffectTester,
+    chance_limit,
+)
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
-from sawmill_vocabulary import Adjustment, TrueAxis
+from sawmill_vocabulary import Adjustment, DetectorModule, TrueAxis
 
 ROUNDS = 12
 VIEW_ROUNDS = 3
@@ -41,6 +51,12 @@ JOINING, MOST_AT_ONCE = 6, 2
 # this many standard deviations, squared.
 TOLERABLE = 25.0
 MOST_SLIPS = 2
+# The largest number of effects that join together.
+MOST_TOGETHER = 6
+# Borders between modules move in the rounds before this one.
+LATEST_MOVE = 9
+# The largest number of modules that are searched for in addition to the known ones.
+MOST_MODULES = 8
 
 
 @dataclass(eq=False)
@@ -69,6 +85,12 @@ class Fitted:
     def __post_init__(self) -> None:
         """Set all sizes to 0."""
         self.sizes = np.zeros(len(self.columns))
+
+    def may_join(self, test: EffectTest) -> bool:
+        """Return whether the effect may join the fit with the sizes of a test."""
+        if self.declined or not test.degrees:
+            return False
+        return self.effect.largest is None or bool((np.abs(test.sizes) <= self.effect.largest).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +127,8 @@ class JointFit:
         None where no other effect explains the scan as well as a fitted one.
     angle_variance : float
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
+    border_variance : mapping of int to float
+        By the first cell of each module that was found, the variance of that cell.
     """
 
     model: ScanModel
@@ -116,6 +140,7 @@ class JointFit:
     beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
     other_reading: OtherReading | None
     angle_variance: float
+    border_variance: Mapping[int, float]
     converged: bool
     rounds: int
 
@@ -124,6 +149,11 @@ class JointFit:
         """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
         beyond_chance = [test.bias for _, test in self.beyond_chance]
         return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
+
+    @property
+    def modules(self) -> tuple[DetectorModule, ...]:
+        """The detector's modules after the first: the known ones and the ones that the scan shows."""
+        return self.model.data.cells.modules
 
     @property
     def aspect(self) -> float:
@@ -194,6 +224,11 @@ class _JointFitter:
             for effect in EFFECTS
             if (columns := effect.columns(self.model))
         ]
+        self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
+        for module in prepared.data.cells.modules:
+            self.waiting.append(self._of_module(module, 1.0))
+        self.unneeded: set[int] = set()
+        self.border_variance: dict[int, float] = {}
         self.fitted: list[Fitted] = []
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
@@ -204,7 +239,17 @@ class _JointFitter:
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
+        further = self._further_modules(grams, system, used)
+        if further:
+            self.waiting += further
+            grams, free = self._linearised()
+            system, tried, used = self._system(grams, free)
         joined, tests = self._join(system, tried, used)
+        if not joined:
+            joined = self._join_together(system, tried, used)
+        if further:
+            self.waiting = [one for one in self.waiting if one not in further]
+            self.model = with_modules(self.model, self.known_modules | _first_cells(self.fitted))
         change = np.zeros(len(system.columns))
         change[used] = system.inverse(used) @ system.score[used]
         remaining = max(system.power - float(change @ system.score), 0.0)
@@ -220,7 +265,7 @@ class _JointFitter:
             return True
         if share < 1.0 or joined or not small:
             return False
-        self.converged = self._settled(system, used, change)
+        self.converged = self._settled(system, used, change) and not self._moved_borders(grams, system, used)
         return self.converged
 
     def result(self) -> JointFit:
@@ -233,8 +278,9 @@ class _JointFitter:
             for one, test in tests
             if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
         )
+        bent = _first_cells(self.fitted)
         return JointFit(
-            self.model,
+            with_modules(self.model, self.known_modules | bent),
             tuple(self.fitted),
             system,
             used,
@@ -243,6 +289,7 @@ class _JointFitter:
             beyond_chance,
             other,
             self.angle_variance,
+            self.border_variance,
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -283,6 +330,49 @@ class _JointFitter:
             one.places = list(range(first, first := first + len(one.columns)))
         return system, tried, used
 
+    def _of_module(self, module: DetectorModule, trials: float) -> Fitted:
+        effect = effect_of(module, self.model.data.cells.width_mm)
+        return Fitted(effect, effect.columns(self.model), trials, declined=Adjustment.MODULES in self.without)
+
+    def _further_modules(self, grams: ViewGrams, system: System, used: list[int]) -> list[Fitted]:
+        """Put the likeliest further modules of the detector into the model, and return their effects."""
+        cells = self.model.data.cells
+        most = MOST_MODULES - len(cells.modules)
+        if Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
+            return []
+        trials = float(cells.count)
+        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
+        limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 1)
+        search = ModuleSearch(self.model, grams, system, used, self.unneeded)
+        modules = [DetectorModule(cell) for cell in search.likeliest(limit, most)]
+        for module in modules:
+            self.model = with_module(self.model, module)
+        return [self._of_module(module, trials) for module in modules]
+
+    def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
+        """Locate the borders of the modules that were found; return whether one has moved."""
+        found = [one for one in self.fitted if _first_cells([one]) - self.known_modules]
+        if not found:
+            return False
+        search, moved = ModuleSearch(self.model, grams, system, used, self.unneeded), False
+        for one in found:
+            (cell,) = _first_cells([one])
+            modules = {module.first_cell: module for module in self.model.data.cells.modules}
+            better, self.border_variance[cell] = search.border(modules[cell], self.variance)
+            if better != cell and better not in modules and self.rounds < LATEST_MOVE:
+                model = with_modules(self.model, set(modules) - {cell})
+                self.model = with_module(model, replace(modules[cell], first_cell=better))
+                effect = effect_of(DetectorModule(better), self.model.data.cells.width_mm)
+                again = Fitted(effect, effect.columns(self.model), one.trials)
+                again.sizes = one.sizes
+                self.fitted[self.fitted.index(one)], moved = again, True
+        return moved
+
+    @staticmethod
+    def _left(system: System, used: list[int]) -> float:
+        score = system.score[used]
+        return max(system.power - float(score @ system.inverse(used) @ score), 0.0)
+
     def _join(
         self, system: System, tried: Sequence[Fitted], used: list[int]
     ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
@@ -294,7 +384,7 @@ class _JointFitter:
         while True:
             tester = EffectTester(system, used)
             tests = [(one, tester.tested(one.places)) for one in tried if one not in joined]
-            worth = [(test.power, one) for one, test in tests if not one.declined and test.is_fitted(one.trials)]
+            worth = [(test.power, one) for one, test in tests if one.may_join(test) and test.is_fitted(one.trials)]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
             _, best = max(worth, key=lambda pair: pair[0])
@@ -303,6 +393,43 @@ class _JointFitter:
         self.fitted += joined
         self.waiting = [one for one in self.waiting if one not in joined]
         return joined, tests
+
+    def _join_together(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
+        """Let several effects join that only together explain what is left: each hides the others.
+
+        Every effect that noise does not explain is tried with the others; then those that are not needed go, the least
+        first.
+        """
+        if self.rounds > JOINING or system.structured / STRUCTURES < self._left(system, used) / system.samples:
+            return []
+        group: list[Fitted] = []
+        while len(group) < MOST_TOGETHER:
+            places = [*used, *(place for one in group for place in one.places)]
+            variance = self._left(system, places) / max(system.samples - len(places), 1.0)
+            tester = EffectTester(system, places)
+            tests = [(tester.tested(one.places), one) for one in tried if one not in group]
+            worth = [
+                (test.power, one)
+                for test, one in tests
+                if one.may_join(test) and test.power > variance * chance_limit(FITTED / one.trials, test.degrees)
+            ]
+            if not worth:
+                break
+            group.append(max(worth, key=lambda pair: pair[0])[1])
+        while group:
+            needed = []
+            for one in group:
+                rest = [*used, *(place for other in group if other is not one for place in other.places)]
+                test = EffectTester(system, rest).tested(one.places)
+                needed.append((test.significance / chance_limit(FITTED / one.trials, max(test.degrees, 1)), one))
+            least, weakest = min(needed, key=lambda pair: pair[0])
+            if least > 1.0:
+                break
+            group.remove(weakest)
+        self.fitted += group
+        self.waiting = [one for one in self.waiting if one not in group]
+        used += [place for one in group for place in one.places]
+        return group
 
     def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
         """Return whether every effect is needed, all scatter of angles is fitted, and averaging follows the model.
@@ -313,7 +440,10 @@ class _JointFitter:
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
-            self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
+            if not _first_cells([one]) - self.known_modules:
+                self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
+        self.unneeded |= _first_cells(dropped) - self.known_modules
+        self.model = with_modules(self.model, self.known_modules | _first_cells(self.fitted))
         if dropped:
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
@@ -324,6 +454,12 @@ class _JointFitter:
             return True
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
+
+
+def _first_cells(effects: Sequence[Fitted]) -> set[int]:
+    """Return the first cells of the modules whose gaps and kinks are among the effects."""
+    terms = [column.term for one in effects for column in one.columns]
+    return {first_cell(term) for term in terms if term is not None and is_of_module(term)}
 
 
 def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:

@@ -30,8 +30,9 @@ SCATTERS = 4.0
 # cell shares over the views is set to ALONE, in variances of a sample.
 ODD, ALONE = 6.0, 1e6
 
-# A part of a column: a term's derivative, in all views alike or times a shape (views,).
-Part = tuple[Term, FloatArray | None]
+# A part of a column: a term's derivative, in all views alike or times a shape (views,). A whole number from
+# `MODULE_TERMS` on is a gap or kink (`module_term`).
+Part = tuple[int, FloatArray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +42,12 @@ class Column:
     parts: tuple[Part, ...]
 
     @classmethod
-    def of(cls, term: Term) -> "Column":
+    def of(cls, term: int) -> "Column":
         """Make a column of a term that is the same in all views."""
         return cls(((term, None),))
 
     @property
-    def term(self) -> Term | None:
+    def term(self) -> int | None:
         """The column's term, if it is the same in all views; None for a change of the pose from view to view."""
         (term, shape), *_ = self.parts
         return term if shape is None else None
@@ -87,10 +88,14 @@ class ViewGrams:
         self._stripes(squares, products)
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
         (views, cells), terms = residual.shape, len(Term)
-        self.grams, self.scores = np.zeros((views, terms, terms)), np.zeros((views, terms))
+        by_column = model.module_rows
+        rows = terms + len(by_column)
+        self._rows = {term: terms + number for number, term in enumerate(model.module_terms)}
+        self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
-        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((terms, len(KEPT), views))
-        sums, neighbours = np.zeros((-(-views // BLOCK), terms, cells)), np.empty((views, 2))
+        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((rows, len(KEPT), views))
+        sums, neighbours = np.zeros((-(-views // BLOCK), rows, cells)), np.empty((views, 2))
+        of_column = np.zeros((len(sums), rows + 1, cells))
         inner_products(
             model.kernel_arguments,
             model.data.angles_rad + model.pose[:, 0] + model.exposure_angle_rad * np.array([[-1.0], [1.0]]),
@@ -105,9 +110,10 @@ class ViewGrams:
             residual,
             self.stripes,
             np.array(KEPT),
-            (self.grams, self.scores, sums, self._weighted, neighbours),
+            by_column,
+            (self.grams, self.scores, sums, of_column, self._weighted, neighbours),
         )
-        self._sums = sums.sum(axis=0)
+        self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
@@ -125,10 +131,14 @@ class ViewGrams:
         seen = self._count > 0.0
         count = np.where(seen, self._count, 1.0)
         mean = products / count
-        steps = np.diff(mean)[seen[1:] & seen[:-1]]
+        both = seen[1:] & seen[:-1]
+        steps = np.diff(mean)[both]
         variance = squares / max(self.samples, 1.0)
-        between = 0.5 * robust_deviation(steps - np.median(steps)) ** 2 if steps.size > 8 else 0.0
-        ratio = max(between - variance / float(count.mean()), 0.0) / variance if variance > 0.0 else 0.0
+        ratio = 0.0
+        if steps.size > 8 and variance > 0.0:
+            # The typical step is between cells of the air, which have less noise than the mean cell.
+            noise = 0.5 * float(np.median((1.0 / count[1:] + 1.0 / count[:-1])[both]))
+            ratio = max(0.5 * robust_deviation(steps - np.median(steps)) ** 2 / variance - noise, 0.0)
         ratios = np.full(count.size, ratio)
         if steps.size > 8 and variance > 0.0:
             expected = np.sqrt(variance * (ratio + 1.0 / count))
@@ -180,10 +190,27 @@ class ViewGrams:
         terms, shapes = np.zeros((n, parts), np.int64), np.zeros((n, parts, views))
         for number, column in enumerate(columns):
             for place, (term, shape) in enumerate(column.parts):
-                terms[number, place], shapes[number, place] = term, 1.0 if shape is None else shape
+                terms[number, place] = self._rows.get(term, term)
+                shapes[number, place] = 1.0 if shape is None else shape
         grams, scores = np.empty((views, n, n)), np.empty((views, n))
         combine(terms, shapes, self.grams, self.scores, grams, scores)
         return grams, scores
+
+    def by_cell(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute each cell's part of the inner products of the derivative by u_c, the part of the stripes taken out.
+
+        Returns
+        -------
+        with_columns : (n, cells) float64
+            Products with columns that are the same in all views.
+        own, score : (cells,) float64
+            Products with itself, and with the residual.
+        """
+        rows = [self._rows.get(column.term, column.term) for column in columns if column.term is not None]
+        of_stripes = self._share * self._sums[Term.U_C]
+        with_columns = self._of_column[rows] - of_stripes * self._sums[rows]
+        own = self._of_column[Term.U_C] - of_stripes * self._sums[Term.U_C]
+        return with_columns, own, self._of_column[-1]
 
     def system(self, columns: Sequence[Column]) -> "System":
         """Compute the normal equations of these columns."""
@@ -191,11 +218,12 @@ class ViewGrams:
         sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), len(scores)))
         for number, column in enumerate(columns):
             for term, shape in column.parts:
-                of_kept[number] -= self._taken[term] if shape is None else shape * self._taken[term]
+                row = self._rows.get(term, term)
+                of_kept[number] -= self._taken[row] if shape is None else shape * self._taken[row]
                 if shape is None:
-                    sums[number] += self._sums[term]
+                    sums[number] += self._sums[row]
                 else:
-                    of_kept[number, KEPT.index(term)] += shape
+                    of_kept[number, KEPT.index(Term(term))] += shape
         for kept, rows in enumerate(self._weighted):
             some = of_kept[:, kept].any(axis=1)
             sums[some] += of_kept[some, kept] @ rows

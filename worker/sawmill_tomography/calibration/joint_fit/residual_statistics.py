@@ -1,14 +1,16 @@
 """The residual compared with white noise, and the covariance of the parameters that follows."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
+from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
@@ -36,6 +38,9 @@ class ResidualStatistics:
     ----------
     covariance : Covariance
         Covariance of the seven unknowns, inflated by what the residual has beyond white noise.
+    ray_covariance : (5 + 3 modules, 5 + 3 modules) float64
+        Covariance of the frame, then of the gap, the kink and the first cell of each module; zero for what was not
+        fitted.
     inflation : float
         Factor by which correlation within the views inflates the covariance; 1 for white noise.
     deviation_ratio : float
@@ -45,6 +50,7 @@ class ResidualStatistics:
     """
 
     covariance: Covariance
+    ray_covariance: FloatArray
     inflation: float
     deviation_ratio: float
     structured: bool
@@ -55,13 +61,11 @@ class _Scores:
     """Scores of the views (views, unknowns), sorted by angle, for unknowns whose Gram matrix is 1.
 
     A score is derivative times residual. The information that stripes take belongs to no single view, so it is not
-    subtracted from this Gram matrix. `free` are the parameters, in the order of the first rows of `unscale`
-    (all unknowns, unknowns).
+    subtracted from this Gram matrix. `unscale` is (all unknowns, unknowns).
     """
 
     white: FloatArray
     unscale: FloatArray
-    free: list[FitParameter]
 
 
 def residual_statistics(joint: JointFit) -> ResidualStatistics:
@@ -85,8 +89,12 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     _refuse_undetermined(joint)
     scores = _scores(joint)
     views, unknowns = scores.white.shape
-    noise, count = joint.variance, len(scores.free)
-    plain = joint.system.inverse(joint.used)[:count, :count] * noise
+    # The parameters, and the gaps and kinks of modules, by their places among the used columns.
+    columns = [joint.system.columns[place] for place in joint.used]
+    free = {column.parameter: n for n, column in enumerate(columns) if column.parameter is not None}
+    modules = {column.term: n for n, column in enumerate(columns) if is_of_module(column.term)}
+    own, noise, count = [*free.values(), *modules.values()], joint.variance, len(free)
+    plain = joint.system.inverse(joint.used)[np.ix_(own, own)] * noise
     of_free = plain
     inflation, structured = 1.0, False
     if noise > 0.0:
@@ -102,22 +110,46 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
         of_free = plain * inflation
         if structured:
-            back = (waves @ scores.unscale.T)[:, :count] * STUDENT[number - 1]
+            back = (waves @ scores.unscale.T)[:, own] * STUDENT[number - 1]
             of_free = of_free + np.real(back.conj().T @ back) / number
     for bias in joint.biases:
-        of_free = of_free + np.outer(bias[:count], bias[:count])
-    values = np.zeros((len(FitParameter), len(FitParameter)))
-    values[np.ix_(scores.free, scores.free)] = of_free
-    held = frozenset(FitParameter) - frozenset(scores.free)
-    unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
-    ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
-    return ResidualStatistics(Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured)
+        of_free = of_free + np.outer(bias[own], bias[own])
+    values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
+    values[np.ix_(names, names)] = of_free[:count, :count]
+    held = frozenset(FitParameter) - frozenset(free)
+    unknown = frozenset(p for p in free if not values[p, p] > 0.0)
+    ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
+    return ResidualStatistics(
+        Covariance(values, held, unknown),
+        _of_rays(joint, free, modules, of_free),
+        inflation,
+        math.sqrt(float(ratio.mean())),
+        structured,
+    )
+
+
+def _of_rays(
+    joint: JointFit, free: Collection[FitParameter], modules: Collection[int | None], covariance: FloatArray
+) -> FloatArray:
+    """Return `ResidualStatistics.ray_covariance` from the covariance of the free parameters and then the modules."""
+    first_cells = [module.first_cell for module in joint.modules]
+    order: list[int | None] = [*range(FRAME.stop)]
+    for cell in first_cells:
+        order += [gap_term(cell), kink_term(cell), None]
+    places = [order.index(name) if name in order else None for name in (*free, *modules)]
+    kept = [n for n, place in enumerate(places) if place is not None]
+    values = np.zeros((len(order), len(order)))
+    rows = [place for place in places if place is not None]
+    values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
+    borders = range(FRAME.stop + 2, len(order), 3)
+    values[borders, borders] = [joint.border_variance.get(cell, 0.0) for cell in first_cells]
+    return values
 
 
 def _refuse_undetermined(joint: JointFit) -> None:
     """Refuse a scan that does not determine the rays."""
     system, used = joint.system, joint.used
-    free = _free(joint)
+    free = [system.columns[place].parameter for place in used]
     scale = system.scale[used]
     values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
     lost = values <= SINGULAR * values[-1]
@@ -130,10 +162,6 @@ def _refuse_undetermined(joint: JointFit) -> None:
         )
 
 
-def _free(joint: JointFit) -> list[FitParameter]:
-    return [column.parameter for column in joint.system.columns if column.parameter is not None]
-
-
 def _scores(joint: JointFit) -> _Scores:
     system, used = joint.system, joint.used
     rest = system.scores[:, used] - system.grams[:, used] @ joint.change
@@ -143,4 +171,4 @@ def _scores(joint: JointFit) -> _Scores:
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > SINGULAR * values[-1]
     root = vectors[:, kept] / np.sqrt(values[kept])
-    return _Scores((scores * scale) @ root, scale[:, None] * root, _free(joint))
+    return _Scores((scores * scale) @ root, scale[:, None] * root)

@@ -58,6 +58,35 @@ class Term(IntEnum):
     LAG = 22
 
 
+# Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
+MODULE_TERMS = len(Term)
+
+
+def gap_term(first_cell: int) -> int:
+    """Return the term of the gap before a module's first cell, mm."""
+    return MODULE_TERMS + 2 * first_cell
+
+
+def kink_term(first_cell: int) -> int:
+    """Return the term of the kink before a module's first cell, rad."""
+    return MODULE_TERMS + 2 * first_cell + 1
+
+
+def is_of_module(term: int | None) -> bool:
+    """Return whether a term is a gap or a kink."""
+    return term is not None and term >= MODULE_TERMS
+
+
+def is_kink(term: int) -> bool:
+    """Return whether the term of a module is the module's kink."""
+    return (term - MODULE_TERMS) % 2 == 1
+
+
+def first_cell(term: int) -> int:
+    """Return the first cell of the module whose gap or kink this term is."""
+    return (term - MODULE_TERMS) // 2
+
+
 # The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
@@ -139,6 +168,40 @@ class ScanModel:
             self.pose[:, 1:] + self.x[5:],
             self.data.rays_per_cell,
         )
+
+    @cached_property
+    def module_terms(self) -> tuple[int, ...]:
+        """The terms of all modules, in the order of `module_rows`."""
+        return tuple(
+            term
+            for module in self.data.cells.modules
+            for term in (gap_term(module.first_cell), kink_term(module.first_cell))
+        )
+
+    @cached_property
+    def module_rows(self) -> FloatArray:
+        """Factors (2 for each module, cells) of the derivative by u_c that give the derivatives by gap and kink."""
+        cells = self.data.cells
+        across_mm, turn = self.by_kink
+        rows = np.zeros((len(self.module_terms), cells.count))
+        for number, module in enumerate(cells.modules):
+            right = module.first_cell > cells.count // 2
+            moved = slice(module.first_cell, None) if right else slice(None, module.first_cell)
+            border_mm = cells.first_border_mm + cells.width_mm * module.first_cell
+            way = 1.0 if right else -1.0
+            rows[2 * number, moved] = -way
+            rows[2 * number + 1, moved] = way * (across_mm[moved] - border_mm) * turn[moved]
+        return rows
+
+    @cached_property
+    def by_kink(self) -> tuple[FloatArray, FloatArray]:
+        """The cells' coordinate u, and the factor by which a cell that leaves the line shifts along it, (cells,)."""
+        cells, frame = self.data.cells, self.frame
+        u = cells.first_border_mm + (np.arange(cells.count, dtype=np.float64) + 0.5) * cells.width_mm
+        sdd = frame.source_to_detector_mm
+        from_foot = u - frame.cor_column_mm + sdd * math.sin(frame.tilt_rad)
+        factor: FloatArray = from_foot / (sdd * math.cos(frame.tilt_rad))
+        return u, factor
 
     def project(self, *, turned: float = 0.0) -> FloatArray:
         """Compute the line integrals of the phantom alone, in mm."""
@@ -304,11 +367,14 @@ class ScanModel:
         gain = np.where(seen, cross / np.where(seen, power, 1.0), self.gain)
         return replace(self, gain=gain, offset=level - gain * centre, view_gain=True)
 
-    def moved(self, scalars: Mapping[Term, float], pose: FloatArray) -> "ScanModel":
-        """Return the model with these changes of x, gain, offset and sizes, and of the pose of each view."""
+    def moved(self, scalars: Mapping[int, float], pose: FloatArray) -> "ScanModel":
+        """Return the model with these changes of x, gain, offset, sizes and modules, and of the pose of each view."""
         x, sizes = self.x.copy(), dict(self.sizes)
-        gain, offset = self.gain, self.offset
-        for term, change in scalars.items():
+        gain, offset, data = self.gain, self.offset, self.data
+        for number, change in scalars.items():
+            if is_of_module(number):
+                continue
+            term = Term(number)
             if term < Term.GAIN:
                 x[term] += change
             elif term is Term.GAIN:
@@ -318,4 +384,14 @@ class ScanModel:
             else:
                 size = self.size(term) + change
                 sizes[term] = min(max(size, 0.0), LARGEST[term]) if term in LARGEST else size
-        return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose)
+        if any(is_of_module(term) for term in scalars):
+            modules = tuple(
+                replace(
+                    module,
+                    gap_mm=module.gap_mm + scalars.get(gap_term(module.first_cell), 0.0),
+                    kink_rad=module.kink_rad + scalars.get(kink_term(module.first_cell), 0.0),
+                )
+                for module in data.cells.modules
+            )
+            data = replace(data, cells=replace(data.cells, modules=modules))
+        return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose, data=data)

@@ -8,6 +8,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
 from sawmill_tomography.calibration.joint_fit.normal_equations import System
+from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 
@@ -21,6 +22,8 @@ SINGULAR = 1e-7
 # Number of independent errors that a drawing, or the wood, may have: every effect explains one such share of the
 # structured residual by chance (tests/test_measured.py).
 STRUCTURES = 100.0
+# The same number for an effect that stays in place on the detector, while the drawing and the wood turn.
+ON_DETECTOR = 400.0
 # At least this share of the structured residual remains: what a step explains is only known to first order.
 UNTRUSTED = 0.1
 # Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
@@ -121,7 +124,9 @@ class EffectTester:
         )
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
-        return EffectTest(power / max(variance * scatter, structured / STRUCTURES), power, degrees, sizes, bias)
+        on_detector = all(is_of_module(system.columns[place].term) for place in tried)
+        shares = ON_DETECTOR if on_detector else STRUCTURES
+        return EffectTest(power / max(variance * scatter, structured / shares), power, degrees, sizes, bias)
 
 
 def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.elimination import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, is_kink
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole
@@ -40,7 +40,7 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
 def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
     """Estimate how far a step moves the phantom's rim as the detector sees it, mm."""
     radius, frame = model.drawing.radius_mm, model.frame
-    arms = {
+    arms: dict[int, float] = {
         Term.PSI: radius,
         Term.R: radius / frame.source_distance_mm,
         Term.SDD: radius / frame.source_to_detector_mm,
@@ -51,6 +51,10 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
         Term.ASPECT: 0.5 * radius,
         Term.SHEAR: 0.5 * radius,
     }
+    half_mm = 0.5 * model.data.cells.count * model.data.cells.width_mm
+    for term in model.module_terms:
+        # A cell at the end of the detector, which a kink takes off the line by up to half the detector's length.
+        arms[term] = (half_mm**2 / frame.source_to_detector_mm if is_kink(term) else 1.0) / frame.magnification
     moves = (
         abs(size) * (arms.get(column.term, 0.0) if column.term is not None else 1.0)
         for column, size in zip(columns, change.tolist(), strict=True)
@@ -79,7 +83,7 @@ def stepped(
 
 def moved(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> ScanModel:
     """Return the model with each column changed by the given amount."""
-    scalars: dict[Term, float] = {}
+    scalars: dict[int, float] = {}
     pose = np.zeros_like(model.pose)
     for column, size in zip(columns, change.tolist(), strict=True):
         if size == 0.0:
@@ -88,5 +92,5 @@ def moved(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> Sc
             scalars[column.term] = size
         else:
             for term, shape in column.parts:
-                pose[:, POSE.index(term)] += size * shape
+                pose[:, POSE.index(Term(term))] += size * shape
     return model.moved(scalars, pose)

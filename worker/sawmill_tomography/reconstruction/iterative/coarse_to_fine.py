@@ -170,7 +170,13 @@ def coarser(objective: Objective) -> Objective:
 def with_pairs_of_cells(objective: Objective) -> Objective:
     """Return the objective with detector cells in pairs: the weighted mean of the lines, and the sum of the weights."""
     geometry, scanner = objective.projector.geometry, objective.projector.geometry.scanner
-    wide = Scanner(scanner.source_to_cor_mm, scanner.num_detector_pixels // 2, 2.0 * scanner.detector_pitch_mm)
+    halves = {module.first_cell // 2: module for module in scanner.detector_modules}
+    wide = Scanner(
+        scanner.source_to_cor_mm,
+        scanner.num_detector_pixels // 2,
+        2.0 * scanner.detector_pitch_mm,
+        tuple(replace(module, first_cell=cell) for cell, module in halves.items() if cell > 0),
+    )
     projector = Projector(FanBeamGeometry(wide, geometry.theta, geometry.angles_rad), objective.projector.grid)
     lines = objective.lines
     weights = np.broadcast_to(objective.weights, np.broadcast_shapes(objective.weights.shape, lines.shape))

@@ -295,7 +295,7 @@ def calibration_result(
             *judgement.reasons,
             *measurement_reasons(calibration_input.drawing, datetime.now(tz=UTC).date()),
         ],
-        scanner=calibration_input.scanner,
+        scanner=replace(calibration_input.scanner, detector_modules=calibration.scanner.detector_modules),
         phantom=calibration_input.drawing.name,
         views=int(calibration_input.angles_rad.size),
         rows=calibration_input.rows,

@@ -6,6 +6,7 @@ several pairs; for 24 calibrations the limit of the scale is 3.7 standard deviat
 """
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -54,7 +55,7 @@ def _difference(
     JobFailure
         The calibrations belong to different scanners, or one has no error bars.
     """
-    if first_result.scanner != second_result.scanner:
+    if replace(first_result.scanner, detector_modules=()) != replace(second_result.scanner, detector_modules=()):
         raise refused(
             "other-scanner", f"{first} and {second} have not the same scanner's constants: compare those of one scanner"
         )
@@ -64,7 +65,13 @@ def _difference(
         first_result.radius_mm,
         np.array(first_result.covariance) + np.array(second_result.covariance),
     )
-    rays = ray_error(first_result.scanner, first_result.source_frame, second_result.source_frame, radius_mm=radius_mm)
+    rays = ray_error(
+        first_result.scanner,
+        first_result.source_frame,
+        second_result.source_frame,
+        radius_mm=radius_mm,
+        other_scanner=second_result.scanner,
+    )
     expected = predicted_ray_error(first_result.scanner, first_result.source_frame, covariance, radius_mm=radius_mm)
     scale = scale_deviation(first_result.scanner, first_result.source_frame, covariance, radius_mm=radius_mm)
     allowed = exceeded_ray_error(

@@ -1,0 +1,128 @@
+"""Scans by exact chords of rays, which share nothing with the forward model but the phantom's corners and discs.
+
+Cells are points in the plane: a detector may be made of modules, the phantom may stand anywhere in each view.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.phantoms.phantom import Polygon, Shape
+from sawmill_vocabulary import DetectorModule, SourceFrame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Cells of modules, as points along a bent line (docs/conventions.md#modules)."""
+
+    cells: int
+    pitch_mm: float
+    modules: tuple[DetectorModule, ...] = ()
+
+    def points(self, frame: SourceFrame, rays: int) -> Array:
+        """Return the ends of `rays` rays of each cell, (cells, rays, 2), the source at 0 and the COR on the y axis."""
+        middle = self.cells // 2
+        places = np.empty((self.cells, rays, 2))
+        starts = {module.first_cell: module for module in self.modules}
+        foot = np.array([0.0, frame.source_to_detector_mm])
+        towards = np.array([math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)])
+        # The border before the middle cell lies at u = (middle - cells / 2) pitch.
+        border = foot + towards * ((middle - 0.5 * self.cells) * self.pitch_mm - frame.cor_column_mm)
+        inside = (np.arange(rays) + 0.5) / rays
+        end, along = border, towards
+        for cell in range(middle, self.cells):
+            if cell in starts and cell > middle:
+                end = end + starts[cell].gap_mm * along
+                along = _turned(along, starts[cell].kink_rad)
+            places[cell] = end + along * (inside * self.pitch_mm)[:, None]
+            end = end + along * self.pitch_mm
+        end, along = border, towards
+        for cell in range(middle - 1, -1, -1):
+            if cell + 1 in starts:
+                end = end - starts[cell + 1].gap_mm * along
+                along = _turned(along, -starts[cell + 1].kink_rad)
+            end = end - along * self.pitch_mm
+            places[cell] = end + along * (inside * self.pitch_mm)[:, None]
+        return places
+
+
+def _turned(vector: Array, angle_rad: float) -> Array:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+def scan(
+    shapes: Sequence[Shape],
+    detector: Detector,
+    frame: SourceFrame,
+    angles_rad: Array,
+    *,
+    moved_mm: Array | float = 0.0,
+    turned_rad: Array | float = 0.0,
+    rays: int = 8,
+) -> Array:
+    """Compute the mean transmission of each cell, (views, cells).
+
+    Parameters
+    ----------
+    moved_mm : (views, 2) float64
+        Displacement of the phantom in the laboratory: across the beam, and along the beam.
+    turned_rad : (views,) float64
+        Turn of the phantom beyond the angles.
+    """
+    ends = detector.points(frame, rays).reshape(-1, 2)
+    towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]
+    views = len(angles_rad)
+    offset = np.broadcast_to(moved_mm, (views, 2))
+    turn = np.broadcast_to(turned_rad, (views,))
+    out = np.empty((views, detector.cells))
+    for view in range(views):
+        beta = angles_rad[view] + frame.psi_rad + turn[view]
+        paths = np.zeros(len(ends))
+        for shape in shapes:
+            if isinstance(shape, Polygon):
+                corners = _placed(np.array(shape.vertices_mm, float), beta, frame, offset[view])
+                paths += shape.density * _polygon_chords(corners, towards)
+            else:
+                centre = _placed(np.array([shape.center_mm], float), beta, frame, offset[view])[0]
+                across = towards[:, 0] * centre[1] - towards[:, 1] * centre[0]
+                paths += shape.density * 2.0 * np.sqrt(np.maximum(shape.radius_mm**2 - across**2, 0.0))
+        out[view] = np.exp(-paths).reshape(detector.cells, rays).mean(axis=1)
+    return out
+
+
+def _placed(points: Array, beta: float, frame: SourceFrame, offset: Array) -> Array:
+    c, s = math.cos(beta), math.sin(beta)
+    x, y = points.T
+    return np.stack([c * x + s * y + offset[0], c * y - s * x + frame.source_distance_mm + offset[1]], -1)
+
+
+def _polygon_chords(corners: Array, towards: Array) -> Array:
+    """Return the length of each ray from 0 inside a polygon: exits less entries."""
+    before, after = corners, np.roll(corners, -1, axis=0)
+    side = towards[:, :1] * before[:, 1] - towards[:, 1:] * before[:, 0]
+    side_after = towards[:, :1] * after[:, 1] - towards[:, 1:] * after[:, 0]
+    crossing = (side > 0.0) != (side_after > 0.0)
+    share = np.where(crossing, side / np.where(crossing, side - side_after, 1.0), 0.0)
+    x = before[:, 0] + share * (after[:, 0] - before[:, 0])
+    y = before[:, 1] + share * (after[:, 1] - before[:, 1])
+    distance = x * towards[:, :1] + y * towards[:, 1:]
+    signs = np.where(side > side_after, 1.0, -1.0) * crossing
+    lengths: Array = np.abs((signs * distance).sum(axis=1))
+    return lengths
+
+
+def counted(transmission: Array, *, photons: float = 30_000.0, flats: int = 10, seed: int, gain: float = 0.1) -> Array:
+    """Return line integrals from counts of these transmissions with noise, cells of unequal gain and flat fields."""
+    rng = np.random.default_rng(seed)
+    cells = transmission.shape[1]
+    gains = 1.0 + gain * rng.standard_normal(cells).clip(-3.0, 3.0)
+    flat = rng.poisson(photons * gains, (flats, cells)).mean(axis=0)
+    counts = np.maximum(rng.poisson(photons * gains * transmission), 0.5)
+    lines: Array = -np.log(counts / flat)
+    return lines

@@ -1,0 +1,166 @@
+"""Line detectors made of modules: each module is a flat line of its own (docs/conventions.md#modules).
+
+The source frame describes the module that holds the detector's middle. Every other module has the same cells with a
+source frame of its own: a gap moves the module along the line before, a kink turns it about its end.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_vocabulary import DetectorModule
+
+Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
+
+
+class ModuleLine(NamedTuple):
+    """One module as a flat line detector.
+
+    Attributes
+    ----------
+    first, end : int
+        Its cells are first to end - 1.
+    sdd_mm, cor_column_mm, tilt_rad : float
+        SDD, u_c and tau of the line; the coordinate u of the cells is the one of a detector without gaps.
+    sdd_slopes, column_slopes : (3,) tuples
+        Derivatives of the line's SDD and u_c by the source frame's SDD, u_c and tau.
+    """
+
+    first: int
+    end: int
+    sdd_mm: float
+    cor_column_mm: float
+    tilt_rad: float
+    sdd_slopes: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    column_slopes: tuple[float, float, float] = (0.0, 1.0, 0.0)
+
+
+def module_lines(
+    modules: Sequence[DetectorModule], cells: int, first_border_mm: float, pitch_mm: float, frame: SourceFrame
+) -> list[ModuleLine]:
+    """Return the line of every module, in the order of the cells.
+
+    Parameters
+    ----------
+    modules : sequence of DetectorModule
+        Modules after the first.
+    cells : int
+        Number of cells.
+    first_border_mm : float
+        Coordinate u of the first cell's border.
+    """
+    borders = [0, *(module.first_cell for module in modules), cells]
+    middle = sum(border <= cells // 2 for border in borders[1:-1])
+    lines = {middle: _line(borders, middle, frame, frame.cor_column_mm, 0.0, 0.0, frame.tilt_rad)}
+    for step in (1, -1):
+        # The end of the module before, as a point of the frame with the source at (0, 0) and the detector along y.
+        tilt = frame.tilt_rad
+        u, x, y = frame.cor_column_mm, 0.0, frame.source_to_detector_mm
+        for number in range(middle + step, len(modules) + 1 if step > 0 else -1, step):
+            module = modules[max(number, number - step) - 1]
+            border = first_border_mm + pitch_mm * module.first_cell
+            along = border - u + step * module.gap_mm
+            x, y = x + along * math.cos(tilt), y + along * math.sin(tilt)
+            u, tilt = border, tilt + step * module.kink_rad
+            lines[number] = _line(borders, number, frame, u, x, y - frame.source_to_detector_mm, tilt)
+    return [lines[number] for number in sorted(lines)]
+
+
+def _line(
+    borders: Sequence[int], number: int, frame: SourceFrame, u: float, x: float, y: float, tilt: float
+) -> ModuleLine:
+    """Return the line through a point, given from the foot of the ray through the COR, at which the coordinate is u."""
+    cosine, tangent = math.cos(tilt), math.tan(tilt)
+    # The point moves with u_c against the direction of the whole detector, and turns with tau about the foot.
+    by_column = (-math.cos(frame.tilt_rad), -math.sin(frame.tilt_rad))
+    by_tilt = (-y, x)
+    return ModuleLine(
+        borders[number],
+        borders[number + 1],
+        frame.source_to_detector_mm + y - x * tangent,
+        u - x / cosine,
+        tilt,
+        (
+            1.0,
+            by_column[1] - tangent * by_column[0],
+            by_tilt[1] - tangent * by_tilt[0] - x / cosine**2,
+        ),
+        (0.0, -by_column[0] / cosine, -by_tilt[0] / cosine - x * tangent / cosine),
+    )
+
+
+def lines_of(scanner: Scanner, frame: SourceFrame) -> list[ModuleLine]:
+    """Return the lines of a scanner's modules."""
+    cells, pitch = scanner.num_detector_pixels, scanner.detector_pitch_mm
+    return module_lines(scanner.detector_modules, cells, -0.5 * cells * pitch, pitch, frame)
+
+
+def cell_points(scanner: Scanner, frame: SourceFrame) -> FloatArray:
+    """Return each cell's centre (cells, 2), mm, from the source: across and along the ray through the COR."""
+    points = np.empty((scanner.num_detector_pixels, 2))
+    u = (np.arange(len(points)) + 0.5 - 0.5 * len(points)) * scanner.detector_pitch_mm
+    for line in lines_of(scanner, frame):
+        w = u[line.first : line.end] - line.cor_column_mm
+        points[line.first : line.end, 0] = w * math.cos(line.tilt_rad)
+        points[line.first : line.end, 1] = line.sdd_mm + w * math.sin(line.tilt_rad)
+    return points
+
+
+def flat_centres_mm(scanner: Scanner, frame: SourceFrame) -> FloatArray:
+    """Return the coordinate u, (cells,) mm, at which each cell's ray meets the line of the middle module."""
+    across, along = cell_points(scanner, frame).T
+    sine, cosine = math.sin(frame.tilt_rad), math.cos(frame.tilt_rad)
+    flat: FloatArray = frame.cor_column_mm + frame.source_to_detector_mm * across / (along * cosine - across * sine)
+    return flat
+
+
+@dataclass(frozen=True, eq=False)
+class FlatDetector:
+    """Interpolation from a detector of modules to cells at equal distances on the line of the middle module.
+
+    The interpolation is cubic (Catmull and Rom 1974) inside a module, and linear across a gap.
+
+    Attributes
+    ----------
+    cells : (4, cells) int
+        Cells of the detector of modules from which each cell is interpolated.
+    weights : (4, cells) float64
+    """
+
+    cells: NDArray[np.intp]
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, scanner: Scanner, frame: SourceFrame) -> "FlatDetector":
+        """Return the interpolation for a scanner's modules at a source frame."""
+        count = scanner.num_detector_pixels
+        wanted = (np.arange(count) + 0.5 - 0.5 * count) * scanner.detector_pitch_mm
+        seen = flat_centres_mm(scanner, frame)
+        before = np.clip(np.searchsorted(seen, wanted, side="right") - 1, 0, count - 2)
+        t = np.clip((wanted - seen[before]) / (seen[before + 1] - seen[before]), 0.0, 1.0)
+        module = np.searchsorted([one.first_cell for one in scanner.detector_modules], np.arange(count), side="right")
+        outer = np.clip(before - 1, 0, count - 1), np.clip(before + 2, 0, count - 1)
+        inside = (module[outer[0]] == module[before + 1]) & (module[before] == module[outer[1]])
+        linear = np.stack([np.zeros(count), 1.0 - t, t, np.zeros(count)])
+        cubic = 0.5 * np.stack(
+            [
+                -t + 2.0 * t**2 - t**3,
+                2.0 - 5.0 * t**2 + 3.0 * t**3,
+                t + 4.0 * t**2 - 3.0 * t**3,
+                -(t**2) + t**3,
+            ]
+        )
+        return cls(np.stack([outer[0], before, before + 1, outer[1]]), np.where(inside, cubic, linear))
+
+    def resampled(self, lines: Lines) -> Lines:
+        """Interpolate values (..., cells)."""
+        weights = self.weights.astype(lines.dtype)
+        flat: Lines = np.multiply(lines[..., self.cells[0]], weights[0])
+        for cells, weight in zip(self.cells[1:], weights[1:], strict=True):
+            flat += lines[..., cells] * weight
+        return flat
