@@ -13,6 +13,7 @@ from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
 from sawmill_worker.use_cases.calibration.result_file import read_calibration
+from sawmill_worker.use_cases.failures import refused
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
@@ -21,9 +22,17 @@ def export_geometry(target: ExportTarget, calibration: Path, output: Path, angle
     Raises
     ------
     JobFailure, UnreadableScan
-        The file holds no calibration, or the number of angles differs from the number of views.
+        The file holds no calibration, the number of angles differs from the number of views, or the detector has
+        modules, which none of the toolkits can state.
     """
     result = read_calibration(calibration)
+    if result.scanner.detector_modules:
+        cells = ", ".join(str(module.first_cell) for module in result.scanner.detector_modules)
+        raise refused(
+            "contradiction",
+            f"the calibration is of a detector of modules, which meet at cell {cells}, and {target} knows one straight "
+            "line of cells: reconstruct with sawmill reconstruct, or calibrate --without modules",
+        )
     turned = result.rotation.apply(np.deg2rad(angles.expand(views)))
     _WRITERS[target](output, FanBeamGeometry(result.scanner, result.theta, turned))
 
