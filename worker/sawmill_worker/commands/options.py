@@ -22,6 +22,7 @@ PUBLISHED_SCANNER = {
     "source_to_cor_mm": {"default": 859.46},
     "num_detector_pixels": {"flag": "--detector-pixels", "default": 768},
     "detector_pitch_mm": {"default": 1.502864583},
+    "detector_modules": None,
 }
 
 
