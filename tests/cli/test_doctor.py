@@ -20,7 +20,6 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.database import clock
 from sawmill_platform.errors import StorageMisconfigured
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import refuse_second, serving_process, sole_service
@@ -200,12 +199,11 @@ def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url)
     assert "wrong-word" not in json.dumps(finding)
 
 
-def test_a_clock_that_is_off(found, data, monkeypatch):
+def test_a_clock_that_is_off(found, data, moved_clock):
     store = Store(StorageSettings(data_folder=data))
     store.database.start_clock()
     store.close()
-    offset_s = clock.machine_offset_s()
-    monkeypatch.setattr(clock, "machine_offset_s", lambda: offset_s + 7200.0)
+    moved_clock(ahead_s=7200.0)
     assert "+7200" in found("clock", code=0)["sentence"]
 
 
@@ -272,26 +270,11 @@ def test_the_disk_s_own_folder_is_nobody_s_fault(run, data):
     run("doctor", "--data", data)
 
 
-def test_a_disk_that_is_mounted_read_only(found, monkeypatch):
-    statvfs = os.statvfs
-    monkeypatch.setattr("os.statvfs", lambda path: ReadOnly(statvfs(path)))
+@pytest.mark.usefixtures("read_only_disk")
+def test_a_disk_that_is_mounted_read_only(found):
     finding = found("data folder")
     assert "is on a disk that is read-only" in finding["sentence"]
     assert "chown" not in finding["cure"]
-
-
-class ReadOnly:
-    """What a file system says of itself, but that it is read-only."""
-
-    def __init__(self, status: os.statvfs_result) -> None:
-        self._status = status
-
-    @property
-    def f_flag(self) -> int:
-        return self._status.f_flag | os.ST_RDONLY
-
-    def __getattr__(self, name: str) -> int:
-        return getattr(self._status, name)
 
 
 @pytest.mark.parametrize("content", [None, "of another service"])

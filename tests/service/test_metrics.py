@@ -9,12 +9,12 @@ from types import SimpleNamespace
 
 import pytest
 import results
+from machine_faults import database_away
 from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.measures import Measures
 
 ROOT = Path(__file__).parents[2]
@@ -143,20 +143,17 @@ def test_jobs_that_wait_for_a_worker(seeded, store, scrape, monkeypatch):
     assert scrape("sawmill_jobs_without_worker") == 0
 
 
-def test_a_database_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
-    def away():
-        raise StorageUnavailable("the database does not answer")
-
+def test_a_database_that_is_away_leaves_the_rest(store, scrape):
     assert scrape("sawmill_database_up") == 1
-    monkeypatch.setattr(store.tallies, "read", away)
-    assert scrape("sawmill_database_up") == 0
-    assert scrape("sawmill_jobs", state="queued") is None
-    assert scrape("sawmill_data_folder_free_bytes") > 0
-    assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
+    with database_away(store.database):
+        assert scrape("sawmill_database_up") == 0
+        assert scrape("sawmill_jobs", state="queued") is None
+        assert scrape("sawmill_data_folder_free_bytes") > 0
+        assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
 
 
-def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
-    monkeypatch.setattr(store.files, "folder", store.files.folder / "gone")
+def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
+    (store.files.folder / "identity").unlink()  # as in the empty folder of a share that is not mounted
     assert scrape("sawmill_data_folder_up") == 0
     assert scrape("sawmill_data_folder_free_bytes") is None
     assert scrape("sawmill_database_up") == 1

@@ -1,7 +1,7 @@
 """How many requests somebody may send, and how many at once: without a network, and without waiting."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -35,14 +35,13 @@ def limited(client, store) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def clock(monkeypatch) -> Iterator[Callable[[float], None]]:
+def clock(moved_clock) -> Callable[[float], None]:
     """The library's windows are aligned to multiples of their length: tests begin 1 s after one, and move on."""
-    now = 1_800_000_001.0
-    monkeypatch.setattr("time.time", lambda: now)
+    moved_clock(stands_at_s=(now_s := 1_800_000_001.0))
 
     def pass_s(seconds: float) -> None:
-        nonlocal now
-        now += seconds
+        nonlocal now_s
+        moved_clock(stands_at_s=(now_s := now_s + seconds))
 
     return pass_s
 
