@@ -11,7 +11,7 @@ from fastapi import Depends, Request
 
 from sawmill_platform.database.database import after_commit
 from sawmill_service.access import Access, Caller, caller_of
-from sawmill_service.event_feed import EventFeed
+from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
@@ -61,6 +61,11 @@ async def _event_feed(request: Request) -> EventFeed:
     return feed
 
 
+async def _stream_times(request: Request) -> StreamTimes:
+    times: StreamTimes = request.app.state.stream_times
+    return times
+
+
 async def _transfers(request: Request) -> Transfers:
     transfers: Transfers = request.app.state.transfers
     return transfers
@@ -77,5 +82,6 @@ TheStopping = Annotated[Stopping, Depends(_stopping)]
 TheAccess = Annotated[Access, Depends(_access)]
 TheSessionCookie = Annotated[SessionCookie, Depends(_session_cookie)]
 TheEventFeed = Annotated[EventFeed, Depends(_event_feed)]
+TheStreamTimes = Annotated[StreamTimes, Depends(_stream_times)]
 TheTransfers = Annotated[Transfers, Depends(_transfers)]
 TheCaller = Annotated[Caller, Depends(_caller)]

@@ -5,7 +5,7 @@ import io
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack, redirect_stderr
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -133,15 +133,16 @@ def woken() -> list[str]:
 
 
 @pytest.fixture
-def log_text(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Literal["console", "json"]], io.StringIO]]:
+def log_text() -> Iterator[Callable[[Literal["console", "json"]], io.StringIO]]:
     """Starts this process's log in a format, and gives what is written from then on."""
 
     def start(log_format: Literal["console", "json"]) -> io.StringIO:
-        monkeypatch.setattr("sys.stderr", text := io.StringIO())
+        text = redirected.enter_context(redirect_stderr(io.StringIO()))
         configure_logs(log_format)
         return text
 
-    yield start
+    with ExitStack() as redirected:
+        yield start
     log_plainly()
 
 

@@ -6,6 +6,7 @@ A disk that fills would fill for all, only root can set a clock or mount a disk,
 import os
 import shutil
 import sqlite3
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -75,14 +76,16 @@ def without_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def database_away(database: Database) -> Iterator[None]:
+def database_away(database: Database) -> Iterator[threading.Event]:
     """Let SQLite's disk fail within the block: nobody has the file open any more, and opening it fails.
 
     This is the driver's error: what becomes of it is the product's work. As with any outage, the product may go on
-    refusing for a second after the block.
+    refusing for a second after the block. The event is set when somebody has met the error.
     """
+    met = threading.Event()
 
     def fail(*_: object) -> NoReturn:
+        met.set()
         error = sqlite3.OperationalError("disk I/O error")
         error.sqlite_errorcode, error.sqlite_errorname = sqlite3.SQLITE_IOERR, "SQLITE_IOERR"
         raise error
@@ -90,6 +93,6 @@ def database_away(database: Database) -> Iterator[None]:
     event.listen(database.engine, "do_connect", fail)
     database.engine.dispose()
     try:
-        yield
+        yield met
     finally:
         event.remove(database.engine, "do_connect", fail)
