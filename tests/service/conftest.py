@@ -68,6 +68,25 @@ class Client:
 
         return asyncio.run(send())
 
+    def follow(self, path: str, heard: Callable[[str], object]) -> str:
+        """Read a stream to its end, and show each block in a thread as it comes: the stream goes on after that."""
+        url, blocks = httpx.URL(ORIGIN, path=path), list[str]()
+        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
+        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": b"", "scheme": url.scheme}
+        scope |= {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+        asked = [{"type": "http.request", "body": b"", "more_body": False}]
+
+        async def receive() -> dict[str, Any]:
+            return asked.pop() if asked else await asyncio.Future()
+
+        async def send(message: dict[str, Any]) -> None:
+            for block in message.get("body", b"").decode().split("\n\n")[:-1]:
+                blocks.append(block)
+                await asyncio.to_thread(heard, block)
+
+        asyncio.run(asyncio.wait_for(self.app(scope, receive, send), 60))
+        return "\n\n".join([*blocks, ""])
+
     def get(self, path: str, **options: Any) -> httpx.Response:
         return self.request("GET", path, **options)
 

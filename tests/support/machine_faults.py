@@ -17,6 +17,7 @@ import pytest
 from sqlalchemy import event
 
 from sawmill_platform.database.database import Database
+from sawmill_platform.errors import StorageUnavailable
 
 
 class FullDisk(Protocol):
@@ -79,8 +80,8 @@ def without_network(monkeypatch: pytest.MonkeyPatch) -> None:
 def database_away(database: Database) -> Iterator[threading.Event]:
     """Let SQLite's disk fail within the block: nobody has the file open any more, and opening it fails.
 
-    This is the driver's error: what becomes of it is the product's work. As with any outage, the product may go on
-    refusing for a second after the block. The event is set when somebody has met the error.
+    This is the driver's error: what becomes of it is the product's work. The event is set when somebody has met the
+    error. The block ends when the product reads again, which it tries every second.
     """
     met = threading.Event()
 
@@ -96,3 +97,13 @@ def database_away(database: Database) -> Iterator[threading.Event]:
         yield met
     finally:
         event.remove(database.engine, "do_connect", fail)
+    while not _answers(database):
+        time.sleep(0.01)
+
+
+def _answers(database: Database) -> bool:
+    try:
+        with database.read():
+            return True
+    except StorageUnavailable:
+        return False
