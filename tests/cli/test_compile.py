@@ -48,6 +48,10 @@ for _ in range(2):  # each in a process of its own, of one interpreter
     assert second == 0
 
 
+def test_the_command_ends_well_and_prints_nothing_where_nobody_looks(run):
+    assert run("compile").output == ""
+
+
 def test_the_parts_call_every_kernel_that_a_job_could_not_keep():
     program = """
 from importlib import import_module

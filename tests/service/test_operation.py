@@ -63,12 +63,18 @@ def test_a_data_folder_on_a_read_only_disk_is_named(seeded):
 
 @pytest.mark.parametrize(
     ("trouble", "words"),
-    [("not mounted", "has no file 'identity'"), ("another one", "is another one")],
+    [
+        ("not mounted", "has no file 'identity'"),
+        ("another one", "is another one"),
+        ("without its folders", "/data/incoming"),
+    ],
 )
 def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, trouble, words):
     identity = store.files.folder / "identity"
     if trouble == "not mounted":
         identity.unlink()
+    elif trouble == "without its folders":
+        (store.files.folder / "incoming").rmdir()
     else:
         identity.write_text("of another service\n")
     ready = seeded.get("/health/ready")
