@@ -39,7 +39,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
     claims = []
 
     def work(block: str) -> None:
-        """Change the job once the stream has told of the change before."""
+        """Change the job once the stream has carried the change before."""
         [(_, job)] = events(block)
         if job == "failed":
             return

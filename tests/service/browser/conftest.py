@@ -76,7 +76,7 @@ class Site:
 @pytest.fixture
 def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[Site]:
     """A running service on the test's store, in front of a browser."""
-    with serving(store, settings, 0) as port:
+    with serving(store, settings, 0, StreamTimes()) as port:
         site = Site(f"http://127.0.0.1:{port}", browser)
         yield site
         for context in browser.contexts:
@@ -94,11 +94,11 @@ def serve(
     store: Store, settings: ServiceSettings, stream_times: StreamTimes
 ) -> Callable[[int], AbstractContextManager[int]]:
     """Runs the service on a port, or on a free one where that is 0, for as long as a test wants."""
-    return partial(serving, store, settings, stream_times)
+    return partial(serving, store, settings, times=stream_times)
 
 
 @contextmanager
-def serving(store: Store, settings: ServiceSettings, times: StreamTimes, port: int) -> Iterator[int]:
+def serving(store: Store, settings: ServiceSettings, port: int, times: StreamTimes) -> Iterator[int]:
     """The application on a loopback port, a free one where it is 0, in a thread."""
     app = create_app(settings, store, lambda _: None)
     app.state.stream_times = times
