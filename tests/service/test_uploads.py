@@ -110,6 +110,7 @@ def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seed
         yield bytes(STEP_BYTES)
         full_disk(left - 1)
         yield bytes(STEP_BYTES)
+        raise AssertionError("more was asked for")
 
     answer = seeded.post(SCANS, content=body())
     assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
