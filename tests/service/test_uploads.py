@@ -102,8 +102,8 @@ def test_a_digest_is_checked(seeded, store, name):
 
 def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seeded, settings, store, full_disk):
     seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 4 * STEP_BYTES}), store, print)
-    promised = seeded.post("/v1/uploads", json={"size_bytes": 90_000}).json()["size_bytes"]
-    left = store.settings.disk_reserve_bytes + promised
+    assert seeded.post("/v1/uploads", json={"size_bytes": 90_000}).status_code == 201
+    left = store.settings.disk_reserve_bytes + store.uploads.promised_bytes()
     full_disk(left + 10_000)
 
     async def body():
