@@ -172,7 +172,7 @@ def asynchronous(app):
 
 
 @pytest.mark.usefixtures("seeded")
-def test_a_digest_that_is_noted_waits_for_none_that_is_computed(store):
+def test_a_digest_that_is_noted_waits_for_none_that_is_computed_and_large_files_take_turns(store):
     note(noted := store.files.folder / "calibrations/example/result.h5")
     app = create_app(ServiceSettings(), store, print)
     app.state.digests = slow = SlowDigests(read_at_once=1)
@@ -182,13 +182,16 @@ def test_a_digest_that_is_noted_waits_for_none_that_is_computed(store):
             asked = asyncio.create_task(client.get(VOLUME))
             try:
                 assert await asyncio.to_thread(slow.begun.wait, 30)
+                next_one = asyncio.create_task(client.get(f"{LOG}/thumbnail.png"))
                 async with asyncio.timeout(60):
                     answer = await client.get(f"{FOUND}/result.h5")
-                assert not asked.done()
+                await asyncio.sleep(0.2)
+                assert (asked.done(), next_one.done()) == (False, False)
                 return answer
             finally:
                 slow.go_on.set()
                 await asked
+                assert (await next_one).status_code == 200
 
     answer = asyncio.run(story())
     assert answer.headers["ETag"] == f'"{hashlib.sha256(noted.read_bytes()).hexdigest()}"'
