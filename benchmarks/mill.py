@@ -127,7 +127,7 @@ def wanted(numbers: range, only: str | None, seed: int) -> Iterator[int]:
             yield number
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Run what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=SCANS)
@@ -136,7 +136,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("build/mill.jsonl"))
     parser.add_argument("--only", choices=("clean", "single", "pair", *EFFECTS))
     parser.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.table is None:
         run(options)
     print(table(read(options.table or options.out)))

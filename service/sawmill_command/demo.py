@@ -4,8 +4,8 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sawmill_command import demo_client, examples
-from sawmill_command.demo_client import DemoError, Json
+from sawmill_command.demo_client import DemoError, Json, running_service
 from sawmill_command.demo_page import LogPair, Section, write_page
 from sawmill_contracts.calibrations import CalibrationSucceeded, FoundGeometry
 from sawmill_formats.output.volume_reader import volume_slice
@@ -36,14 +36,28 @@ from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 # Errors of a tape measure and a spirit level, that is, of the geometry that a mill has without a calibration.
 TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
-VIEWS, SPARSE_VIEWS = 360, 20
-SIZE, FIELD_MM = 256, 400.0
-# Number of pixels along a side of the two pictures that people compare.
-SHOWN_SIZE = 540
+SPARSE_VIEWS, FIELD_MM = 20, 400.0
 TAPED, CALIBRATED = "measured by tape", "calibrated"
 FIRST_LOG_ROW = examples.PHANTOM_ROWS
 
 console = Console()
+
+
+@dataclass(frozen=True)
+class DemoSize:
+    """Size of the demo's work.
+
+    Attributes
+    ----------
+    views
+        Number of views of a simulated scan.
+    slices, shown
+        Numbers of pixels along a side of a slice, and of the two pictures that people compare.
+    """
+
+    views: int = 360
+    slices: int = 256
+    shown: int = 540
 
 
 @dataclass(frozen=True)
@@ -55,8 +69,22 @@ class Truth:
     log_mm: float
 
 
-def run_demo(output: Path) -> int:
-    """Write pictures, HDF5 files and index.html into the folder, and return the exit code."""
+def run_demo(
+    output: Path,
+    size: DemoSize = DemoSize(),
+    service: Callable[[Path], AbstractContextManager[httpx.Client]] = running_service,
+) -> int:
+    """Write pictures, HDF5 files and index.html into a folder, and return the exit code.
+
+    Parameters
+    ----------
+    output
+        The folder.
+    size
+        Size of the work.
+    service
+        Function that runs a service with its files in a folder, and gives a client of it.
+    """
     started = time.perf_counter()
     published = published_data()
     try:
@@ -65,8 +93,8 @@ def run_demo(output: Path) -> int:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-demo-")))
             bar = stack.enter_context(_progress())
             with _step(bar, "Starting the service"):
-                client = stack.enter_context(demo_client.running_service(folder))
-            steps = _Demo(client, output, folder, bar)
+                client = stack.enter_context(service(folder))
+            steps = _Demo(client, output, folder, bar, size)
             sections = [steps.simulated(), steps.bad_day()]
             if published is not None:
                 sections.append(steps.published(published))
@@ -117,16 +145,16 @@ def _step(bar: bars.Progress, what: str) -> Iterator[ProgressCallback]:
 class _Demo:
     """Steps of the demo, each with a progress bar."""
 
-    def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: bars.Progress) -> None:
-        self._client, self._output, self._folder, self._bar = client, output, folder, bar
+    def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: bars.Progress, size: DemoSize) -> None:
+        self._client, self._output, self._folder, self._bar, self._size = client, output, folder, bar, size
 
     def simulated(self) -> Section:
         """Calibrate with a stack of counts in which a log carries the phantom on its end."""
         stack = self._folder / "stack.h5"
         slices = examples.mill_slices()
         with _step(self._bar, "Simulating a log with the phantom on its end"):
-            examples.write_mill_stack(stack, VIEWS, slices)
-            image = slices[FIRST_LOG_ROW].rasterise(SIZE, FIELD_MM)
+            examples.write_mill_stack(stack, self._size.views, slices)
+            image = slices[FIRST_LOG_ROW].rasterise(self._size.slices, FIELD_MM)
         scanner = self._scanner("simulated scanner", examples.SCANNER)
         with _step(self._bar, "Uploading the stack") as on_progress:
             scan = demo_client.upload(
@@ -143,8 +171,8 @@ class _Demo:
         calibrated = self._calibrate("Calibrating (simulated)", scan["id"], None)
         section = self._section(
             "A simulated scan of a log with the phantom on its end",
-            f"{VIEWS} views of raw counts with flat and dark fields; rows 0 to {FIRST_LOG_ROW - 1} show the L-shaped "
-            "phantom, the others the log: growth rings, knots, photon noise.",
+            f"{self._size.views} views of raw counts with flat and dark fields; rows 0 to {FIRST_LOG_ROW - 1} show the "
+            "L-shaped phantom, the others the log: growth rings, knots, photon noise.",
             "simulated",
             calibrated,
         )
@@ -155,7 +183,7 @@ class _Demo:
         """Calibrate with a scan of the phantom that has many defects, and show the calibration's remarks."""
         scan = self._folder / "bad-day.h5"
         with _step(self._bar, "Simulating a bad day at the mill"):
-            examples.write_bad_day(scan, VIEWS)
+            examples.write_bad_day(scan, self._size.views)
         scanner = self._scanner("scanner on a bad day", examples.SCANNER)
         with _step(self._bar, "Uploading its scan") as on_progress:
             spec = {"scanner_id": scanner, "data": "counts", "phantom_id": "l-shape"}
@@ -241,7 +269,7 @@ class _Demo:
         taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
         asks: dict[str, Json] = {CALIBRATED: {"calibration_id": calibrated.id}, TAPED: {"theta": vars(taped)}}
         for name, geometry in asks.items():
-            request = {"scan_id": log_scan, "rows": rows, "size": SIZE, "field_mm": FIELD_MM, **geometry}
+            request = {"scan_id": log_scan, "rows": rows, "size": self._size.slices, "field_mm": FIELD_MM, **geometry}
             path = self._output / f"{prefix}-log-{name.replace(' ', '-')}.h5"
             volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", request, path)
             error = relative_error(volume, truth.image)
@@ -259,7 +287,7 @@ class _Demo:
     def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
         """Draw the first log slice by tape geometry and calibrated, in one grey window; return both file names."""
         first = int(rows.partition(":")[0])
-        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": SHOWN_SIZE, "field_mm": field_mm}
+        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": self._size.shown, "field_mm": field_mm}
         images = {
             name: self._reconstruct(f"Drawing, {name} ({prefix})", {**shown, **geometry}, self._folder / "shown.h5")
             for name, geometry in asks.items()

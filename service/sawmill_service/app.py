@@ -12,7 +12,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
-from sawmill_service.event_feed import EventFeed
+from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.bodies.forms import check_csrf
 from sawmill_service.http.bodies.sent_json import check_body
 from sawmill_service.http.bodies.slow_bodies import SlowBodies
@@ -26,6 +26,7 @@ from sawmill_service.http.problems import install
 from sawmill_service.http.queries import check_query
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.responses.arrays import HeldBytes
 from sawmill_service.http.responses.digests import Digests
 from sawmill_service.http.responses.head_requests import Heads
 from sawmill_service.http.responses.waiting import JobEnds
@@ -154,6 +155,8 @@ def create_app(
     app.state.stopping = Stopping()
     app.state.digests = Digests()
     app.state.transfers = Transfers()
+    app.state.held_arrays = HeldBytes()
+    app.state.stream_times = StreamTimes()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     app.state.job_ends = JobEnds(app.state.event_feed, app.state.stopping, settings.event_poll_s)
     install(app)

@@ -20,7 +20,7 @@ from sawmill_platform.ledger.events import Events
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_service.access import Access, Caller, caller_of
-from sawmill_service.event_feed import EventFeed
+from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
@@ -104,5 +104,6 @@ TheStopping = Annotated[Stopping, _of_app("stopping")]
 TheAccess = Annotated[Access, _of_app("access")]
 TheSessionCookie = Annotated[SessionCookie, _of_app("session_cookie")]
 TheEventFeed = Annotated[EventFeed, _of_app("event_feed")]
+TheStreamTimes = Annotated[StreamTimes, _of_app("stream_times")]
 TheTransfers = Annotated[Transfers, _of_app("transfers")]
 TheCaller = Annotated[Caller, Depends(_caller)]

@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Header
@@ -28,12 +29,28 @@ LastEventId = Annotated[
 ]
 """Header `Last-Event-ID` of every stream of events."""
 
-_KEPT = 2000  # newest events in memory; a stream that is further behind reads the table itself
 _BATCH = 500
-# A read that takes longer, or fails, is an outage for every stream until a read succeeds.
-_PATIENCE_S = 3.0
-# After this time without a follower, a new reader is cheaper than reading all events since then.
-_FORGOTTEN_S = 60.0
+
+
+@dataclass(frozen=True)
+class StreamTimes:
+    """Times of the streams of events and of the pages that follow one, in seconds.
+
+    Attributes
+    ----------
+    alive_s
+        Silence after which `alive` is sent.
+    access_s
+        Time between two checks of the caller's key: a stream ends this soon after its key.
+    lost_s, silent_s
+        Times without a connection, and without an event on one, after which a page says that its data may be old. A
+        lost connection is restored within a second.
+    """
+
+    alive_s: float = 5.0
+    access_s: float = 30.0
+    lost_s: float = 4.0
+    silent_s: float = 12.0
 
 
 class EventFeed:
@@ -45,12 +62,21 @@ class EventFeed:
         Table of events.
     poll_s
         Time between two reads while a stream follows, s.
+    kept
+        Number of the newest events in memory; a stream that is further behind reads the table itself.
+    patience_s
+        Time after which a read counts as an outage, s; it is one for every stream until a read succeeds.
+    forgotten_s
+        Time without a follower after which a new reader is cheaper than reading all events since then, s.
     """
 
-    def __init__(self, events: Events, poll_s: float) -> None:
+    def __init__(
+        self, events: Events, poll_s: float, *, kept: int = 2000, patience_s: float = 3.0, forgotten_s: float = 60.0
+    ) -> None:
         self._events, self._poll_s = events, poll_s
+        self._patience_s, self._forgotten_s = patience_s, forgotten_s
         self._reader: EventReader | None = None
-        self._recent: deque[Event] = deque(maxlen=_KEPT)
+        self._recent: deque[Event] = deque(maxlen=kept)
         # `_recent` has the events after the first number up to the second; `_reader` is ahead while a thread reads.
         self._complete_from = self._complete_through = 0
         self._polled_at_s = float("-inf")
@@ -107,7 +133,7 @@ class EventFeed:
             return
         self._polling_since_s = time.monotonic()
         try:
-            if self._reader is None or since_s > _FORGOTTEN_S:
+            if self._reader is None or since_s > self._forgotten_s:
                 self._reader = await run_in_threadpool(self._events.reader)
                 self._recent.clear()
                 self._complete_from = self._complete_through = self._reader.number
@@ -120,11 +146,11 @@ class EventFeed:
             self._polling_since_s = None
 
     def _hangs(self) -> bool:
-        return self._polling_since_s is not None and time.monotonic() - self._polling_since_s > _PATIENCE_S
+        return self._polling_since_s is not None and time.monotonic() - self._polling_since_s > self._patience_s
 
     def _keep(self, events: Sequence[Event]) -> None:
         for event in events:
-            if len(self._recent) == _KEPT:
+            if len(self._recent) == self._recent.maxlen:
                 self._complete_from = self._recent[0].number
             self._recent.append(event)
             self._complete_through = event.number

@@ -42,20 +42,27 @@ class Measures(Collector):
     """Collector of metrics; without the database or the data folder it reports their absence and leaves the rest out.
 
     Requests that come during a count share one count that starts after they came.
+
+    Parameters
+    ----------
+    store
+        Store that is counted.
+    clock_s
+        Clock that never goes back, s.
     """
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
+    def __init__(self, store: Store, *, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._store, self._clock_s = store, clock_s
         self._lock = threading.Lock()
         self._begun_at = float("-inf")
         self._counted: list[Metric] = []
 
     def collect(self) -> Iterable[Metric]:
         """Count everything in its present state."""
-        came_at = time.monotonic()
+        came_at = self._clock_s()
         with self._lock:
             if self._begun_at < came_at:
-                begun_at = time.monotonic()
+                begun_at = self._clock_s()
                 self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], begun_at
             return self._counted
 

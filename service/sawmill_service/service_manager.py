@@ -7,7 +7,7 @@ import math
 import os
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import structlog
 
@@ -19,13 +19,18 @@ class ServiceManager:
     ----------
     environment
         Environment that may hold `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
+    clock_s
+        Clock that never goes back, s.
     """
 
-    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+    def __init__(
+        self, environment: Mapping[str, str] = os.environ, *, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._clock_s = clock_s
         self._address = environment.get("NOTIFY_SOCKET", "")
         watched = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self._period_s = int(environment.get("WATCHDOG_USEC", 0)) / 2e6 if watched else 0.0
-        self._due = time.monotonic() if self._period_s else math.inf
+        self._due = clock_s() if self._period_s else math.inf
 
     def report(self, state: str) -> None:
         """Send a state, as `READY=1`; log a state that cannot be sent."""
@@ -41,6 +46,7 @@ class ServiceManager:
 
     def show_life(self) -> None:
         """Send a sign of life if one is due; the service's loop calls this several times a second while it runs."""
-        if time.monotonic() >= self._due:
-            self._due = time.monotonic() + self._period_s
+        now_s = self._clock_s()
+        if now_s >= self._due:
+            self._due = now_s + self._period_s
             self.report("WATCHDOG=1")

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 
 import mill
 import mill_scans
@@ -23,9 +22,8 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("place", range(4), ids=["clean", "one effect", "another", "two effects"])
-def test_no_scan_of_a_mill_passes_wrongly(place, monkeypatch):
+def test_no_scan_of_a_mill_passes_wrongly(place):
     """Four of each kind with up to 90 views, of which a scan takes half a second; the study itself has thousands."""
-    monkeypatch.setattr(mill, "effect_mm", lambda _: None)
     numbers = [n for n in range(place, 120, 4) if StudyScan.of(n, SEED).setting.angles_rad.size <= FEW_VIEWS][:4]
     found = [Outcome.of(mill.outcome(number, SEED)) for number in numbers]
     assert not [one.number for one in found if one.wrong]
@@ -133,11 +131,10 @@ def test_causes_are_read_up_to_the_remedy():
     assert not names_it("slip", frozenset({"slip", "wood", "blur", "lag"}))
 
 
-def test_the_study_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+def test_the_study_goes_on_where_it_stopped(tmp_path, capsys):
     out = tmp_path / "results.jsonl"
     done = {"number": 0, "kind": "clean", "sizes": {}, "refused": "flat-scan"}
     out.write_text(json.dumps(done) + "\n" + '{"number": 4, "half a li')
-    monkeypatch.setattr(sys, "argv", ["mill.py", "--scans", "1", "--jobs", "1", "--out", str(out)])
-    mill.main()
+    mill.main(["--scans", "1", "--jobs", "1", "--out", str(out)])
     assert "1 x flat-scan" in capsys.readouterr().out
     assert [json.loads(line) for line in out.read_text().splitlines()] == [done]

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import h5py
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from PIL import Image
 
 from sawmill_contracts.calibrations import CalibrationFile
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
-from sawmill_worker.use_cases.scans import scan_rows
+from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.use_cases.scans.scan_rows import ScanRows
 
 pytestmark = pytest.mark.slow
 
@@ -172,12 +175,34 @@ def test_a_verdict_of_fail_is_an_answer(run, phantom_scan, tmp_path):
     assert document["reasons"]
 
 
-def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, monkeypatch):
-    # 60 views, 2 rows and 256 cells of 4 bytes, and nine tenths of what is free.
-    monkeypatch.setattr(scan_rows, "memory_available", lambda: 136_000)
-    reported = failure("calibrate", phantom_scan, *KNOWN, *L)
+def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, tmp_path):
+    """The file has room for a hundred million rows, of which none was ever written."""
+    shutil.copy(phantom_scan, tmp_path / "tall.h5")
+    with h5py.File(tmp_path / "tall.h5", "r+") as file:
+        detector = file["entry/instrument/detector"]
+        attributes = dict(detector["data"].attrs)
+        del detector["data"]
+        data = detector.create_dataset("data", (60, 10**8, 256), np.float32, chunks=(60, 1, 256))
+        data.attrs.update(attributes)
+    reported = failure("calibrate", tmp_path / "tall.h5", *KNOWN, *L)
     assert reported["code"] == "too-large"
-    assert reported["detail"] == "2 rows need 122880 bytes in memory and 122400 are free; ask for fewer with --rows"
+    assert "needs 6144000000000 bytes as float32" in reported["detail"]
+    rows = ScanRows(
+        read=lambda *_: pytest.fail("something was read"),
+        read_row=lambda *_: pytest.fail("something was read"),
+        usable_rows=(0, 10**8),
+        angles_rad=np.linspace(0.0, 6.0, 60),
+        rows=(0, 10**8),
+        row_step=1,
+        scanner=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5),
+        counts=False,
+        sha256="0" * 64,
+        remarks=(),
+        on_progress=lambda _: None,
+    )
+    needed = r"100000000 rows need 6144000000000 bytes in memory and \d+ are free; ask for fewer with --rows"
+    with pytest.raises(JobFailure, match=needed):
+        rows.stack()
 
 
 def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_scan, tmp_path):

@@ -11,7 +11,6 @@ import pytest
 
 import sawmill_service
 import sawmill_worker
-from sawmill_worker.commands import compile as compiling
 from sawmill_worker.commands.compile import bytecode_folders, compile_bytecode, compile_kernels
 
 pytestmark = pytest.mark.slow
@@ -49,8 +48,7 @@ for _ in range(2):  # each in a process of its own, of one interpreter
     assert second == 0
 
 
-def test_the_command_ends_well_and_prints_nothing_where_nobody_looks(run, monkeypatch):
-    monkeypatch.setattr(compiling, "PARTS", {})  # it reports the beginning alone
+def test_the_command_ends_well_and_prints_nothing_where_nobody_looks(run):
     assert run("compile").output == ""
 
 
@@ -74,14 +72,13 @@ for found in walk_packages(tomography.__path__, "sawmill_tomography."):
     assert done.stdout == ""
 
 
-def test_every_part_is_reported_and_a_failure_is_no_silence(monkeypatch):
+def test_every_part_is_reported_and_a_failure_is_no_silence(capfd):
     progress = []
-    monkeypatch.setattr(compiling, "PARTS", {"slices": None})
-    compile_kernels(progress.append)
+    compile_kernels(progress.append, ["slices"])
     assert [(one.fraction, one.stage) for one in progress] == [(0.0, "slices"), (1.0, "done")]
-    monkeypatch.setattr(compiling, "PARTS", {"no such part": None})
+    assert capfd.readouterr() == ("", ""), "nothing is printed"
     with pytest.raises(subprocess.CalledProcessError):
-        compile_kernels(progress.append)
+        compile_kernels(progress.append, ["no such part"])
 
 
 def test_byte_code_that_is_missing_is_compiled(tmp_path):

@@ -15,12 +15,10 @@ from results import CONSTANTS
 
 from sawmill_command.doctor import machine
 from sawmill_command.doctor.findings import State
-from sawmill_command.doctor.science import kernels
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.database import clock
 from sawmill_platform.errors import StorageMisconfigured
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import refuse_second, serving_process, sole_service
@@ -200,12 +198,11 @@ def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url)
     assert "wrong-word" not in json.dumps(finding)
 
 
-def test_a_clock_that_is_off(found, data, monkeypatch):
+def test_a_clock_that_is_off(found, data, moved_clock):
     store = Store(StorageSettings(data_folder=data))
     store.database.start_clock()
     store.close()
-    offset_s = clock.machine_offset_s()
-    monkeypatch.setattr(clock, "machine_offset_s", lambda: offset_s + 7200.0)
+    moved_clock(ahead_s=7200.0)
     assert "+7200" in found("clock", code=0)["sentence"]
 
 
@@ -272,26 +269,11 @@ def test_the_disk_s_own_folder_is_nobody_s_fault(run, data):
     run("doctor", "--data", data)
 
 
-def test_a_disk_that_is_mounted_read_only(found, monkeypatch):
-    statvfs = os.statvfs
-    monkeypatch.setattr("os.statvfs", lambda path: ReadOnly(statvfs(path)))
+@pytest.mark.usefixtures("read_only_disk")
+def test_a_disk_that_is_mounted_read_only(found):
     finding = found("data folder")
     assert "is on a disk that is read-only" in finding["sentence"]
     assert "chown" not in finding["cure"]
-
-
-class ReadOnly:
-    """What a file system says of itself, but that it is read-only."""
-
-    def __init__(self, status: os.statvfs_result) -> None:
-        self._status = status
-
-    @property
-    def f_flag(self) -> int:
-        return self._status.f_flag | os.ST_RDONLY
-
-    def __getattr__(self, name: str) -> int:
-        return getattr(self._status, name)
 
 
 @pytest.mark.parametrize("content", [None, "of another service"])
@@ -349,15 +331,17 @@ def test_beyond_loopback_without_a_key(found, run, data, monkeypatch):
     run("doctor", "--data", data)
 
 
-def test_a_package_that_is_too_old(monkeypatch):
-    monkeypatch.setattr(machine, "requires", lambda _: ["numpy>=999", "no-such-package-of-ours", "h5py; extra == 'x'"])
-    sentences = [finding.sentence for finding in machine.packages() if finding.state is State.BAD]
+def test_a_package_that_is_too_old():
+    findings = machine.wrong_packages(["numpy>=999", "no-such-package-of-ours", "h5py; extra == 'x'", "numpy>=1"])
+    sentences = [finding.sentence for finding in findings if finding.state is State.BAD]
     assert [sentence.partition(" is needed")[0] for sentence in sentences] == ["numpy>=999", "no-such-package-of-ours"]
 
 
-def test_kernels_that_were_never_compiled(monkeypatch):
-    monkeypatch.setattr("sawmill_command.doctor.science.holds_all", lambda _: False)
-    assert "run sawmill compile" in kernels().cure
+def test_kernels_that_were_never_compiled(tmp_path):
+    program = "from sawmill_command.doctor.science import kernels; print(kernels().cure)"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert "run sawmill compile" in done.stdout
 
 
 def test_a_network_file_system_is_known_by_its_mount(tmp_path):

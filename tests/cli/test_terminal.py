@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from contextlib import redirect_stderr
 
 import pytest
 import typer
@@ -79,7 +80,6 @@ def test_a_long_sentence_stays_one_line_and_brackets_stay_brackets(capsys):
     assert capsys.readouterr().err == sentence + "\n"
 
 
-def test_a_command_whose_standard_error_is_closed_shows_no_progress(monkeypatch):
-    monkeypatch.setattr("sys.stderr", None)
-    with showing_progress("counting") as report:
+def test_a_command_whose_standard_error_is_closed_shows_no_progress():
+    with redirect_stderr(None), showing_progress("counting") as report:
         report(Progress(fraction=0.5, stage="half"))

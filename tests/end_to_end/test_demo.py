@@ -13,10 +13,8 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-import sawmill_command.demo
-from sawmill_command import demo_client
 from sawmill_command.commands import main
-from sawmill_command.demo import run_demo
+from sawmill_command.demo import DemoSize, run_demo
 
 pytestmark = pytest.mark.slow
 
@@ -56,10 +54,8 @@ def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
 def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, embedded, monkeypatch, capsys):
     """A service that runs already does its jobs; the nightly demo starts its own."""
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
-    monkeypatch.setattr(demo_client, "running_service", lambda _: nullcontext(embedded.client))
-    for name, value in {"VIEWS": 60, "SIZE": 64, "SHOWN_SIZE": 96}.items():
-        monkeypatch.setattr(sawmill_command.demo, name, value)
-    assert run_demo(tmp_path / "out") == 0
+    size = DemoSize(views=60, slices=64, shown=96)
+    assert run_demo(tmp_path / "out", size, lambda _: nullcontext(embedded.client)) == 0
     check_demo(tmp_path / "out", capsys.readouterr().out, errors_mm=(0.1, 0.2), relative_error=0.15, size=64)
 
 

@@ -5,7 +5,7 @@ import io
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack, redirect_stderr
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -67,6 +67,25 @@ class Client:
                 return await client.request(method, path, **options)
 
         return asyncio.run(send())
+
+    def follow(self, path: str, heard: Callable[[str], object]) -> str:
+        """Read a stream to its end, and show each block in a thread as it comes: the stream goes on after that."""
+        url, blocks = httpx.URL(ORIGIN, path=path), list[str]()
+        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
+        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": b"", "scheme": url.scheme}
+        scope |= {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+        asked = [{"type": "http.request", "body": b"", "more_body": False}]
+
+        async def receive() -> dict[str, Any]:
+            return asked.pop() if asked else await asyncio.Future()
+
+        async def send(message: dict[str, Any]) -> None:
+            for block in message.get("body", b"").decode().split("\n\n")[:-1]:
+                blocks.append(block)
+                await asyncio.to_thread(heard, block)
+
+        asyncio.run(asyncio.wait_for(self.app(scope, receive, send), 60))
+        return "\n\n".join([*blocks, ""])
 
     def get(self, path: str, **options: Any) -> httpx.Response:
         return self.request("GET", path, **options)
@@ -133,15 +152,16 @@ def woken() -> list[str]:
 
 
 @pytest.fixture
-def log_text(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Literal["console", "json"]], io.StringIO]]:
+def log_text() -> Iterator[Callable[[Literal["console", "json"]], io.StringIO]]:
     """Starts this process's log in a format, and gives what is written from then on."""
 
     def start(log_format: Literal["console", "json"]) -> io.StringIO:
-        monkeypatch.setattr("sys.stderr", text := io.StringIO())
+        text = redirected.enter_context(redirect_stderr(io.StringIO()))
         configure_logs(log_format)
         return text
 
-    yield start
+    with ExitStack() as redirected:
+        yield start
     log_plainly()
 
 

@@ -4,7 +4,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from sawmill_contracts.scanners import AlarmLimits
+from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
+from sawmill_service.scanner_conditions import SHOWN_SCANNERS
 from sawmill_store.store import Store
 
 
@@ -50,9 +51,12 @@ def test_every_alarm_of_a_scanner_that_is_not_fine_is_on_the_first_page(seeded, 
     assert "Counted from:" in seeded.get("/scanners/example-spare").text
 
 
-def test_alarms_beyond_the_scanners_that_metrics_show_are_counted(seeded, later, monkeypatch):
+def test_alarms_beyond_the_scanners_that_metrics_show_are_counted(seeded, store, later):
     later.alarms.check()
-    monkeypatch.setattr("sawmill_service.scanner_conditions.SHOWN_SCANNERS", 1)
+    spare = ScannerSpec.model_validate(store.scanners.get("example-spare").model_dump(include={"name", "constants"}))
+    with store.database.write_as_one():
+        for _ in range(SHOWN_SCANNERS):
+            store.scanners.create(spare)
     scraped = seeded.get("/metrics").text
     assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in scraped
     assert 'sawmill_scanner_calibration_failed{scanner="example"}' not in scraped

@@ -9,7 +9,7 @@ from PIL import Image
 from sawmill_contracts import job_kinds
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
-from sawmill_worker.pictures import calibration_report
+from sawmill_store.mill_files import MillFiles
 
 
 @pytest.mark.slow
@@ -42,25 +42,35 @@ def test_the_files_are_what_the_job_wrote(seeded, tmp_path):
     assert seeded.get("/v1/calibrations/example/result.h5", headers=held).status_code == 304
 
 
+class WatchedFiles(MillFiles):
+    """A data folder that counts how often something is made for it, and tells of it before that is kept."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.made, self.before_keeping = [], lambda: None
+
+    def kept(self, kind, subject_id, name, make, **options):
+        def counted():
+            content = make()
+            self.made.append(name)
+            self.before_keeping()
+            return content
+
+        return super().kept(kind, subject_id, name, counted, **options)
+
+
 @pytest.fixture
-def drawn(monkeypatch):
-    """How often the small picture was drawn."""
-    times = []
-    overlay_png = calibration_report.overlay_png
-
-    def counted(result, arrays):
-        times.append(result.phantom)
-        return overlay_png(result, arrays)
-
-    monkeypatch.setattr(calibration_report, "overlay_png", counted)
-    return times
+def drawn(store):
+    """The pictures that were drawn."""
+    store.files = WatchedFiles(store.files.folder)
+    return store.files.made
 
 
 def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, drawn):
     folder = store.files.results(job_kinds.CALIBRATE, "example")
     assert [path.name for path in folder.iterdir()] == ["result.h5"]
     first, second = (seeded.get("/v1/calibrations/example/overlay.png") for _ in range(2))
-    assert drawn == ["L-shape"]
+    assert drawn == ["overlay.png"]
     assert first.content == second.content == (folder / "overlay.png").read_bytes()
     assert Image.open(io.BytesIO(first.content)).size == (900, 820)
     assert {path.name for path in folder.iterdir()} == {"result.h5", "overlay.png"}
@@ -86,16 +96,13 @@ def test_a_picture_of_an_older_version_stays(seeded, store):
     assert seeded.get("/v1/calibrations/example/report.png").content == b"drawn by the job"
 
 
-def test_a_picture_cannot_outlive_its_calibration(store, seeded, monkeypatch):  # noqa: ARG001 - fills the store
+@pytest.mark.usefixtures("seeded")
+def test_a_picture_cannot_outlive_its_calibration(store, drawn):
     folder = store.files.results(job_kinds.CALIBRATE, "example")
-
-    def removed_meanwhile(result, arrays):  # noqa: ARG001
-        store.files.remove(folder)
-        return b"late"
-
-    monkeypatch.setattr(calibration_report, "overlay_png", removed_meanwhile)
+    store.files.before_keeping = lambda: store.files.remove(folder)
     with pytest.raises(NotFound):
         calibration_picture(store.files, "example", CalibrationPicture.OVERLAY)
+    assert drawn == ["overlay.png"]
     assert not folder.exists()
     assert list((store.files.folder / "incoming").iterdir()) == []
 

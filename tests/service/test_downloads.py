@@ -12,10 +12,9 @@ import pytest
 from documented import check_documented
 
 from sawmill_contracts import job_kinds
-from sawmill_platform.files import digests as noted_digests
-from sawmill_platform.files.digests import note_digests
+from sawmill_platform.files.digests import compute_digest, note_digest
 from sawmill_service.app import create_app
-from sawmill_service.http.responses import digests
+from sawmill_service.http.responses.digests import Digests
 from sawmill_service.settings import ServiceSettings
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
@@ -90,15 +89,15 @@ def test_the_audit_is_sent_again_when_there_is_a_new_entry(seeded):
     assert longer.text.count("\n") == first.text.count("\n") + 1
 
 
-def test_a_picture_is_drawn_once_for_head_and_get(seeded, monkeypatch):
+def test_a_picture_is_drawn_once_for_head_and_get(seeded, store):
     path = f"{LOG}/slices/2.png"
     head = seeded.request("HEAD", path)
-    monkeypatch.setattr("sawmill_worker.pictures.images.image_png", None)
+    store.files.volume("example").write_bytes(b"of which nothing can be drawn")
     assert seeded.get(path).headers["ETag"] == head.headers["ETag"]
 
 
-def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(seeded, store, monkeypatch):
-    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
+def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(seeded, store):
+    seeded.app.state.digests = Digests(noted_from_bytes=1)
     first = seeded.get(VOLUME).headers["ETag"]
     path = store.files.volume("example")
     note = path.with_name(f".{path.name}.sha256")
@@ -112,12 +111,19 @@ def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(see
     assert seeded.get(VOLUME).json()["code"] == "result-damaged"
 
 
-def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store, monkeypatch):
-    for module in (digests, noted_digests):
-        monkeypatch.setattr(module, "NOTED_FROM_BYTES", 1)
+def note(path):
+    """Note a file's digest as a worker notes that of a large one."""
+    note_digest(path, path.stat(), compute_digest(path, path.stat()))
+
+
+def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store):
+    class NeverComputed(Digests):
+        def compute(self, path, _):
+            pytest.fail(f"{path} was read")
+
     path = store.files.volume("example")
-    note_digests(path.parent)
-    monkeypatch.setattr(digests, "compute_digest", None)
+    note(path)
+    seeded.app.state.digests = NeverComputed()
     assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(path.read_bytes()).hexdigest()}"'
 
 
@@ -132,8 +138,8 @@ GARBLED = {
 
 
 @pytest.mark.parametrize("garbled", GARBLED)
-def test_a_note_that_is_none_is_written_anew(seeded, store, monkeypatch, garbled):
-    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
+def test_a_note_that_is_none_is_written_anew(seeded, store, garbled):
+    seeded.app.state.digests = Digests(noted_from_bytes=1)
     path = store.files.volume("example")
     status = path.stat()
     note = path.with_name(f".{path.name}.sha256")
@@ -145,25 +151,19 @@ def test_a_note_that_is_none_is_written_anew(seeded, store, monkeypatch, garbled
     assert note.read_text() == f"{digest} {stamp.decode()}"
 
 
-class Slow:
-    """Computes the digests of volumes when it is let go on."""
+class SlowDigests(Digests):
+    """Computes the digests of volumes when it is let go on; every file is large."""
 
-    def __init__(self):
+    def __init__(self, **bounds):
+        super().__init__(noted_from_bytes=1, **bounds)
         self.begun, self.go_on, self.computed = Event(), Event(), []
 
-    def __call__(self, path, status):
+    def compute(self, path, status):
         if path.name == "volume.h5":
             self.computed.append(path)
             self.begun.set()
             assert self.go_on.wait(60)
-        return noted_digests.compute_digest(path, status)
-
-
-@pytest.fixture
-def slow(monkeypatch):
-    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
-    monkeypatch.setattr(digests, "compute_digest", slowly := Slow())
-    return slowly
+        return super().compute(path, status)
 
 
 def asynchronous(app):
@@ -172,34 +172,36 @@ def asynchronous(app):
 
 
 @pytest.mark.usefixtures("seeded")
-def test_a_digest_that_is_noted_waits_for_none_that_is_computed(store, monkeypatch, slow):
-    monkeypatch.setattr(noted_digests, "NOTED_FROM_BYTES", 1)
-    monkeypatch.setattr(digests, "_READ_AT_ONCE", 1)
-    noted = store.files.folder / "calibrations/example/result.h5"
-    note_digests(noted.parent)
+def test_a_digest_that_is_noted_waits_for_none_that_is_computed_and_large_files_take_turns(store):
+    note(noted := store.files.folder / "calibrations/example/result.h5")
     app = create_app(ServiceSettings(), store, print)
+    app.state.digests = slow = SlowDigests(read_at_once=1)
 
     async def story():
         async with asynchronous(app) as client:
             asked = asyncio.create_task(client.get(VOLUME))
             try:
                 assert await asyncio.to_thread(slow.begun.wait, 30)
+                next_one = asyncio.create_task(client.get(f"{LOG}/thumbnail.png"))
                 async with asyncio.timeout(60):
                     answer = await client.get(f"{FOUND}/result.h5")
-                assert not asked.done()
+                await asyncio.sleep(0.2)
+                assert (asked.done(), next_one.done()) == (False, False)
                 return answer
             finally:
                 slow.go_on.set()
                 await asked
+                assert (await next_one).status_code == 200
 
     answer = asyncio.run(story())
     assert answer.headers["ETag"] == f'"{hashlib.sha256(noted.read_bytes()).hexdigest()}"'
 
 
 @pytest.mark.usefixtures("seeded")
-def test_many_that_wait_for_a_digest_hold_no_thread(store, slow):
+def test_many_that_wait_for_a_digest_hold_no_thread(store):
     """More than the service has threads; two that are gone meanwhile take nothing from the others."""
     app = create_app(ServiceSettings(max_requests_at_once=1000), store, print)
+    app.state.digests = slow = SlowDigests()
 
     async def story():
         async with asynchronous(app) as client:
@@ -220,12 +222,13 @@ def test_many_that_wait_for_a_digest_hold_no_thread(store, slow):
     assert len(slow.computed) == 1
 
 
-def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded, monkeypatch):
-    def gone(path, _):
-        path.unlink()
-        return path.read_bytes()
+def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded):
+    class GoneMeanwhile(Digests):
+        def compute(self, path, status):
+            path.unlink()
+            return super().compute(path, status)
 
-    monkeypatch.setattr(digests, "compute_digest", gone)
+    seeded.app.state.digests = GoneMeanwhile()
     answer = seeded.get(VOLUME)
     assert (answer.status_code, answer.json()["code"]) == (404, "file-missing")
 

@@ -9,14 +9,17 @@ from typing import Any
 
 import httpx
 import pytest
+from machine_faults import database_away
 
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.ledger.event_reader import EventReader
-from sawmill_service import event_feed
+from sawmill_platform.ledger.events import Events
 from sawmill_service.app import create_app
-from sawmill_service.routes import events as route
+from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.store import Store
 
 HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
 
@@ -30,20 +33,71 @@ def blocks(text: str) -> list[dict[str, Any]]:
     return found
 
 
+class WatchedEvents(Events):
+    """The table of events, on which a test looks while a feed reads it.
+
+    Attributes
+    ----------
+    reads : int
+        Number of looks at the table that have ended.
+    through : int
+        Number of the event through which the newest reader has read.
+    before, after
+        Called before and after each look, to hold it or to let it fail.
+    """
+
+    def __init__(self, store: Store) -> None:
+        super().__init__(store.database)
+        self.reads = self.through = 0
+        self.before: Callable[[], object] = lambda: None
+        self.after: Callable[[], object] = lambda: None
+
+    def reader(self) -> EventReader:
+        return WatchedReader(self, super().reader())
+
+
+class WatchedReader:
+    """A reader that tells its table of each look."""
+
+    def __init__(self, events: WatchedEvents, reader: EventReader) -> None:
+        self._events, self._reader = events, reader
+
+    @property
+    def number(self) -> int:
+        return self._reader.number
+
+    def read(self) -> list[Event]:
+        self._events.before()
+        found = self._reader.read()
+        self._events.after()
+        self._events.reads, self._events.through = self._events.reads + 1, self._reader.number
+        return found
+
+
 @pytest.fixture
-def follow(seeded, store) -> Callable[..., list[dict[str, Any]]]:
+def watched(seeded, store) -> WatchedEvents:
+    """The table that the service's feed reads."""
+    events = WatchedEvents(store)
+    seeded.app.state.event_feed = EventFeed(events, seeded.app.state.settings.event_poll_s)
+    return events
+
+
+@pytest.fixture
+def follow(seeded, store, watched) -> Callable[..., list[dict[str, Any]]]:
     """Listens to a stream while something is done, and until the service stops."""
-    stopping, feed = seeded.app.state.stopping, seeded.app.state.event_feed
+    stopping = seeded.app.state.stopping
 
     def act(do: Callable[[], None], ended: threading.Event) -> None:
-        begun_at_s = time.monotonic()
-        wait_until(lambda: feed._polled_at_s > begun_at_s)
-        do()
-        newest = store.events.newest_number()
-        # A stream that ends with its key may do so before anybody has read of the key's end.
-        wait_until(lambda: ended.is_set() or feed._reader.number >= newest)
-        ended.wait(HEARD_S)
-        stopping.begin()
+        reads_before = watched.reads
+        wait_until(lambda: watched.reads > reads_before)
+        try:
+            do()
+            newest = store.events.newest_number()
+            # A stream that ends with its key may do so before anybody has read of the key's end.
+            wait_until(lambda: ended.is_set() or watched.through >= newest)
+            ended.wait(HEARD_S)
+        finally:
+            stopping.begin()
 
     def listen(do: Callable[[], None] = lambda: None, query: str = "", **headers: str) -> list[dict[str, Any]]:
         stopping.begun, ended = False, threading.Event()
@@ -113,30 +167,28 @@ def test_a_stream_of_one_scanner_leaves_the_others_out(seeded, follow):
     assert int(heard[-1]["id"]) >= int(heard[-2]["id"])
 
 
-def test_silence_is_broken_and_an_outage_is_outlived(store, follow, monkeypatch):
-    monkeypatch.setattr(route, "ALIVE_S", 0.02)
-    read, away = EventReader.read, []
+def test_silence_is_broken_and_an_outage_is_outlived(seeded, store, follow):
+    seeded.app.state.stream_times = StreamTimes(alive_s=0.02)
 
-    def sometimes(reader: EventReader) -> list:
-        away.append(None)
-        if 5 < len(away) < 12:
-            raise StorageUnavailable("the database does not answer: away")
-        return read(reader)
+    def go_away_and_come_back() -> None:
+        with database_away(store.database) as met:
+            assert met.wait(60.0)
+            time.sleep(HEARD_S)
+        store.schedules.delete("example")
 
-    monkeypatch.setattr(EventReader, "read", sometimes)
-    heard = follow(lambda: store.schedules.delete("example"))
+    heard = follow(go_away_and_come_back)
     names = [block.get("event", "comment") for block in heard]
     assert {"alive", "comment", "schedule-deleted"} <= set(names)
     assert names.index("comment") < len(names) - 1 - names[::-1].index("alive")
 
 
 @pytest.mark.parametrize("patience_s", [0.0, 60.0], ids=["hangs", "has-failed"])
-def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypatch, patience_s):
-    monkeypatch.setattr(event_feed, "_PATIENCE_S", patience_s)
-    feed = event_feed.EventFeed(store.events, 0.0)
-    goes_on, slow, read = threading.Event(), threading.Event(), EventReader.read
+def test_no_stream_calls_a_database_alive_that_another_waits_for(store, patience_s):
+    events = WatchedEvents(store)
+    feed = EventFeed(events, 0.0, patience_s=patience_s)
+    goes_on, slow = threading.Event(), threading.Event()
 
-    def away(_: EventReader) -> list:
+    def away() -> None:
         slow.set()
         goes_on.wait(60.0)
         raise StorageUnavailable("the database does not answer: away")
@@ -150,7 +202,7 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
 
     async def story() -> list[str]:
         heard = [await after()]
-        monkeypatch.setattr(EventReader, "read", away)
+        events.before = away
         if patience_s:  # one look has failed; the next one has only begun
             goes_on.set()
             heard.append(await after())
@@ -161,7 +213,7 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
         heard.append(await after())
         goes_on.set()
         heard.append(await looking)
-        monkeypatch.setattr(EventReader, "read", read)
+        events.before = lambda: None
         return [*heard, await after()]
 
     first, *outage, last = asyncio.run(story())
@@ -169,29 +221,34 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
 
 
 class Held:
-    """Does what a function does, but hands its answer over when the test lets it."""
+    """Holds who comes until the test lets it go on."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function, self.done, self.goes_on = function, threading.Event(), threading.Event()
+    def __init__(self) -> None:
+        self.begun, self.goes_on = threading.Event(), threading.Event()
 
-    def __call__(self, *given: Any, **named: Any) -> Any:
-        answer = self.function(*given, **named)
-        self.done.set()
+    def __call__(self) -> None:
+        self.begun.set()
         assert self.goes_on.wait(60.0)
-        return answer
 
 
 @pytest.mark.usefixtures("seeded")
-def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store, monkeypatch):
-    monkeypatch.setattr(event_feed, "_FORGOTTEN_S", -1.0)
-    feed = event_feed.EventFeed(store.events, -1.0)
-    slow = Held(store.events.following)
+def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store):
+    slow = Held()
+
+    class SlowForTheFirst(Events):
+        """Hands older events over when the test lets it, to whom asks first."""
+
+        def following(self, *given: Any, **named: Any) -> list[Event]:
+            found = super().following(*given, **named)
+            if not slow.begun.is_set():
+                slow()
+            return found
+
+    feed = EventFeed(SlowForTheFirst(store.database), -1.0, forgotten_s=-1.0)
 
     async def story() -> list[int]:
-        with monkeypatch.context() as patched:
-            patched.setattr(store.events, "following", slow)
-            behind = asyncio.create_task(feed.after(0))
-            await asyncio.to_thread(slow.done.wait, 60.0)
+        behind = asyncio.create_task(feed.after(0))
+        await asyncio.to_thread(slow.begun.wait, 60.0)
         store.schedules.delete("example")
         await feed.after(store.events.newest_number())
         slow.goes_on.set()
@@ -202,21 +259,18 @@ def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store, mon
 
 
 @pytest.mark.usefixtures("seeded")
-def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(store, monkeypatch):
-    feed = event_feed.EventFeed(store.events, -1.0)
-    slow = Held(EventReader.read)
+def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(store):
+    events, slow = WatchedEvents(store), Held()
+    feed = EventFeed(events, -1.0)
     begins_at = store.events.newest_number()
-
-    def slowly(reader: EventReader) -> Any:
-        return slow(reader)
 
     async def story() -> list[int]:
         await feed.after(begins_at)
         store.schedules.delete("example")
-        with monkeypatch.context() as patched:
-            patched.setattr(EventReader, "read", slowly)
-            looking = asyncio.create_task(feed.after(begins_at))
-            await asyncio.to_thread(slow.done.wait, 60.0)
+        events.after = slow
+        looking = asyncio.create_task(feed.after(begins_at))
+        await asyncio.to_thread(slow.begun.wait, 60.0)
+        events.after = lambda: None
         number, heard = await feed.after(begins_at)
         slow.goes_on.set()
         await looking
@@ -235,8 +289,8 @@ def test_both_streams_take_the_last_id_in_one_way(seeded):
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
-def test_a_stream_ends_with_its_key(seeded, store, follow, monkeypatch):
-    monkeypatch.setattr(route, "_ACCESS_S", 0.02)
+def test_a_stream_ends_with_its_key(seeded, store, follow):
+    seeded.app.state.stream_times = StreamTimes(access_s=0.02)
     key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
     bearer = {"Authorization": f"Bearer {key.secret}"}
     heard = follow(lambda: store.keys.revoke(key.id), **bearer)
@@ -256,16 +310,10 @@ def test_a_wrong_number_is_refused_in_a_sentence(seeded, wrong):
     assert seeded.get(f"/v1/events?after={wrong}").status_code == 422
 
 
-def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_nothing(store, monkeypatch):
-    monkeypatch.setattr(event_feed, "_KEPT", 3)
+def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_nothing(store):
     app = create_app(ServiceSettings(event_poll_s=0.05), store, lambda _: None)
-    reads, read = [], EventReader.read
-
-    def counted(reader: EventReader) -> list:
-        reads.append(None)
-        return read(reader)
-
-    monkeypatch.setattr(EventReader, "read", counted)
+    events = WatchedEvents(store)
+    app.state.event_feed = EventFeed(events, 0.05, kept=3)
 
     async def listen() -> list[str]:
         transport = httpx.ASGITransport(app)
@@ -278,15 +326,14 @@ def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_noth
 
     begun_at_s = time.monotonic()
     texts = asyncio.run(listen())
-    assert len(reads) <= (time.monotonic() - begun_at_s) / 0.05 + 5, "more often than one alone would look"
+    assert events.reads <= (time.monotonic() - begun_at_s) / 0.05 + 5, "more often than one alone would look"
     every = [str(event.number) for event in store.events.following(0)]
     for text in texts:
         assert [block["id"] for block in blocks(text) if block["event"] not in {"alive", "closing"}] == every
 
 
-def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, log_lines):
+def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, watched, log_lines):
     """It has not read the first event when it leaves, and others wait behind that."""
-    feed = seeded.app.state.event_feed
 
     async def story() -> None:
         sending = asyncio.Event()
@@ -294,7 +341,7 @@ def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, log
         async def receive() -> dict[str, Any]:
             if not sending.is_set():
                 await sending.wait()
-                await asyncio.to_thread(wait_until, lambda: feed._polled_at_s > 0.0)
+                await asyncio.to_thread(wait_until, lambda: watched.reads > 0)
                 await asyncio.sleep(0.2)  # several events have come up, and wait
             return {"type": "http.disconnect"}
 

@@ -2,15 +2,15 @@
 
 import json
 import threading
-import time
 from collections.abc import Callable
-from typing import Any
 
 import pytest
+from machine_faults import database_away
 
-from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.contracts.jobs import Job, JobState
+from sawmill_platform.jobs.job_store import Jobs
 from sawmill_service.app import create_app
+from sawmill_store.subjects.mill_subjects import MillSubjects
 from sawmill_vocabulary import Progress
 
 
@@ -93,16 +93,16 @@ def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, sto
         stop_and_start()
 
 
-def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, worker, job_id, listen, monkeypatch):
+def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, worker, job_id, listen):
     """Its numbers are read before its row."""
-    get = store.jobs.get
 
-    def ends_first(job_id: str) -> Any:
-        if get(job_id).state is JobState.QUEUED:
-            worker.finish_calibration()
-        return get(job_id)
+    class EndingFirst(Jobs):
+        def get(self, job_id: str) -> Job:
+            if super().get(job_id).state is JobState.QUEUED:
+                worker.finish_calibration()
+            return super().get(job_id)
 
-    monkeypatch.setattr(store.jobs, "get", ends_first)
+    store.jobs = EndingFirst(store.database, store.files, MillSubjects(store.files))
     *_, job, end = blocks(listen())
     latest, ended = store.events.numbers_of_job(job_id)
     assert (job["id"], end["id"]) == (str(latest), str(ended))
@@ -124,19 +124,18 @@ def test_an_id_that_was_never_given_is_one_of_before_and_no_number_is_refused(se
         assert (answer.status_code, "Last-Event-ID" in answer.json()["detail"]) == (422, True)
 
 
-def test_an_outage_changes_no_id(store, worker, job_id, listen, monkeypatch):
-    known, asked = store.events.numbers_of_job, []
+def test_an_outage_changes_no_id(seeded, store, worker, job_id):
+    def go_away_and_come_back() -> None:
+        with database_away(store.database) as met:
+            assert met.wait(60)
+        worker.finish_calibration()
 
-    def away(job_id: str) -> Any:
-        asked.append(time.monotonic())
-        if 1 < len(asked) < 5:
-            raise StorageUnavailable("the database does not answer: away")
-        if len(asked) == 5:
-            worker.finish_calibration()
-        return known(job_id)
-
-    monkeypatch.setattr(store.events, "numbers_of_job", away)
-    heard = blocks(listen())
-    latest, ended = known(job_id)
-    assert [block["event"] for block in heard] == ["job", "job", "end"]
-    assert [block["id"] for block in heard[1:]] == [str(latest), str(ended)]
+    queued, _ = store.events.numbers_of_job(job_id)
+    going = threading.Thread(target=go_away_and_come_back)
+    heard = blocks(seeded.follow(f"/v1/jobs/{job_id}/events", lambda _: going.ident or going.start()))
+    going.join()
+    latest, ended = store.events.numbers_of_job(job_id)
+    # In between the stream may have seen the job run.
+    assert [heard[0]["event"], *(block["event"] for block in heard[-2:])] == ["job", "job", "end"]
+    assert [heard[0]["id"], *(block["id"] for block in heard[-2:])] == [str(queued), str(latest), str(ended)]
+    assert {block["id"] for block in heard} <= {str(number) for number in range(queued, ended + 1)}

@@ -1,12 +1,15 @@
 import asyncio
 import json
 import threading
-import time
+from collections.abc import Sequence
 
 import pytest
+from machine_faults import database_away
 
+from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
-from sawmill_platform.errors import StorageUnavailable
+from sawmill_service.event_feed import EventFeed
+from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_vocabulary import Progress
 
 
@@ -32,32 +35,25 @@ def test_jobs_are_listed_by_kind_and_state(seeded, job_id):
     assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
 
 
-def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id, monkeypatch):
-    known, fractions = store.jobs.get, []
+def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id):
+    claims = []
 
-    def get(job_id: str):
-        job = known(job_id)
-        fractions.append(job.progress and job.progress.fraction)
-        return job
+    def work(block: str) -> None:
+        """Change the job once the stream has carried the change before."""
+        [(_, job)] = events(block)
+        if job == "failed":
+            return
+        known = (job["state"], (job["progress"] or {}).get("fraction"))
+        if known == ("queued", None):
+            claims.append(worker.claim())
+        if known in {("queued", None), ("running", 0.25)}:
+            fraction = 0.25 if known[1] is None else 0.5
+            store.jobs.heartbeat(claims[0], Progress(fraction=fraction, stage="search", generation=3))
+        elif known == ("running", 0.5):
+            failure = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here")
+            store.jobs.fail(claims[0], failure)
 
-    monkeypatch.setattr(store.jobs, "get", get)
-
-    def work():
-        claim = worker.claim()
-        for step in (0.25, 0.5):
-            store.jobs.heartbeat(claim, Progress(fraction=step, stage="search", generation=3))
-            # The next change comes after the stream has read this one.
-            deadline = time.monotonic() + 60.0
-            while step not in fractions and time.monotonic() < deadline:
-                time.sleep(0.005)
-        store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here"))
-
-    working = threading.Thread(target=work)
-    working.start()
-    answer = seeded.get(f"/v1/jobs/{job_id}/events", timeout=60)
-    working.join()
-    assert answer.headers["Content-Type"].startswith("text/event-stream")
-    seen = events(answer.text)
+    seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", work))
     assert {name for name, _ in seen[:-1]} == {"job"}
     assert seen[-1] == ("end", "failed")
     states = [(job["state"], (job["progress"] or {}).get("fraction")) for _, job in seen[:-1]]
@@ -66,7 +62,9 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
 
 
 def test_the_stream_of_an_ended_job_ends_at_once(seeded):
-    assert [name for name, _ in events(seeded.get("/v1/jobs/example/events").text)] == ["job", "end"]
+    answer = seeded.get("/v1/jobs/example/events")
+    assert answer.headers["Content-Type"].startswith("text/event-stream")
+    assert [name for name, _ in events(answer.text)] == ["job", "end"]
 
 
 def test_a_stream_says_that_the_service_stops(seeded, job_id):
@@ -76,19 +74,15 @@ def test_a_stream_says_that_the_service_stops(seeded, job_id):
     assert answer.text.rstrip().endswith("retry: 1000"), "the client connects again, to the next service"
 
 
-def test_a_stream_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):
-    known, asked = store.jobs.get, []
+def test_a_stream_outlives_a_database_that_does_not_answer(seeded, store, job_id):
+    def go_away_and_come_back() -> None:
+        with database_away(store.database) as met:
+            assert met.wait(60)
+        store.jobs.request_cancel(job_id)
 
-    def away(job_id: str):
-        asked.append(job_id)
-        if 1 < len(asked) < 5:
-            raise StorageUnavailable("the database does not answer: away")
-        if len(asked) == 5:
-            store.jobs.request_cancel(job_id)
-        return known(job_id)
-
-    monkeypatch.setattr(store.jobs, "get", away)
-    seen = events(seeded.get(f"/v1/jobs/{job_id}/events", timeout=60).text)
+    going = threading.Thread(target=go_away_and_come_back)
+    seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", lambda _: going.ident or going.start()))
+    going.join()
     assert [name for name, _ in seen] == ["job", "job", "end"]
     assert seen[-1] == ("end", "cancelled")
 
@@ -209,33 +203,42 @@ def test_a_wait_ends_when_the_client_goes(seeded, job_id):
     assert sent
 
 
-def test_a_wait_is_over_in_time_though_nobody_reads_events(seeded, job_id, monkeypatch):
-    async def hangs(_: object) -> int:
-        await asyncio.sleep(3600.0)
-        return 0
+def test_a_wait_is_over_in_time_though_nobody_reads_events(seeded, store, job_id):
+    class Hanging(EventFeed):
+        async def start(self, _: int | None) -> int:
+            return await asyncio.Future()
 
-    async def fails(_: object) -> int:
-        raise RuntimeError("a defect")
+    class Failing(EventFeed):
+        async def start(self, _: int | None) -> int:
+            raise RuntimeError("a defect")
 
-    monkeypatch.setattr(seeded.app.state.event_feed, "start", hangs)
+    state = seeded.app.state
+    state.job_ends = JobEnds(Hanging(store.events, 0.01), state.stopping, 0.01)
     assert seeded.get(f"/v1/jobs/{job_id}?wait=0.2").json()["state"] == "queued"
-    seeded.app.state.job_ends._watcher = None  # its loop has ended
-    monkeypatch.setattr(seeded.app.state.event_feed, "start", fails)
+    state.job_ends = JobEnds(Failing(store.events, 0.01), state.stopping, 0.01)
     answer = seeded.get(f"/v1/jobs/{job_id}?wait=50")
     assert (answer.status_code, answer.json()["code"]) == (500, "internal")
 
 
-def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):
-    feed, looks = seeded.app.state.event_feed, []
-    after = feed.after
+def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id):
+    waits = threading.Event()
 
-    async def away(number: int):
-        looks.append(number)
-        if len(looks) < 4:
-            raise StorageUnavailable("the database does not answer: away")
-        if len(looks) == 4:
-            store.jobs.request_cancel(job_id)
-        return await after(number)
+    class Followed(EventFeed):
+        """Tells when somebody waits for its events."""
 
-    monkeypatch.setattr(feed, "after", away)
+        async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
+            waits.set()
+            return await super().after(number, scanner_id)
+
+    def go_away_and_come_back() -> None:
+        assert waits.wait(60)
+        with database_away(store.database) as met:
+            assert met.wait(60)
+        store.jobs.request_cancel(job_id)
+
+    state = seeded.app.state
+    state.job_ends = JobEnds(Followed(store.events, 0.01), state.stopping, 0.01)
+    going = threading.Thread(target=go_away_and_come_back)
+    going.start()
     assert seeded.get(f"/v1/jobs/{job_id}?wait=50", timeout=60).json()["state"] == "cancelled"
+    going.join()

@@ -1,14 +1,14 @@
 """Keys over HTTP: what each scope may do, that a secret is shown once, and that behind a proxy nobody goes without."""
 
 import pytest
+from machine_faults import database_away
+from write_lock import write_lock
 
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.errors import StorageFull, StorageUnavailable
-from sawmill_service import app as application
 from sawmill_service.app import create_app
-from sawmill_service.http.route_rules import NoKey, Router
+from sawmill_service.http.route_rules import NoKey, Router, RouteRules
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
@@ -94,12 +94,12 @@ def test_no_route_but_health_the_login_and_the_problems_goes_without_a_key(keyed
 
 
 @pytest.mark.parametrize(("method", "reading"), [("GET", None), ("POST", None), ("POST", Scope.READ)])
-def test_an_application_with_a_route_without_a_scope_does_not_start(store, monkeypatch, method, reading):
+def test_an_application_with_a_route_without_a_scope_does_not_start(keyed, method, reading):
     router = Router(reading=reading)
     getattr(router, method.lower())("/v1/forgotten")(lambda: None)
-    monkeypatch.setattr(application, "_all_routes", lambda: router.routes)
+    assert isinstance(keyed.app.state.rules, RouteRules), "made at the start"
     with pytest.raises(ValueError, match=f"{method} /v1/forgotten declares no scope"):
-        create_app(ServiceSettings(), store, print)
+        RouteRules([*keyed.app.routes, *router.routes])
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
@@ -194,17 +194,13 @@ def test_a_proxy_is_named_as_it_must_be(variables, sentence):
         ServiceSettings(**variables)
 
 
-def test_while_the_database_is_away_a_key_is_answered_with_503_and_the_token_as_before(seeded, store, monkeypatch):
+def test_while_the_database_is_away_a_key_is_answered_with_503_and_the_token_as_before(seeded, store):
     seeded.app = create_app(ServiceSettings(token=TOKEN), store, print)
-
-    def away(_):
-        raise StorageUnavailable("the database does not answer")
-
-    monkeypatch.setattr(store.keys, "good", away)
-    answer = seeded.get("/v1/scanners", headers={"Authorization": "Bearer sawmill_any"})
-    assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
-    assert answer.headers["Retry-After"] == "5"
-    assert seeded.get("/v1/scanners", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+    with database_away(store.database):
+        answer = seeded.get("/v1/keys/own", headers={"Authorization": "Bearer sawmill_any"})
+        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+        assert answer.headers["Retry-After"] == "5"
+        assert seeded.get("/v1/keys/own", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
 
 
 def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
@@ -214,14 +210,11 @@ def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
     assert client.get("/v1/scanners", headers={"Host": "localhost:8000"}).status_code == 200
 
 
-def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, monkeypatch):
+def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_lines):
     keyed.with_key(Scope.READ)
-
-    def full(_):
-        raise StorageFull("the disk is full")
-
-    monkeypatch.setattr(store.keys, "used", full)
-    assert keyed.get("/v1/scanners").status_code == 200
+    with write_lock(store.files.folder / "sawmill.db"):
+        assert keyed.get("/v1/scanners").status_code == 200
+    assert "use-not-kept" in {line["event"] for line in log_lines()}
 
 
 def test_a_time_beyond_the_calendar_is_refused(keyed):

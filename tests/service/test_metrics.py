@@ -5,17 +5,18 @@ import threading
 import time
 from datetime import timedelta
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import results
+from machine_faults import database_away
 from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_platform.errors import StorageUnavailable
+from sawmill_service.app import create_app
 from sawmill_service.measures import Measures
+from sawmill_store.store import Store
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("seeded")
@@ -133,40 +134,46 @@ def test_a_calibration_that_failed(store, worker, scrape, by):
     assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
 
 
-def test_jobs_that_wait_for_a_worker(seeded, store, scrape, monkeypatch):
+def test_jobs_that_wait_for_a_worker(seeded, store, settings, scrape):
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     assert scrape("sawmill_jobs_without_worker") == 0
-    now = store.database.now
-    monkeypatch.setattr(store.database, "now", lambda: now() + timedelta(minutes=1))
+    later = Store(store.settings, clock=lambda: store.now() + timedelta(minutes=1))
+    seeded.app = create_app(settings, later, print)
     assert scrape("sawmill_jobs_without_worker") == 1
     store.jobs.claim("test")
     assert scrape("sawmill_jobs_without_worker") == 0
+    later.close()
 
 
-def test_a_database_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
-    def away():
-        raise StorageUnavailable("the database does not answer")
-
+def test_a_database_that_is_away_leaves_the_rest(store, scrape):
     assert scrape("sawmill_database_up") == 1
-    monkeypatch.setattr(store.tallies, "read", away)
-    assert scrape("sawmill_database_up") == 0
-    assert scrape("sawmill_jobs", state="queued") is None
-    assert scrape("sawmill_data_folder_free_bytes") > 0
-    assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
+    with database_away(store.database):
+        assert scrape("sawmill_database_up") == 0
+        assert scrape("sawmill_jobs", state="queued") is None
+        assert scrape("sawmill_data_folder_free_bytes") > 0
+        assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
 
 
-def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
-    monkeypatch.setattr(store.files, "folder", store.files.folder / "gone")
+def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
+    (store.files.folder / "identity").unlink()  # as in the empty folder of a share that is not mounted
     assert scrape("sawmill_data_folder_up") == 0
     assert scrape("sawmill_data_folder_free_bytes") is None
     assert scrape("sawmill_database_up") == 1
 
 
-def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store, monkeypatch):
+def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
     """Of many that wait for the first, one counts for all."""
-    measures, tallies = Measures(store), store.tallies
-    begun, go_on = threading.Event(), threading.Event()
+    begun, go_on, came = threading.Event(), threading.Event(), threading.Semaphore(0)
     counts = []
+
+    def clock_s() -> float:
+        """Tell that somebody has come, whose time this is."""
+        try:
+            return time.monotonic()
+        finally:
+            came.release()
+
+    measures, tallies = Measures(store, clock_s=clock_s), store.tallies
 
     class Slow:
         def read(self):
@@ -179,15 +186,8 @@ def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store, monkey
     threads = [threading.Thread(target=measures.collect) for _ in range(5)]
     threads[0].start()
     assert begun.wait(60)
-    came, read_clock = threading.Semaphore(0), time.monotonic
-
-    def monotonic() -> float:
-        try:
-            return read_clock()
-        finally:
-            came.release()
-
-    monkeypatch.setattr("sawmill_service.measures.time", SimpleNamespace(monotonic=monotonic))
+    assert came.acquire(timeout=60), "the first came"
+    assert came.acquire(timeout=60), "and began to count"
     for thread in threads[1:]:
         thread.start()
     for _ in threads[1:]:

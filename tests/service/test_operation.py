@@ -1,12 +1,8 @@
-import errno
-import os
-from pathlib import Path
-
 import pytest
+from machine_faults import database_away
 from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.errors import StorageUnavailable
 
 
 def samples(client) -> dict[tuple[str, ...], float]:
@@ -48,15 +44,21 @@ def test_a_service_with_nothing_to_do_is_ready(client):
     assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}
 
 
-def test_a_data_folder_or_database_that_is_away_is_reported(client, store, monkeypatch):
-    def away():
-        raise StorageUnavailable("the database does not answer: connection to db.mill.example as calibrator failed")
+def test_a_database_that_is_away_is_reported(client, store, log_lines):
+    with database_away(store.database):
+        answer = client.get("/health/ready")
+        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+        assert client.get("/health/live").status_code == 200
+    assert "disk I/O error" not in answer.text, "anybody may ask"
+    [line] = [line for line in log_lines() if line["event"] == "not-ready"]
+    assert line["reason"].endswith("disk I/O error")
 
-    monkeypatch.setattr(store, "check", away)
-    answer = client.get("/health/ready")
-    assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
-    assert "mill.example" not in answer.text  # anybody may ask; the log has the rest
-    assert client.get("/health/live").status_code == 200
+
+@pytest.mark.usefixtures("read_only_disk")
+def test_a_data_folder_on_a_read_only_disk_is_named(seeded):
+    ready = seeded.get("/health/ready")
+    assert (ready.status_code, ready.json()["code"], ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
+    assert "is on a disk that is read-only now" in ready.json()["detail"]
 
 
 @pytest.mark.parametrize(
@@ -64,24 +66,17 @@ def test_a_data_folder_or_database_that_is_away_is_reported(client, store, monke
     [
         ("not mounted", "has no file 'identity'"),
         ("another one", "is another one"),
-        ("read-only", "Read-only file system"),
+        ("without its folders", "/data/incoming"),
     ],
 )
-def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, monkeypatch, trouble, words):
+def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, trouble, words):
     identity = store.files.folder / "identity"
     if trouble == "not mounted":
         identity.unlink()
-    elif trouble == "another one":
-        identity.write_text("of another service\n")
+    elif trouble == "without its folders":
+        (store.files.folder / "incoming").rmdir()
     else:
-
-        def refuse(path, mode="r", *rest, **options):
-            if set(mode) & set("wxa"):
-                raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
-            return opened(path, mode, *rest, **options)
-
-        opened = Path.open
-        monkeypatch.setattr("pathlib.Path.open", refuse)
+        identity.write_text("of another service\n")
     ready = seeded.get("/health/ready")
     assert (ready.status_code, ready.json()["code"], ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
     assert words in ready.json()["detail"]

@@ -1,7 +1,7 @@
 """How many requests somebody may send, and how many at once: without a network, and without waiting."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -13,9 +13,11 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_service.app import create_app
+from sawmill_service.event_feed import EventFeed
 from sawmill_service.http.limits.callers import who
 from sawmill_service.http.limits.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.settings import ServiceSettings
 from sawmill_vocabulary import DataKind
 
@@ -35,14 +37,13 @@ def limited(client, store) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def clock(monkeypatch) -> Iterator[Callable[[float], None]]:
+def clock(moved_clock) -> Callable[[float], None]:
     """The library's windows are aligned to multiples of their length: tests begin 1 s after one, and move on."""
-    now = 1_800_000_001.0
-    monkeypatch.setattr("time.time", lambda: now)
+    moved_clock(stands_at_s=(now_s := 1_800_000_001.0))
 
     def pass_s(seconds: float) -> None:
-        nonlocal now
-        now += seconds
+        nonlocal now_s
+        moved_clock(stands_at_s=(now_s := now_s + seconds))
 
     return pass_s
 
@@ -189,20 +190,22 @@ def test_whoever_is_not_let_in_is_bounded_too(limited):
     assert statuses == [401, 401, 401, 429, 429]
 
 
-def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, monkeypatch):
+def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
     client = limited(max_waits_at_once=1, event_poll_s=0.01)
     scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
     path, begun = f"/v1/jobs/{scan.job_id}", asyncio.Event()
-    ends = client.app.state.job_ends
-    watch = ends._watch
 
-    def watched() -> asyncio.Future[None]:
-        begun.set()
-        return watch()
+    class Followed(EventFeed):
+        """Tells when somebody waits for its events."""
 
-    monkeypatch.setattr(ends, "_watch", watched)
+        async def start(self, after: int | None) -> int:
+            begun.set()
+            return await super().start(after)
+
+    state = client.app.state
+    state.job_ends = JobEnds(Followed(store.events, 0.01), state.stopping, 0.01)
 
     async def story() -> list[tuple[str, int]]:
         transport = httpx.ASGITransport(client.app)

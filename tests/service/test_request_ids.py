@@ -1,4 +1,5 @@
 import pytest
+from machine_faults import database_away
 from starlette.responses import PlainTextResponse
 from structlog.contextvars import bound_contextvars, get_contextvars
 
@@ -78,10 +79,10 @@ def test_each_request_is_one_line(seeded, log_lines):
     assert (other["method"], other["route"], other["status"]) == ("other", "unmatched", 404)
 
 
-def test_what_machines_ask_every_few_seconds_is_no_line_unless_it_fails(client, store, log_lines, monkeypatch):
+def test_what_machines_ask_every_few_seconds_is_no_line_unless_it_fails(client, store, log_lines):
     for path in ("/health/live", "/health/ready", "/metrics"):
         client.get(path)
     assert log_lines() == []
-    monkeypatch.setattr(store, "check", None)
-    client.get("/health/ready")
-    assert [line["event"] for line in log_lines()] == ["request-failed", "request"]
+    with database_away(store.database):
+        client.get("/health/ready")
+    assert [line["event"] for line in log_lines()] == ["not-ready", "request"]

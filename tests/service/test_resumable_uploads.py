@@ -9,7 +9,7 @@ from documented import check_documented
 from write_lock import write_lock
 
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.uploads.upload_parts import UploadPart
+from sawmill_platform.uploads.upload_store import Uploads
 
 CONTENT = bytes(range(256)) * 40
 SCANS = "/v1/scans?scanner_id=example&data=counts&upload_id="
@@ -21,22 +21,22 @@ def begin(seeded, **given):
     return answer.headers["Location"]
 
 
-def patch(seeded, path, offset, content, **headers):
+def send_part(seeded, path, offset, content, **headers):
     given = {"Upload-Offset": str(offset), "Content-Type": "application/partial-upload", **headers}
     return seeded.request("PATCH", path, content=content, headers=given)
 
 
 def test_a_file_in_parts_becomes_a_scan_once(seeded, store):
     path = begin(seeded, name="mill.h5", sha256=hashlib.sha256(CONTENT).hexdigest())
-    first = patch(seeded, path, 0, CONTENT[:5000])
+    first = send_part(seeded, path, 0, CONTENT[:5000])
     assert (first.json()["offset_bytes"], first.json()["state"]) == (5000, "receiving")
     head = seeded.request("HEAD", path)
     given = [head.headers[f"Upload-{name}"] for name in ("Offset", "Length", "Complete")]
     assert (head.status_code, given, head.headers["Cache-Control"]) == (200, ["5000", "10240", "?0"], "no-store")
-    wrong = patch(seeded, path, 4999, CONTENT[4999:])
+    wrong = send_part(seeded, path, 4999, CONTENT[4999:])
     assert (wrong.status_code, wrong.json()["code"], wrong.headers["Upload-Offset"]) == (409, "wrong-offset", "5000")
-    assert patch(seeded, path, 5000, CONTENT).json()["code"] == "upload-too-long"
-    assert patch(seeded, path, 5000, CONTENT[5000:]).headers["Upload-Complete"] == "?1"
+    assert send_part(seeded, path, 5000, CONTENT).json()["code"] == "upload-too-long"
+    assert send_part(seeded, path, 5000, CONTENT[5000:]).headers["Upload-Complete"] == "?1"
     upload_id = path.rpartition("/")[2]
     assert seeded.post(f"{SCANS}{upload_id}", content=b"x").json()["code"] == "two-files"
     assert seeded.post(f"{SCANS}{upload_id}&inspection_id=example").json()["code"] == "two-files"
@@ -45,7 +45,7 @@ def test_a_file_in_parts_becomes_a_scan_once(seeded, store):
     assert seeded.get(path).json()["used_by"] == f"/v1/scans/{scan['id']}"
     again = seeded.post(f"{SCANS}{upload_id}")
     assert (again.status_code, again.json()["code"]) == (409, "upload-used")
-    assert patch(seeded, path, 10240, b"").json()["code"] == "upload-used"
+    assert send_part(seeded, path, 10240, b"").json()["code"] == "upload-used"
     assert seeded.delete(path).status_code == 204
     assert seeded.request("HEAD", path).status_code == 404
 
@@ -53,7 +53,7 @@ def test_a_file_in_parts_becomes_a_scan_once(seeded, store):
 @pytest.mark.parametrize("path", ["/v1/inspections?", "/v1/phantoms/pictures?name=ell&width_mm=400&"])
 def test_other_files_come_in_parts_too(seeded, path):
     upload = begin(seeded)
-    patch(seeded, upload, 0, CONTENT)
+    send_part(seeded, upload, 0, CONTENT)
     made = seeded.post(f"{path}upload_id={upload.rpartition('/')[2]}")
     assert made.status_code == 202
     assert seeded.get(upload).json()["used_by"] == made.headers["Location"]
@@ -62,19 +62,19 @@ def test_other_files_come_in_parts_too(seeded, path):
 def test_a_part_with_a_digest_counts_as_a_whole(seeded):
     path = begin(seeded)
     false = {"Content-Digest": f"sha-256=:{'A' * 43}=:"}
-    assert patch(seeded, path, 0, CONTENT, **false).json()["code"] == "digest-mismatch"
+    assert send_part(seeded, path, 0, CONTENT, **false).json()["code"] == "digest-mismatch"
     assert seeded.get(path).json()["offset_bytes"] == 0
 
 
 def test_a_file_of_another_digest_and_a_page_are_not_kept(seeded):
     path = begin(seeded, sha256="0" * 64)
-    false = patch(seeded, path, 0, CONTENT)
+    false = send_part(seeded, path, 0, CONTENT)
     assert (false.status_code, false.json()["code"]) == (400, "digest-mismatch")
     assert seeded.get(path).status_code == 404
     page = begin(seeded)
-    answer = patch(seeded, page, 0, b"<html>" + CONTENT[6:])
+    answer = send_part(seeded, page, 0, b"<html>" + CONTENT[6:])
     assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
-    assert patch(seeded, page, 0, b"x", **{"Content-Encoding": "gzip"}).json()["code"] == "unsupported-encoding"
+    assert send_part(seeded, page, 0, b"x", **{"Content-Encoding": "gzip"}).json()["code"] == "unsupported-encoding"
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,9 @@ def test_uploads_need_the_scope_to_submit(seeded, store):
     for scope, status in ((Scope.READ, 403), (Scope.SUBMIT, 201)):
         seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyAsk(name='own', scope=scope)).secret}"
         assert seeded.post("/v1/uploads", json={"size_bytes": 3}).status_code == status
-    assert patch(seeded, seeded.post("/v1/uploads", json={"size_bytes": 3}).headers["Location"], 0, b"abc").is_success
+    assert send_part(
+        seeded, seeded.post("/v1/uploads", json={"size_bytes": 3}).headers["Location"], 0, b"abc"
+    ).is_success
 
 
 @pytest.mark.parametrize(
@@ -116,12 +118,12 @@ def test_uploads_need_the_scope_to_submit(seeded, store):
 )
 def test_a_malformed_head_of_a_part_is_refused_with_a_sentence(seeded, headers, sentence):
     path = begin(seeded)
-    patch(seeded, path, 0, CONTENT[:7])
+    send_part(seeded, path, 0, CONTENT[:7])
     refused = seeded.request("PATCH", path, content=CONTENT[7:], headers=headers)
     assert (refused.status_code, refused.json()["code"]) == (400, "bad-upload-header"), refused.text
     assert sentence in refused.json()["detail"]
     assert seeded.get(path).json()["offset_bytes"] == 7
-    assert patch(seeded, path, "7;from=disk", CONTENT[7:]).status_code == 200, "unknown parameters mean nothing"
+    assert send_part(seeded, path, "7;from=disk", CONTENT[7:]).status_code == 200, "unknown parameters mean nothing"
 
 
 async def unannounced(content):
@@ -131,21 +133,21 @@ async def unannounced(content):
 def test_a_part_that_is_no_last_one_may_not_say_so(seeded):
     path = begin(seeded)
     for content, kept in ((CONTENT[:5], 0), (unannounced(CONTENT[:5]), 5)):
-        refused = patch(seeded, path, 0, content, **{"Upload-Complete": "?1"})
+        refused = send_part(seeded, path, 0, content, **{"Upload-Complete": "?1"})
         assert (refused.status_code, refused.json()["code"]) == (400, "inconsistent-length"), refused.text
         assert f"{len(CONTENT) - 5} bytes are missing" in refused.json()["detail"]
         assert seeded.get(path).json()["offset_bytes"] == kept
-    wrong = patch(seeded, path, 5, CONTENT[5:], **{"Upload-Length": "5"})
+    wrong = send_part(seeded, path, 5, CONTENT[5:], **{"Upload-Length": "5"})
     assert (wrong.status_code, wrong.json()["code"]) == (400, "inconsistent-length")
-    assert patch(seeded, path, 5, CONTENT[5:9], **{"Upload-Complete": "?0"}).status_code == 200
+    assert send_part(seeded, path, 5, CONTENT[5:9], **{"Upload-Complete": "?0"}).status_code == 200
     right = {"Upload-Complete": "?1", "Upload-Length": str(len(CONTENT))}
-    assert patch(seeded, path, 9, CONTENT[9:], **right).headers["Upload-Complete"] == "?1"
+    assert send_part(seeded, path, 9, CONTENT[9:], **right).headers["Upload-Complete"] == "?1"
 
 
 def test_a_busy_upload_says_when_to_come_back(seeded, store):
     path = begin(seeded)
     part = store.uploads.begin_part(path.rpartition("/")[2], 0)
-    busy = patch(seeded, path, 0, CONTENT)
+    busy = send_part(seeded, path, 0, CONTENT)
     part.close()
     assert (busy.status_code, busy.json()["code"], busy.headers["Retry-After"]) == (409, "upload-busy", "5")
     check_documented(busy)
@@ -154,8 +156,8 @@ def test_a_busy_upload_says_when_to_come_back(seeded, store):
 def test_a_page_cut_into_parts_is_not_used(seeded):
     path = begin(seeded)
     page = b"<html>" + CONTENT[6:]
-    assert patch(seeded, path, 0, page[:1]).status_code == 200
-    assert patch(seeded, path, 1, page[1:]).status_code == 200
+    assert send_part(seeded, path, 0, page[:1]).status_code == 200
+    assert send_part(seeded, path, 1, page[1:]).status_code == 200
     refused = seeded.post(f"{SCANS}{path.rpartition('/')[2]}")
     assert (refused.status_code, refused.json()["code"]) == (415, "unsupported-media-type")
 
@@ -163,30 +165,43 @@ def test_a_page_cut_into_parts_is_not_used(seeded):
 def test_a_locked_database_is_answered_before_a_part_is_read(seeded, store):
     path = begin(seeded)
     with write_lock(store.files.folder / "sawmill.db"):
-        assert patch(seeded, path, 0, CONTENT).status_code == 503
+        assert send_part(seeded, path, 0, CONTENT).status_code == 503
 
         async def untouchable():
             raise AssertionError("a byte of the body was asked for")
             yield b""
 
-        assert patch(seeded, path, 0, untouchable()).status_code == 503
+        assert send_part(seeded, path, 0, untouchable()).status_code == 503
 
 
-def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, monkeypatch):
+def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, store):
     """As many files as there are threads for sums are being summed up."""
     summing, go_on = threading.Semaphore(0), threading.Event()
 
-    def slow_sum(_):
-        summing.release()
-        assert go_on.wait(60)
-        return hashlib.sha256(CONTENT).hexdigest()
+    class SlowSum:
+        """A part whose file takes long to sum up."""
 
-    monkeypatch.setattr(UploadPart, "_sha256", slow_sum)
+        def __init__(self, part):
+            self.part = part
+
+        def __getattr__(self, name):
+            return getattr(self.part, name)
+
+        def complete(self):
+            summing.release()
+            assert go_on.wait(60)
+            self.part.complete()
+
+    class LargeUploads(Uploads):
+        def begin_part(self, *given, **options):
+            return SlowSum(super().begin_part(*given, **options))
+
+    store.uploads = LargeUploads(store.database, store.files)
     paths = [begin(seeded) for _ in range(3)]
     with ThreadPoolExecutor(2) as pool:
-        whole = [pool.submit(patch, seeded, path, 0, CONTENT) for path in paths[:2]]
+        whole = [pool.submit(send_part, seeded, path, 0, CONTENT) for path in paths[:2]]
         assert all(summing.acquire(timeout=60) for _ in whole)
-        assert patch(seeded, paths[2], 0, CONTENT[:9]).json()["offset_bytes"] == 9
+        assert send_part(seeded, paths[2], 0, CONTENT[:9]).json()["offset_bytes"] == 9
         go_on.set()
         assert [answer.result().headers["Upload-Complete"] for answer in whole] == ["?1", "?1"]
 
@@ -197,11 +212,11 @@ def test_an_upload_belongs_to_the_key_that_began_it(seeded, store):
     own, another, admin = ({"Authorization": f"Bearer {secret}"} for secret in (*secrets, admin))
     seeded.headers |= own
     paths = [begin(seeded) for _ in range(2)]
-    patch(seeded, paths[0], 0, CONTENT)
+    send_part(seeded, paths[0], 0, CONTENT)
     use = f"{SCANS}{paths[0].rpartition('/')[2]}"
     for stranger in (another, admin):
         seeded.headers |= stranger
-        refused = [seeded.get(paths[0]), patch(seeded, paths[1], 0, CONTENT), seeded.post(use)]
+        refused = [seeded.get(paths[0]), send_part(seeded, paths[1], 0, CONTENT), seeded.post(use)]
         assert [(answer.status_code, answer.json()["code"]) for answer in refused] == [(404, "upload-not-found")] * 3
         assert seeded.request("HEAD", paths[0]).status_code == 404
     seeded.headers |= another

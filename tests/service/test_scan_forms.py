@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from documented import check_documented
 from pydantic import SecretStr
+from starlette.datastructures import Headers
 
 from sawmill_contracts import job_kinds
 from sawmill_platform.files.upload_stream import PART_BYTES
 from sawmill_service.app import create_app
-from sawmill_service.http.bodies.sent_content import Gunzip
+from sawmill_service.http.bodies.sent_content import SentContent
 from sawmill_service.http.bodies.sent_form import SentForm
 from sawmill_service.http.session_cookie import csrf_token
+from sawmill_service.routes.scan_forms import ScanForm
 from sawmill_store.store import Store
 
 FORM = "/v1/scans/form"
@@ -110,17 +112,14 @@ def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, 
     scans, packed = "/v1/scans?scanner_id=example&data=counts", {"Content-Encoding": "gzip"}
     keyed, slow = packed | {"Idempotency-Key": "once"}, gzip.compress(CONTENT)
     assert seeded.post(scans, content=slow, headers=keyed).status_code == 202
-    held, unpack, take = threading.Event(), Gunzip.unpack, SentForm.take
+    held, take = threading.Event(), SentContent.take
 
-    def held_until(call):
-        def wait(*given):
-            assert held.wait(120)
-            return call(*given)
+    def take_later(body, part):
+        """Take long over all but the plain file."""
+        assert part == CONTENT or held.wait(120)
+        yield from take(body, part)
 
-        return wait
-
-    monkeypatch.setattr(Gunzip, "unpack", held_until(unpack))
-    monkeypatch.setattr(SentForm, "take", held_until(take))
+    monkeypatch.setattr(SentContent, "take", take_later)
     begun, all_begun = [], asyncio.Event()
 
     async def counted(body):
@@ -185,10 +184,12 @@ def test_a_form_may_be_cut_anywhere(seeded, store):
         check_cut(seeded, store, cut)
 
 
-def test_a_form_in_pieces_of_a_byte_is_taken_bit_for_bit(seeded, store, monkeypatch):
-    monkeypatch.setattr("sawmill_platform.files.upload_stream.PART_BYTES", 1)
-    body = GIVEN + FILE + END
-    assert kept(store, send(seeded, in_pieces(body, *range(1, len(body)))).json()) == CONTENT
+def test_a_form_in_pieces_of_a_byte_is_taken_bit_for_bit():
+    form, body = SentForm(Headers(TYPE), ScanForm, max_field_bytes=1000), GIVEN + FILE + END
+    taken = [piece for begin in range(len(body)) for piece in form.take(body[begin : begin + 1])]
+    form.end()
+    assert b"".join(taken) == CONTENT
+    assert (form.form.scanner_id, form.form.name) == ("example", "mill.npz")
 
 
 MANY = b"".join(part(f"field{number}", "1") for number in range(10_000))

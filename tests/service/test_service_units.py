@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -23,7 +22,6 @@ from typer.testing import CliRunner, Result
 from sawmill_command.commands import main
 from sawmill_command.service_units import Installation, program
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service import service_manager
 from sawmill_service.http.limits.open_files import files_needed
 from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
@@ -192,14 +190,16 @@ def test_what_could_not_work_is_refused(arguments, sentence):
     assert sentence in " ".join(complaint.stderr.replace("│", " ").split())
 
 
-def test_a_command_that_is_a_link_stays_one(tmp_path, monkeypatch):
+def test_a_command_that_is_a_link_stays_one(tmp_path):
     (tmp_path / "0.2.0").mkdir()
-    (tmp_path / "0.2.0/sawmill").touch()
+    command = tmp_path / "0.2.0/sawmill"
+    command.write_text(f"#!{sys.executable}\nfrom sawmill_command.commands import main\nmain()\n")
+    command.chmod(0o755)
     (tmp_path / "current").symlink_to("0.2.0")
-    monkeypatch.setattr(sys, "argv", [str(tmp_path / "current/sawmill"), "install-service"])
-    assert program() == tmp_path / "current/sawmill"
-    monkeypatch.setattr(sys, "argv", ["pytest"])
-    assert program() == Path(sys.executable).parent / "sawmill"
+    called = [tmp_path / "current/sawmill", "install-service", "--print"]
+    printed = subprocess.run(called, capture_output=True, text=True, check=True).stdout
+    assert f"ExecStart={tmp_path}/current/sawmill serve" in printed
+    assert program() == Path(sys.executable).parent / "sawmill", "a test is no command"
 
 
 @pytest.fixture
@@ -211,11 +211,10 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listening
 
 
-def test_signs_of_life_come_at_half_the_interval_and_to_the_watched_process_alone(manager, tmp_path, monkeypatch):
+def test_signs_of_life_come_at_half_the_interval_and_to_the_watched_process_alone(manager, tmp_path):
     address = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "100000"}
     now_s = [1000.0]
-    monkeypatch.setattr(service_manager, "time", SimpleNamespace(monotonic=lambda: now_s[-1]))
-    alive = ServiceManager(address)
+    alive = ServiceManager(address, clock_s=lambda: now_s[-1])
     manager.settimeout(0)
     for at_s, shown in ((1000.0, True), (1000.04, False), (1000.06, True), (1000.1, False), (1000.2, True)):
         now_s.append(at_s)

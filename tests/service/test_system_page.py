@@ -1,14 +1,11 @@
 """The page of the system, as HTML."""
 
-from types import SimpleNamespace
-
 import pytest
 from page_text import text_of
 
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.files.file_store import FileStore, Room
 from sawmill_service.app import create_app
 from sawmill_service.pages.system.system import ACTIONS
 from sawmill_vocabulary import Theta
@@ -40,10 +37,8 @@ def test_a_worker_is_shown_with_its_job(seeded, store, worker):
     ("free_gib", "word", "ready"),
     [(0.1, "Full", "Disk full"), (1, "Nearly full", "Ready"), (50, "Room enough", "Ready")],
 )
-def test_a_disk_that_fills_is_seen_before_it_is_full(client, monkeypatch, free_gib, word, ready):
-    monkeypatch.setattr(FileStore, "room", lambda _: Room(int(free_gib * GIB), 100 * GIB))
-    usage = SimpleNamespace(total=100 * GIB, used=0, free=int(free_gib * GIB))
-    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+def test_a_disk_that_fills_is_seen_before_it_is_full(client, full_disk, free_gib, word, ready):
+    full_disk(int(free_gib * GIB), size_bytes=100 * GIB)
     text = text_of(client.get("/system").text)
     assert f"Disk {word} Free" in text
     assert f"Is it ready? {ready}" in text

@@ -2,7 +2,6 @@
 
 import gzip
 import hashlib
-import shutil
 from base64 import b64encode
 from json import dumps
 
@@ -11,6 +10,7 @@ import pytest
 from documented import check_documented
 from write_lock import write_lock
 
+from sawmill_platform.files.upload_stream import STEP_BYTES
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
 
@@ -100,18 +100,17 @@ def test_a_digest_is_checked(seeded, store, name):
     assert incoming(store) == []
 
 
-def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seeded, store, monkeypatch):
-    promised = seeded.post("/v1/uploads", json={"size_bytes": 90_000}).json()["size_bytes"]
-    free = shutil.disk_usage(store.files.folder)
-    left = store.settings.disk_reserve_bytes + promised
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: free._replace(free=left + 10_000 if not sent else left - 1))
-    monkeypatch.setattr("sawmill_platform.files.upload_stream.STEP_BYTES", 1000)
-    sent = []
+def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seeded, settings, store, full_disk):
+    seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 4 * STEP_BYTES}), store, print)
+    assert seeded.post("/v1/uploads", json={"size_bytes": 90_000}).status_code == 201
+    left = store.settings.disk_reserve_bytes + store.uploads.promised_bytes()
+    full_disk(left + 10_000)
 
     async def body():
-        yield bytes(40_000)
-        sent.append(True)
-        yield bytes(40_000)
+        yield bytes(STEP_BYTES)
+        full_disk(left - 1)
+        yield bytes(STEP_BYTES)
+        raise AssertionError("more was asked for")
 
     answer = seeded.post(SCANS, content=body())
     assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")

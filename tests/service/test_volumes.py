@@ -95,9 +95,9 @@ def test_an_array_that_is_not_there_is_a_problem(seeded, path, status, code):
     assert (answer.status_code, answer.json()["code"]) == (status, code)
 
 
-def test_what_is_held_is_given_back_when_it_is_sent(seeded, monkeypatch):
+def test_what_is_held_is_given_back_when_it_is_sent(seeded):
     held = HeldBytes(most=3 * 4096)  # three slices of 32 x 32
-    monkeypatch.setattr("sawmill_service.http.responses.arrays._ALL", held)
+    seeded.app.state.held_arrays = held
     assert {seeded.get(f"{LOG}/slices/0.npy").status_code for _ in range(5)} == {200}
     held.take(3 * 4096)
     answer = seeded.get(f"{LOG}/slices/0.npy")

@@ -301,14 +301,14 @@ def test_a_destination_that_is_no_longer_allowed_gets_nothing(store, receiver, h
     assert "lies in no network that is allowed" in store.webhooks.get(hook.id).last_failure
 
 
-def test_without_destinations_nothing_is_looked_up_and_no_thread_runs(store, hook, monkeypatch):
-    monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: pytest.fail("a name was looked up"))
-    monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("a connection was made"))
+@pytest.mark.usefixtures("without_network")
+def test_without_destinations_nothing_is_looked_up_and_no_thread_runs(store, receiver, hook):
     happen(store)
-    with WebhookSender(store.outbox(), AllowedDestinations([])) as sender:
-        assert not sender._thread.is_alive()
+    with WebhookSender(store.outbox(), AllowedDestinations([])):
+        assert "webhooks" not in {thread.name for thread in threading.enumerate()}
     send(store, WebhookSending(AllowedDestinations([])))
     assert "set SAWMILL_WEBHOOK_DESTINATIONS" in store.webhooks.get(hook.id).last_failure
+    assert receiver.messages == []
 
 
 @pytest.mark.usefixtures("hook")
@@ -448,7 +448,6 @@ def test_the_receiver_of_the_page_takes_what_is_signed_once_and_nothing_else(
     [program] = re.findall(r"^```python\n(.*?)^```$", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
     documented = {"__name__": "documented"}
     exec(compile(program, str(DOCUMENT), "exec"), documented)  # noqa: S102 - our own page
-    monkeypatch.setattr(documented["Receiver"], "log_message", lambda *_: None)
     happen(store)
     send(store)
     [message] = receiver.messages

@@ -34,10 +34,11 @@ BAD = b"no scan"
 class Running:
     """The service, and a worker that refuses what begins with `BAD`."""
 
-    url: str
     store: Store
     settings: ServiceSettings
+    url: str = ""
     reads: threading.Event = field(default_factory=threading.Event)
+    reads_before_answers: bool = False
     queued: queue.SimpleQueue[str | None] = field(default_factory=queue.SimpleQueue)
 
     def create_scanner(self) -> str:
@@ -46,6 +47,12 @@ class Running:
 
     def content(self, scan: Scan) -> bytes:
         return (self.store.files.folder / "uploads/scans" / scan.id / "original").read_bytes()
+
+    def wake(self, job_id: str) -> None:
+        """Let the worker read a scan; where `reads_before_answers` says so, the scan's sender waits for that."""
+        self.queued.put(job_id)
+        while self.reads_before_answers and not self.store.jobs.get(job_id).state.ended:
+            time.sleep(0.005)
 
     def work(self) -> None:
         """Read scans without any science, while `reads` is set, until null is queued."""
@@ -78,21 +85,21 @@ def running(place: Path, empty_data: Path) -> Iterator[Running]:
     shutil.copytree(empty_data, place / "data")
     store = Store(StorageSettings(data_folder=place / "data", database_url=None))
     settings = ServiceSettings(max_upload_bytes=100_000, change_rate_limit="100000/minute", rate_limit="100000/minute")
-    queued: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    config = uvicorn.Config(create_app(settings, store, queued.put), port=0, ws="none", log_config=None)
+    service = Running(store, settings)
+    config = uvicorn.Config(create_app(settings, store, service.wake), port=0, ws="none", log_config=None)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:
         time.sleep(0.005)
     port = server.servers[0].sockets[0].getsockname()[1]
-    service = Running(f"http://127.0.0.1:{port}", store, settings, queued=queued)
+    service.url = f"http://127.0.0.1:{port}"
     service.reads.set()
     worker = threading.Thread(target=service.work)
     worker.start()
     yield service
     service.reads.set()
-    queued.put(None)
+    service.queued.put(None)
     server.should_exit = True
     worker.join()
     thread.join()
@@ -162,7 +169,7 @@ class Watched:
 
 
 @pytest.fixture
-def watched(place: Path, running: Running) -> Watched:
+def watched(place: Path, running: Running) -> Iterator[Watched]:
     scanner_id = running.create_scanner()
     folder = place / scanner_id
     folder.mkdir()
@@ -174,7 +181,8 @@ def watched(place: Path, running: Running) -> Watched:
     document = {"service": running.url, "poll_s": 0.02, "folders": [described]}
     made = Watched(running, scanner_id, folder, place / f"{scanner_id}.toml", document)
     made.describe()
-    return made
+    yield made
+    running.reads_before_answers = False
 
 
 @pytest.fixture

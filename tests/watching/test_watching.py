@@ -17,12 +17,11 @@ from typer.testing import CliRunner
 from watching_process import kill, no_progress, watchers
 
 from sawmill_command.commands import main
-from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_store.scans import Scans
 from sawmill_worker.watching.command import CannotWatch
 from sawmill_worker.watching.folder import Folder
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.sending import FileSending
 from sawmill_worker.watching.service import Service
 from sawmill_worker.watching.settings import read_settings
 from sawmill_worker.watching.stopping import Stop
@@ -120,16 +119,9 @@ def test_what_is_no_scan_goes_to_refused_with_the_reason(watched, log):
     assert (watched.left(), watched.records()) == ([], [])
 
 
-def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched, until, monkeypatch):
-    send = FileSending.send
-
-    def send_and_let_it_be_read(self, *given):
-        taking = send(self, *given)
-        until(lambda: watched.running.store.scans.get(taking.scan_id).state is ScanState.REFUSED)
-        return taking
-
-    monkeypatch.setattr(FileSending, "send", send_and_let_it_be_read)
+def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched):
     watched.put("bad.npy", BAD)
+    watched.running.reads_before_answers = True
     assert not watched.once()
     (bad,) = watched.scans()
     assert f"scan: {bad.id}" in watched.reason("bad.npy").splitlines()
@@ -423,22 +415,32 @@ def test_an_absent_service_is_waited_for_and_said_once(watched, log):
     assert watched.contents() == {"log.npy": b"log"}
 
 
-def test_files_at_which_the_service_fails_keep_no_other_waiting(watched, log, monkeypatch):
-    accept = watched.running.store.scans.accept
+class PoisonedScans(Scans):
+    """Has a defect at which some scans fail."""
 
-    def fail(spec, *given, **options):
+    def accept(self, spec, *given, **options):
         if spec.name.startswith("poison"):
             raise RuntimeError("a defect")
-        return accept(spec, *given, **options)
+        return super().accept(spec, *given, **options)
 
-    monkeypatch.setattr(watched.running.store.scans, "accept", fail)
+
+@pytest.fixture
+def right_scans(watched):
+    """Those of the service's store, which has a defect until they are put back."""
+    store = watched.running.store
+    right, store.scans = store.scans, PoisonedScans(store.database, store.files, store.places)
+    yield right
+    store.scans = right
+
+
+def test_files_at_which_the_service_fails_keep_no_other_waiting(watched, right_scans, log):
     for number in range(3):
         os.utime(watched.put(f"poison {number}.npy", b"%d" % number), (0, 0))
     watched.put("log.npy", b"log")
     assert not watched.once()
     assert watched.contents() == {"log.npy": b"log"}
     assert [line["code"] for line in log("waits")] == ["internal"] * 3
-    monkeypatch.undo()
+    watched.running.store.scans = right_scans
     assert watched.once()
     assert len(watched.contents()) == 4
 

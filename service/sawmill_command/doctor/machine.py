@@ -4,7 +4,7 @@ import errno
 import os
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -33,14 +33,15 @@ _OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a di
 
 def packages() -> Iterator[DoctorFinding]:
     """Check that the installed packages are the versions that the product requires."""
-    wrong = list(_wrong_packages())
+    wrong = list(wrong_packages(requires(PACKAGE) or []))
     yield from wrong
     if not wrong:
         yield DoctorFinding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
 
 
-def _wrong_packages() -> Iterator[DoctorFinding]:
-    for text in requires(PACKAGE) or []:
+def wrong_packages(requirements: Iterable[str]) -> Iterator[DoctorFinding]:
+    """Find the packages that do not meet requirements, which are written as in PEP 508."""
+    for text in requirements:
         needed = Requirement(text)
         if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
             continue

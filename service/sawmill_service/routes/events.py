@@ -15,17 +15,13 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_service.access import Access
-from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
+from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping, TheStreamTimes
 from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
 from sawmill_service.http.document.described_answers import events
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import Router
 
-# A page that receives nothing for three of these shows that its data may be old.
-ALIVE_S = 5.0
-# A stream ends this soon after its key.
-_ACCESS_S = 30.0
 EXAMPLE = """\
 event: alive
 data: {"number": 41}
@@ -81,6 +77,7 @@ async def stream_events(
     settings: TheSettings,
     stopping: TheStopping,
     access: TheAccess,
+    times: TheStreamTimes,
     last_event_id: LastEventId = None,
 ) -> AsyncIterator[ServerSentEvent]:
     """Stream all changes: of jobs, what jobs work on, scanners, schedules, uploads and keys.
@@ -98,7 +95,7 @@ async def stream_events(
     while not stopping.begun and time.monotonic() < ends_at_s:
         await stopping.sleep(settings.event_poll_s)
         now_s = time.monotonic()
-        if now_s - checked_at_s > _ACCESS_S:
+        if now_s - checked_at_s > times.access_s:
             checked_at_s = now_s
             if not await _may_listen(request, access):
                 break
@@ -110,7 +107,7 @@ async def stream_events(
         for event in followed:
             heard_at_s = now_s
             yield ServerSentEvent(data=event, event=event.what, id=str(event.number))
-        if now_s - heard_at_s > ALIVE_S:
+        if now_s - heard_at_s > times.alive_s:
             heard_at_s = now_s
             yield sign
     yield ServerSentEvent(data={"number": number}, event="closing", id=str(number), retry=retry_ms)

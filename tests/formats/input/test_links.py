@@ -1,5 +1,7 @@
 """HDF5 as synchrotrons write it: links into other files, virtual datasets and raw data, read where asked for."""
 
+import resource
+
 import h5py
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scan_files import CELLS, ROWS, VIEWS
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.hdf5.links import FILES_KEPT_FREE
 from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
@@ -163,12 +166,21 @@ def test_filters_of_other_files_are_counted_too(folder, stack):
     assert refusal(folder, follow_links=True)[0] == "unsupported-storage"
 
 
-def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack, monkeypatch):
-    virtual(folder, stack)
-    monkeypatch.setattr("resource.getrlimit", lambda _: (65, 65))  # 64 are kept free
-    code, sentence = refusal(folder, follow_links=True)
+def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack):
+    layout = h5py.VirtualLayout((60, ROWS, CELLS), np.uint16)
+    for view in range(60):
+        frames(folder / f"raw/{view}.h5", stack[:1])
+        layout[view] = h5py.VirtualSource(f"raw/{view}.h5", "entry/frames", (1, ROWS, CELLS))
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_virtual_dataset("data", layout)
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (FILES_KEPT_FREE + 59, before[1]))
+    try:
+        code, sentence = refusal(folder, follow_links=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
     assert code == "too-large"
-    assert "leads to 2 files and 1 may be open at once" in sentence
+    assert "leads to 60 files and 59 may be open at once" in sentence
     assert "ulimit -n" in sentence
 
 

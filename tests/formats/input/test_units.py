@@ -32,5 +32,5 @@ def test_an_angle_is_read_in_its_unit(unit, factor):
 
 
 def test_every_unit_is_tried():
-    assert set(units._MM) == {unit for unit, _ in of_each(IN_MM)}
-    assert {unit for unit, _ in of_each(IN_DEGREES)} == units._DEGREES | units._RADIANS
+    assert set(units.LENGTHS_MM) == {unit for unit, _ in of_each(IN_MM)}
+    assert {unit for unit, _ in of_each(IN_DEGREES)} == units.DEGREES | units.RADIANS

@@ -19,6 +19,7 @@ from missing_parts import skip_without
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from sawmill_service.app import create_app
+from sawmill_service.event_feed import StreamTimes
 from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
@@ -75,7 +76,7 @@ class Site:
 @pytest.fixture
 def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[Site]:
     """A running service on the test's store, in front of a browser."""
-    with serving(store, settings, 0) as port:
+    with serving(store, settings, 0, StreamTimes()) as port:
         site = Site(f"http://127.0.0.1:{port}", browser)
         yield site
         for context in browser.contexts:
@@ -84,15 +85,23 @@ def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[
 
 
 @pytest.fixture
-def serve(store: Store, settings: ServiceSettings) -> Callable[[int], AbstractContextManager[int]]:
+def stream_times() -> StreamTimes:
+    return StreamTimes()
+
+
+@pytest.fixture
+def serve(
+    store: Store, settings: ServiceSettings, stream_times: StreamTimes
+) -> Callable[[int], AbstractContextManager[int]]:
     """Runs the service on a port, or on a free one where that is 0, for as long as a test wants."""
-    return partial(serving, store, settings)
+    return partial(serving, store, settings, times=stream_times)
 
 
 @contextmanager
-def serving(store: Store, settings: ServiceSettings, port: int) -> Iterator[int]:
+def serving(store: Store, settings: ServiceSettings, port: int, times: StreamTimes) -> Iterator[int]:
     """The application on a loopback port, a free one where it is 0, in a thread."""
     app = create_app(settings, store, lambda _: None)
+    app.state.stream_times = times
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
     with closing(listen("127.0.0.1", port, guarded=True)) as listening:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})

@@ -6,8 +6,7 @@ from playwright.sync_api import Page, expect
 
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_service.pages.scanners import today
-from sawmill_service.routes import events
+from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
@@ -15,11 +14,10 @@ OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
-@pytest.fixture(autouse=True)
-def _impatient(monkeypatch):
+@pytest.fixture
+def stream_times():
     """A page and a service that notice within half a second what they notice within half a minute."""
-    monkeypatch.setattr(today, "LOST_MS", 400)
-    monkeypatch.setattr(events, "_ACCESS_S", 0.2)
+    return StreamTimes(lost_s=0.4, access_s=0.2)
 
 
 @pytest.fixture

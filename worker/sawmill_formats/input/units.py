@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_MM = {
+LENGTHS_MM = {
     "nm": 1e-6,
     "um": 1e-3,
     "µm": 1e-3,  # the micro sign
@@ -20,25 +20,25 @@ _MM = {
     "meter": 1000.0,
     "metre": 1000.0,
 }
-_DEGREES = {"deg", "degree", "degrees", "°"}
-_RADIANS = {"rad", "radian", "radians"}
+DEGREES = {"deg", "degree", "degrees", "°"}
+RADIANS = {"rad", "radian", "radians"}
 # Distances between cells, in mm: from a nanometre to a metre.
 LEAST_PITCH_MM, LARGEST_PITCH_MM = 1e-6, 1000.0
 
 
 def to_mm(value: float, unit: str) -> float | None:
     """Convert a length to mm; None for a unit that is not one of length."""
-    factor = _MM.get(unit.strip().lower())
+    factor = LENGTHS_MM.get(unit.strip().lower())
     return None if factor is None else value * factor
 
 
 def to_degrees(values: NDArray[np.float64], unit: str) -> NDArray[np.float64] | None:
     """Convert angles to degrees; None for a unit that is not one of angle."""
     name = unit.strip().lower()
-    if name in _DEGREES:
+    if name in DEGREES:
         return values
     with np.errstate(over="ignore"):  # values that become infinite are refused with their place
-        return np.rad2deg(values) if name in _RADIANS else None
+        return np.rad2deg(values) if name in RADIANS else None
 
 
 def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, str | None]:

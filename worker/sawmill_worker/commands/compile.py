@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from sawmill_formats import hdf5_chunks
@@ -14,24 +14,24 @@ from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.software import code_folders
 
 
-def compile_kernels(on_progress: ProgressCallback) -> None:
-    """Compile every part that is not cached yet, in a separate process per part and one process per core.
+def compile_kernels(on_progress: ProgressCallback, parts: Collection[str] = PARTS.keys()) -> None:
+    """Compile parts of the science that are not cached yet, in a separate process per part and one process per core.
 
     Raises
     ------
     subprocess.CalledProcessError
         A part cannot be compiled; the process has printed the reason.
     """
-    on_progress(Progress(fraction=0.0, stage=", ".join(PARTS)))
+    on_progress(Progress(fraction=0.0, stage=", ".join(parts)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        compiled = {pool.submit(_compile, part): part for part in PARTS}
-        remaining = list(PARTS)
+        compiled = {pool.submit(_compile, part): part for part in parts}
+        remaining = list(parts)
         # The byte code takes half a second, while the kernels are compiled.
         hdf5_chunks.load_kernels()
         for future in as_completed(compiled):
             future.result()
             remaining.remove(compiled[future])
-            on_progress(Progress(fraction=1.0 - len(remaining) / len(PARTS), stage=", ".join(remaining) or "done"))
+            on_progress(Progress(fraction=1.0 - len(remaining) / len(parts), stage=", ".join(remaining) or "done"))
 
 
 def compile_bytecode(folders: Iterable[str]) -> None:

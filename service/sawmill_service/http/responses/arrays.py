@@ -58,9 +58,6 @@ class HeldBytes:
             self._held -= size
 
 
-_ALL = HeldBytes()
-
-
 def array(
     request: Request, made_of: Hashable, size: int, read: Callable[[], tuple[bytes, Mapping[str, str]]], *, save_as: str
 ) -> Response:
@@ -78,47 +75,45 @@ def array(
         Name under which a browser saves the file.
     """
     digests: Digests = request.app.state.digests
+    held: HeldBytes = request.app.state.held_arrays
     key = key_of(request.url.path, made_of)
     digest = digests.known(key)
-    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
-        return held
-    _ALL.take(size)
+    if digest is not None and (unsent := check_conditions(request.headers, tag_of(digest))):
+        return unsent
+    held.take(size)
     try:
         content, headers = read()
         digest = digests.note(key, content, keep=False)
         if unsent := check_conditions(request.headers, tag_of(digest)):
-            return _given_back(size, unsent)
+            held.give_back(size)
+            return unsent
         own = describing(digest, "attachment", save_as)
         part, status, of_range = one_part(request.headers, content, own["ETag"])
     except BaseException:
-        _ALL.give_back(size)
+        held.give_back(size)
         raise
     # Fewer bytes may be sent than were read.
     counted = min(size, len(content))
-    _ALL.give_back(size - counted)
+    held.give_back(size - counted)
     described = {**headers, **own, **of_range, "Content-Length": str(len(part))}
-    return _Sent(part, status, described, counted=counted)
-
-
-def _given_back(size: int, answer: Response) -> Response:
-    """Return an answer that does not send the array that was read."""
-    _ALL.give_back(size)
-    return answer
+    return _Sent(part, status, described, held=held, counted=counted)
 
 
 class _Sent(StreamingResponse):
     """An answer whose bytes are counted until the client has them, or is gone."""
 
-    def __init__(self, content: bytes, status: int, headers: Mapping[str, str], *, counted: int) -> None:
+    def __init__(
+        self, content: bytes, status: int, headers: Mapping[str, str], *, held: HeldBytes, counted: int
+    ) -> None:
         super().__init__(_pieces(content), status, media_type=Npy.media_type, headers=headers)
-        self._counted = counted
+        self._held, self._counted = held, counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer the request."""
         try:
             await super().__call__(scope, receive, send)
         finally:
-            _ALL.give_back(self._counted)
+            self._held.give_back(self._counted)
 
 
 async def _pieces(content: bytes) -> AsyncIterator[bytes]:

@@ -19,8 +19,6 @@ from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, not
 _KEPT_BYTES = 16 * 1024**2
 # A digest and its key have some 300 bytes.
 _MOST_DIGESTS = 10_000
-# Large files that are read at once, each in a thread: the other threads remain for further requests.
-_READ_AT_ONCE = 2
 
 log = structlog.get_logger(__name__)
 
@@ -41,12 +39,21 @@ def key_of(path: str, made_of: Hashable) -> Hashable:
 
 
 class Digests:
-    """Digests of the newest answers by key, and small contents with their digests."""
+    """Digests of the newest answers by key, and small contents with their digests.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    noted_from_bytes
+        Size from which a file counts as large: its digest is noted next to it.
+    read_at_once
+        Large files that are read at once, each in a thread: the other threads remain for further requests.
+    """
+
+    def __init__(self, *, noted_from_bytes: int = NOTED_FROM_BYTES, read_at_once: int = 2) -> None:
+        self._noted_from_bytes = noted_from_bytes
         self._lock = threading.Lock()
         self._reading: dict[Hashable, asyncio.Task[bytes]] = {}
-        self._large = asyncio.Semaphore(_READ_AT_ONCE)
+        self._large = asyncio.Semaphore(read_at_once)
         self._digests: OrderedDict[Hashable, bytes] = OrderedDict()
         self._contents: OrderedDict[Hashable, bytes] = OrderedDict()
         self._kept_bytes = 0
@@ -75,6 +82,10 @@ class Digests:
                 self._kept_bytes -= len(self._contents.popitem(last=False)[1])
         return digest
 
+    def compute(self, path: Path, status: os.stat_result) -> bytes:
+        """Compute a file's digest as `compute_digest` does."""
+        return compute_digest(path, status)
+
     async def of_file(self, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
         """Return the digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
@@ -102,14 +113,14 @@ class Digests:
         noted = await run_in_threadpool(read_note, path)
         if noted is not None and noted.is_of(status):
             digest = noted.digest
-        elif status.st_size < NOTED_FROM_BYTES:
-            digest = await run_in_threadpool(compute_digest, path, status)
+        elif status.st_size < self._noted_from_bytes:
+            digest = await run_in_threadpool(self.compute, path, status)
         else:
             async with self._large:
-                digest = await run_in_threadpool(compute_digest, path, status)
+                digest = await run_in_threadpool(self.compute, path, status)
         if noted is not None and noted.digest != digest:
             raise DamagedResult(path.name, "its digest is not the one that was taken when it was written")
-        if status.st_size >= NOTED_FROM_BYTES and (noted is None or not noted.is_of(status)):
+        if status.st_size >= self._noted_from_bytes and (noted is None or not noted.is_of(status)):
             await run_in_threadpool(_keep, path, status, digest)
         with self._lock:
             self._note(key, digest)

@@ -13,7 +13,7 @@ from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheStore
+from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts.sparkline import Sparkline, sparkline
 from sawmill_service.pages.frame.page_frame import (
@@ -24,8 +24,6 @@ from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# A lost connection is restored within a second; a quiet stream sends a sign of life every five seconds.
-LOST_MS, SILENT_MS = 4_000, 12_000
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # Events that no row of a scanner shows.
 _NOT_SHOWN = {
@@ -77,7 +75,7 @@ class Board:
 
 
 @router.get("/")
-def today(page: ThePage, store: TheStore) -> HTMLResponse:
+def today(page: ThePage, store: TheStore, times: TheStreamTimes) -> HTMLResponse:
     """Show the whole page; its script follows the events after the number that was read before the rows."""
     number = store.events.reader().number
     kinds = " ".join(kind for kind in EventKind.published() if kind not in _NOT_SHOWN)
@@ -87,8 +85,8 @@ def today(page: ThePage, store: TheStore) -> HTMLResponse:
         alarms=ALARMS,
         number=number,
         kinds=kinds,
-        lost_ms=LOST_MS,
-        silent_ms=SILENT_MS,
+        lost_ms=round(1000 * times.lost_s),
+        silent_ms=round(1000 * times.silent_s),
     )
 
 
