@@ -27,6 +27,7 @@ from sawmill_vocabulary import Adjustment
 DEEPEST = 0.98
 # With fewer views a step is so large that two points do not represent an exposure.
 FEWEST_VIEWS = 60
+_TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 
 
 @dataclass(frozen=True)
@@ -43,15 +44,15 @@ class Effect:
         Reported sentence, from the model that has the effect and the sizes of the effect's columns.
     remedy : str
         Advice to the user, where something should be done.
-    largest : tuple of float or None
-        Largest sizes of the columns with which the effect joins a fit; None: any.
+    possible : callable
+        True for a model and sizes of the columns that such an effect may have.
     """
 
     adjustment: Adjustment
     columns: Callable[[ScanModel], tuple[Column, ...]]
     sentence: Callable[[ScanModel, FloatArray], str]
     remedy: str = ""
-    largest: tuple[float, ...] | None = None
+    possible: Callable[[ScanModel, FloatArray], bool] = lambda _, __: True
 
 
 def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[Column, ...]]:
@@ -71,10 +72,15 @@ def _hardening_sentence(model: ScanModel, sizes: FloatArray) -> str:
     return f"beam hardening of {change:+.1%} on the longest path"
 
 
-def _scattered_radiation_sentence(model: ScanModel, sizes: FloatArray) -> str:
+def _scattered_share(model: ScanModel, sizes: FloatArray) -> float:
+    """Return the share that scattered radiation adds to the intensity of the deepest shadow."""
     around, wide = model.halos
     deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
-    added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
+    return float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
+
+
+def _scattered_radiation_sentence(model: ScanModel, sizes: FloatArray) -> str:
+    added = _scattered_share(model, sizes)
     return f"scattered radiation, which adds {added:.1%} to the intensity of the deepest shadow"
 
 
@@ -88,16 +94,30 @@ def _pace_sentence(model: ScanModel, sizes: FloatArray) -> str:
     return f"the turntable turns {pace:.4f} times as far as the angles say"
 
 
-def _encoder_sentence(_: ScanModel, sizes: FloatArray) -> str:
-    once, twice = np.rad2deg([math.hypot(*sizes[:2]), math.hypot(*sizes[2:])])
-    return f"the angles are ahead and behind once a turn, by {once:.2g} degrees, and twice a turn, by {twice:.2g}"
+def _encoder(orders: tuple[int, int]) -> Effect:
+    """Return the effect of angles that are ahead and behind these numbers of times a turn, as with a faulty encoder."""
+
+    def sentence(_: ScanModel, sizes: FloatArray) -> str:
+        first, second = np.rad2deg([math.hypot(*sizes[:2]), math.hypot(*sizes[2:])])
+        often = [_TIMES[order] for order in orders]
+        return (
+            f"the angles are ahead and behind {often[0]} a turn, by {first:.2g} degrees, and {often[1]} a turn, by "
+            f"{second:.2g}"
+        )
+
+    return Effect(
+        Adjustment.ENCODER,
+        lambda model: of_angle([shape for order in orders for shape in harmonics(model, order)]),
+        sentence,
+        "the encoder is off its axis, or the drive slips and catches: look at them",
+    )
 
 
-def _wobble(order: int, times: str) -> Effect:
+def _wobble(order: int) -> Effect:
     return Effect(
         Adjustment.WOBBLE,
         lambda model: in_the_laboratory(model, harmonics(model, order)),
-        lambda _, sizes: f"the turntable wobbles {times} a turn, by {largest_move(sizes):.2g} mm",
+        lambda _, sizes: f"the turntable wobbles {_TIMES[order]} a turn, by {largest_move(sizes):.2g} mm",
         "look at the turntable's bearing and what the phantom stands on",
     )
 
@@ -116,7 +136,7 @@ DEFORMATION = Effect(
     "measure both sides of the phantom, and check that it stands square to the axis",
 )
 # The turntable's axis wobbles, as with a worn bearing.
-WOBBLES = tuple(_wobble(order, times) for order, times in enumerate(("once", "twice", "three times", "four times"), 1))
+WOBBLES = tuple(_wobble(order) for order in _TIMES)
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
@@ -126,6 +146,7 @@ EFFECTS: tuple[Effect, ...] = (
         Adjustment.SCATTERED_RADIATION,
         _terms(Term.SCATTER, Term.SCATTER_WIDE, counts=True),
         _scattered_radiation_sentence,
+        possible=lambda model, sizes: _scattered_share(model, sizes) > 0.0,
     ),
     # The focal spot and the scintillator blur along the detector: a Gaussian.
     Effect(
@@ -182,13 +203,15 @@ EFFECTS: tuple[Effect, ...] = (
         lambda _, sizes: f"the phantom creeps by {math.hypot(*sizes):.2g} mm over the scan",
         "fasten the phantom on the turntable",
     ),
-    # The angles are ahead and behind once or twice a turn, as with an encoder off its axis.
+    # Source, turntable or detector move steadily, as when the scanner warms up.
     Effect(
-        Adjustment.ENCODER,
-        lambda model: of_angle([*harmonics(model, 1), *harmonics(model, 2)]),
-        _encoder_sentence,
-        "the encoder is off its axis, or the drive slips and catches: look at them",
+        Adjustment.CREEP,
+        lambda model: in_the_laboratory(model, [progress(model)]),
+        lambda _, sizes: f"source, turntable or detector creep by {math.hypot(*sizes):.2g} mm over the scan",
+        "let the scanner warm up, and look at what carries source and detector",
     ),
+    _encoder((1, 2)),
+    _encoder((3, 4)),
     *WOBBLES,
 )
 # A body that comes nearer to the source twice a turn casts the shadow of one that is longer in one direction. Only the

@@ -32,7 +32,7 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
             f"the detector's modules meet at cell {module.first_cell} with a gap of {module.gap_mm + sizes[0]:+.2f} mm "
             f"and an angle of {math.degrees(module.kink_rad + sizes[1]):+.2f} degrees"
         ),
-        largest=(LARGEST_GAP_CELLS * cell_mm, LARGEST_KINK_RAD),
+        possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_GAP_CELLS * cell_mm and abs(sizes[1]) <= LARGEST_KINK_RAD,
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.faults.motion import in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -37,6 +38,21 @@ def slip_at(view: int) -> Effect:
         columns,
         sentence,
         "fasten the phantom on the turntable, look at the drive and its encoder, and repeat the scan",
+    )
+
+
+def jump_at(view: int) -> Effect:
+    """Return the effect of source, turntable or detector that jump at this view; the geometry is the mean one."""
+
+    def columns(model: ScanModel) -> tuple[Column, ...]:
+        after = (np.arange(len(model.data.angles_rad)) >= view).astype(np.float64)
+        return in_the_laboratory(model, [after - after.mean()])
+
+    return Effect(
+        Adjustment.SLIP,
+        columns,
+        lambda _, sizes: f"source, turntable or detector moved at view {view}, by {math.hypot(*sizes):.2g} mm",
+        "look at what carries source, turntable and detector, and repeat the scan",
     )
 
 

@@ -6,7 +6,7 @@ bias to the covariance.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import ModuleSearch, effect_of, with_module, with_modules
-from sawmill_tomography.calibration.faults.slip import likeliest_slip, slip_at
+from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
@@ -42,6 +42,10 @@ from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, 
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import Adjustment, DetectorModule, TrueAxis
 
+# Effects that move the phantom or the angles, of which a scan may not tell which is real, and the least likelihood of
+# another against the fitted one's.
+MOTIONS = frozenset({Adjustment.PACE, Adjustment.CREEP, Adjustment.SLIP, Adjustment.ENCODER, Adjustment.WOBBLE})
+LEAST_WEIGHT = 0.01
 ROUNDS = 12
 VIEW_ROUNDS = 3
 # Effects join in the first JOINING rounds, at most MOST_AT_ONCE in each: what several effects explain together is only
@@ -86,11 +90,9 @@ class Fitted:
         """Set all sizes to 0."""
         self.sizes = np.zeros(len(self.columns))
 
-    def may_join(self, test: EffectTest) -> bool:
-        """Return whether the effect may join the fit with the sizes of a test."""
-        if self.declined or not test.degrees:
-            return False
-        return self.effect.largest is None or bool((np.abs(test.sizes) <= self.effect.largest).all())
+    def may_join(self, model: ScanModel, test: EffectTest) -> bool:
+        """Return whether the effect may join the fit of a model with the sizes of a test."""
+        return not self.declined and test.degrees > 0 and self.effect.possible(model, test.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +103,17 @@ class OtherReading:
     ----------
     sizes : (columns,) float64
         Sizes of the columns of `other`, if `other` were fitted instead of `fitted`.
-    bias : (base,) float64
-        Change of all remaining fitted columns in that case.
+    bias : (used,) float64
+        Change of all fitted columns in that case, 0 for those of `fitted`.
+    weight : float
+        Likelihood of the other effect, against the fitted one's.
     """
 
     fitted: Fitted
     other: Fitted
     sizes: FloatArray
     bias: FloatArray
+    weight: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +130,8 @@ class JointFit:
         Effects that are beyond chance and not fitted, with the test of each.
     other_reading : OtherReading or None
         None where no other effect explains the scan as well as a fitted one.
+    other_motions : tuple of OtherReading
+        Motions that explain almost as much as a fitted motion.
     angle_variance : float
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
     border_variance : mapping of int to float
@@ -139,6 +146,7 @@ class JointFit:
     variance: float
     beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
     other_reading: OtherReading | None
+    other_motions: tuple[OtherReading, ...]
     angle_variance: float
     border_variance: Mapping[int, float]
     converged: bool
@@ -148,7 +156,8 @@ class JointFit:
     def biases(self) -> list[FloatArray]:
         """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
         beyond_chance = [test.bias for _, test in self.beyond_chance]
-        return beyond_chance if self.other_reading is None else [*beyond_chance, self.other_reading.bias]
+        readings = (*self.other_motions, *(() if self.other_reading is None else (self.other_reading,)))
+        return [*beyond_chance, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
 
     @property
     def modules(self) -> tuple[DetectorModule, ...]:
@@ -288,6 +297,7 @@ class _JointFitter:
             self.variance,
             beyond_chance,
             other,
+            tuple(_other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
             self.border_variance,
             converged=self.converged,
@@ -321,9 +331,11 @@ class _JointFitter:
         slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
         view = likeliest_slip(base, *grams.of_columns(base)) if slips < MOST_SLIPS else None
         if view is not None:
-            slip, trials = slip_at(view), float(len(grams.scores))
-            declined = Adjustment.SLIP in self.without
-            tried.append(Fitted(slip, slip.columns(self.model), trials, declined=declined))
+            trials, declined = float(len(grams.scores)), Adjustment.SLIP in self.without
+            tried += [
+                Fitted(effect, effect.columns(self.model), trials, declined=declined)
+                for effect in (slip_at(view), jump_at(view))
+            ]
         system = grams.system([*base, *(column for one in tried for column in one.columns)])
         first = len(free)
         for one in (*self.fitted, *tried):
@@ -384,15 +396,27 @@ class _JointFitter:
         while True:
             tester = EffectTester(system, used)
             tests = [(one, tester.tested(one.places)) for one in tried if one not in joined]
-            worth = [(test.power, one) for one, test in tests if one.may_join(test) and test.is_fitted(one.trials)]
+            worth = [
+                (test.power, one)
+                for one, test in tests
+                if test.is_fitted(one.trials) and one.may_join(self.model, test)
+            ]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
             _, best = max(worth, key=lambda pair: pair[0])
             joined.append(best)
             used += best.places
+        self._take(joined, tried)
+        return joined, tests
+
+    def _take(self, joined: Sequence[Fitted], tried: Sequence[Fitted]) -> None:
+        """Take effects into the fit; the other effect of a slip's view stays among those to be tested."""
         self.fitted += joined
         self.waiting = [one for one in self.waiting if one not in joined]
-        return joined, tests
+        if any(one.effect.adjustment is Adjustment.SLIP for one in joined):
+            self.waiting += [
+                one for one in tried if one.effect.adjustment is Adjustment.SLIP and one not in (*joined, *self.waiting)
+            ]
 
     def _join_together(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
         """Let several effects join that only together explain what is left: each hides the others.
@@ -411,7 +435,9 @@ class _JointFitter:
             worth = [
                 (test.power, one)
                 for test, one in tests
-                if one.may_join(test) and test.power > variance * chance_limit(FITTED / one.trials, test.degrees)
+                if test.degrees
+                and test.power > variance * chance_limit(FITTED / one.trials, test.degrees)
+                and one.may_join(self.model, test)
             ]
             if not worth:
                 break
@@ -426,8 +452,7 @@ class _JointFitter:
             if least > 1.0:
                 break
             group.remove(weakest)
-        self.fitted += group
-        self.waiting = [one for one in self.waiting if one not in group]
+        self._take(group, tried)
         used += [place for one in group for place in one.places]
         return group
 
@@ -436,7 +461,11 @@ class _JointFitter:
 
         Where something is missing, the model is changed and the fit continues.
         """
-        dropped = [one for one in self.fitted if not _needed(system, used, one)]
+        dropped = [
+            one
+            for one in self.fitted
+            if not (_needed(system, used, one) and one.effect.possible(self.model, one.sizes))
+        ]
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
@@ -487,12 +516,54 @@ def _other_reading(
     if one is None or other is None:
         return None
     rest = [i for i in used if i not in one.places]
-    system = system.without(one.places, one.sizes)
-    if EffectTester(system, [*rest, *other.places]).tested(one.places).is_fitted():
+    without = system.without(one.places, one.sizes)
+    if EffectTester(without, [*rest, *other.places]).tested(one.places).is_fitted():
         return None
-    tester = EffectTester(system, rest)
-    instead = tester.tested(other.places)
-    return OtherReading(one, other, instead.sizes, instead.bias - tester.tested(one.places).bias)
+    return _Instead(system, used, one).reading(other)
+
+
+def _other_motions(
+    system: System, used: list[int], fitted: Sequence[Fitted], tried: Sequence[Fitted]
+) -> Iterator[OtherReading]:
+    """Yield the motions that may be real instead of a fitted motion: those that explain almost as much.
+
+    What an effect explains is only as certain as the noise, and its share of what the residual has beside noise.
+    """
+    score = system.score[used]
+    left = max(system.power - float(score @ system.inverse(used) @ score), 0.0) / max(system.samples - len(used), 1.0)
+    for one in fitted:
+        if one.effect.adjustment in MOTIONS:
+            instead = _Instead(system, used, one)
+            for other in tried:
+                if other.effect.adjustment in MOTIONS and not other.declined:
+                    reading = instead.reading(other, max(left, system.structured / STRUCTURES))
+                    if reading.weight > LEAST_WEIGHT:
+                        yield reading
+
+
+class _Instead:
+    """The comparison of other effects with a fitted one, which each replaces."""
+
+    def __init__(self, system: System, used: list[int], one: Fitted) -> None:
+        self._one, self._used = one, used
+        self._rest = [i for i in used if i not in one.places]
+        self._tester = EffectTester(system.without(one.places, one.sizes), self._rest)
+        self._own = self._tester.tested(one.places)
+
+    def reading(self, other: Fitted, variance: float | None = None) -> OtherReading:
+        """Return the reading with the other effect; its weight is its likelihood, or 1 without a variance."""
+        test = self._tester.tested(other.places)
+        bias = np.zeros(len(self._used))
+        bias[[n for n, place in enumerate(self._used) if place in self._rest]] = test.bias - self._own.bias
+        weight = 1.0
+        if variance is not None:
+            # By chance an effect explains a variance for each unknown, and the best of many places more.
+            chance = [
+                test.degrees + 2.0 * math.log(one.trials) for one, test in ((self._one, self._own), (other, test))
+            ]
+            less = max(self._own.power - test.power - variance * (chance[0] - chance[1]), 0.0)
+            weight = math.exp(-0.5 * less / variance) if variance > 0.0 else float(less == 0.0)
+        return OtherReading(self._one, other, test.sizes, bias, weight)
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:

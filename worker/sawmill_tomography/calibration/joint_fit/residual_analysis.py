@@ -90,6 +90,7 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
         if joint.other_reading is not None and joint.other_reading.fitted is one:
             readings.append((joint.other_reading.other.effect, joint.other_reading.sizes))
             readings.sort(key=lambda reading: ALIKE.index(reading[0]))
+        readings += [(reading.other.effect, reading.sizes) for reading in joint.other_motions if reading.fitted is one]
         sentence = ", or ".join(effect.sentence(joint.model, sizes) for effect, sizes in readings)
         yield FoundEffect(
             one.effect.adjustment,
