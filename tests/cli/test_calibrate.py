@@ -45,6 +45,7 @@ def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):
         "num_detector_pixels": 256,
         "detector_pitch_mm": 4.508593749,
         "row_pitch_mm": 2.0,
+        "detector_modules": [],
     }
     assert (document["views"], document["rows"], document["phantom"]) == (60, [0, 2], "L-shape")
     assert (document["handedness"], document["rotation"]) == ("as-drawn", "as-given")

@@ -62,7 +62,7 @@ class WatchedFiles(MillFiles):
 @pytest.fixture
 def drawn(store):
     """The pictures that were drawn."""
-    store.files = WatchedFiles(store.files.folder)
+    store.calibrations.files = store.files = WatchedFiles(store.files.folder)
     return store.files.made
 
 

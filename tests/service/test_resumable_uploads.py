@@ -196,7 +196,7 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, store):
         def begin_part(self, *given, **options):
             return SlowSum(super().begin_part(*given, **options))
 
-    store.uploads = LargeUploads(store.database, store.files)
+    store.uploads = LargeUploads(store.database, store.files, 0)
     paths = [begin(seeded) for _ in range(3)]
     with ThreadPoolExecutor(2) as pool:
         whole = [pool.submit(send_part, seeded, path, 0, CONTENT) for path in paths[:2]]
