@@ -305,7 +305,7 @@ def calibrate(
     )
     stack = scan.line_integrals
     with input_errors():
-        job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=None if scan.rows_chosen else stack)
+        job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=stack, rows_named=scan.rows_chosen)
 
     def arrays() -> CalibrationArrays:
         from sawmill_worker.use_cases.calibration.calibration_files import report_arrays  # noqa: PLC0415 - as a command

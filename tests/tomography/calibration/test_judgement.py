@@ -138,6 +138,7 @@ def test_a_structured_residual_is_noted_and_takes_no_pass_away(verdict_of, share
         (ResidualPlace.EDGES, ("several causes", "lags", "turns during the exposure", "jitter", "draw it anew")),
         (ResidualPlace.SHADOW, ("several causes", "without knots", "scatter", "flat fields", "check the rows")),
         (ResidualPlace.VIEWS, ("repeat the scan",)),
+        (ResidualPlace.BESIDE, ("another body in the beam", "take it away")),
     ],
 )
 def test_where_the_residual_lies_names_every_cause_that_fits_and_its_cure(verdict_of, place, reported):

@@ -38,6 +38,8 @@ CAUSES = {
     "turns during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), "
     "a surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, "
     "draw it anew)",
+    ResidualPlace.BESIDE: "beside the phantom's shadow, as from another body in the beam (a second board, a support, "
+    "a hand): take it away, and repeat the scan",
     ResidualPlace.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one "
     "without knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no "
     "longer fit (take new ones), rows that show something else (check the rows)",

@@ -14,6 +14,8 @@ VIEWS, CELLS = 60, 64
 # A row with less than the share LEAST_SHADOW of the phantom's shadow shows air; a row whose correlation with a row of
 # the phantom is above SAME_BODY shows the phantom.
 LEAST_SHADOW, SAME_BODY = 0.25, 0.99
+# Among fewer rows it is not known which of two bodies is the odd one.
+FEWEST_ROWS = 3
 
 
 def segments(stack: NDArray[np.floating]) -> list[slice]:
@@ -41,6 +43,21 @@ def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
     if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
         return False
     return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
+
+
+def odd_rows(stack: NDArray[np.floating]) -> list[int]:
+    """Return the rows of a stack (views, rows, detector) that show another body than most rows do."""
+    coarse = _coarse(stack)
+    usual = np.nanmedian(coarse, axis=0)
+    seen = np.isfinite(coarse).all(axis=0)
+    if len(coarse) < FEWEST_ROWS or not seen.any():
+        return []
+    return [row for row, values in enumerate(coarse[:, seen]) if not _same_body(values, usual[seen])]
+
+
+def _same_body(values: FloatArray, usual: FloatArray) -> bool:
+    spread = values.std()
+    return bool(spread > 0.0) and float(np.corrcoef(values, usual)[0, 1]) >= SAME_BODY
 
 
 def _coarse(stack: NDArray[np.floating]) -> FloatArray:

@@ -46,7 +46,7 @@ def calibrate_scan(
         )
         named = scan.rows is not None
         calibration_input, calibration = run_calibration(
-            calibration_input, options, used.on_progress, stack=None if named else stack
+            calibration_input, options, used.on_progress, stack=stack, rows_named=named
         )
         calibration_input, calibration = with_second_witness(
             calibration, calibration_input, row_range=options.log_rows, rows=used.usable_rows, read=used.read_row

@@ -44,9 +44,10 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     )
     scan = usable_scan(attempt)
     attempt.report_stage(0.0, "read")
-    calibration_input, stack = _load(attempt, scan, options)
+    calibration_input, stack, rows_named = _load(attempt, scan, options)
+    keeper = _keeper(attempt, calibration_input, options)
     calibration_input, calibration = run_calibration(
-        calibration_input, options, attempt.report, stack=stack, keeper=_keeper(attempt, calibration_input, options)
+        calibration_input, options, attempt.report, stack=stack, rows_named=rows_named, keeper=keeper
     )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
     attempt.report_stage(0.96, "log")
@@ -108,8 +109,8 @@ def drawing_of(attempt: MillAttempt) -> PhantomDrawing:
     return phantom.drawing
 
 
-def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
-    """Load the input, and the stack of the rows where the rows that show the phantom are not known."""
+def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack, bool]:
+    """Load the input, the stack of its rows, and whether somebody named the rows that show the phantom."""
     shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
     views = chosen_views(options.views, shape.views)
@@ -131,7 +132,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
         remarks=of_saturation(scan.remarks),
     )
     named = options.rows is not None or scan.phantom_rows is not None
-    return calibration_input, None if named else stored.line_integrals
+    return calibration_input, stored.line_integrals, named
 
 
 def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.statistics.robust import robust_deviation
 
 # Views are to blame when the share FEW_VIEWS of them has the share MOST_POWER of the residual's power, over the whole
 # view: a view's mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed
@@ -20,6 +21,8 @@ KINK, KINK_CELLS = 0.005, 2
 EDGES_STAND_OUT = 3.0
 # A mean of products is noise up to this number of standard deviations of the mean.
 CHANCE = 4.0
+# Another body shades the air when the share SHADED of the samples beside the shadow is darker than DARK deviations.
+DARK, SHADED = 6.0, 0.02
 # The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02
 
@@ -31,6 +34,7 @@ class ResidualPlace(StrEnum):
     CELLS = "single cells"
     EDGES = "edges"
     SHADOW = "shadow"
+    BESIDE = "beside the shadow"
 
 
 @dataclass(frozen=True)
@@ -99,12 +103,24 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     for away in range(1, KINK_CELLS + 1):
         at_edges[:, away:] |= kinks[:, :-away]
         at_edges[:, :-away] |= kinks[:, away:]
+    if _shades_air(residual, (model <= model.min() + SHADOW * depth) & ~at_edges):
+        return ResidualPlace.BESIDE
     in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
     return (
         ResidualPlace.EDGES
         if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow)
         else ResidualPlace.SHADOW
     )
+
+
+def _shades_air(residual: FloatArray, air: NDArray[np.bool_]) -> bool:
+    """Return whether a body shades samples (views, cells) that should show air."""
+    beside = residual[air]
+    if beside.size == 0:
+        return False
+    strong = DARK * robust_deviation(beside)
+    darker, brighter = float((beside > strong).mean()), float((beside < -strong).mean())
+    return strong > 0.0 and darker - brighter > SHADED
 
 
 def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:

@@ -15,7 +15,7 @@ from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.phantom_rows import segments
+from sawmill_tomography.calibration.phantom_rows import odd_rows, segments
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.search.search import SearchCallback
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -77,6 +77,7 @@ def run_calibration(
     on_progress: ProgressCallback,
     *,
     stack: NDArray[np.float32] | None = None,
+    rows_named: bool = False,
     keeper: Keeper = NOTHING_KEPT,
 ) -> tuple[CalibrationInput, CalibrationOutcome]:
     """Calibrate by the requested method; errors of `sawmill_tomography` propagate.
@@ -84,7 +85,9 @@ def run_calibration(
     Parameters
     ----------
     stack : (views, rows, detector) float32, optional
-        Stack of the input's rows, where the rows that show the phantom are not known and must be found first.
+        Stack of the input's rows, in which the rows that show the phantom are found first.
+    rows_named
+        The user named the rows: all of them are used, and a remark names the rows that show another body.
     keeper
         Keeps the progress of the published search, which is long.
 
@@ -92,6 +95,8 @@ def run_calibration(
     -------
     The input, narrowed to the phantom's rows where these were found, and the calibration.
     """
+    if rows_named and stack is not None:
+        calibration_input, stack = _with_odd_rows(calibration_input, stack), None
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
     start = 0.0 if stack is None else ROWS_DONE
@@ -141,6 +146,17 @@ def _of_rows(
         stack[:, first - calibration_input.rows[0] : last - calibration_input.rows[0]], rows
     )
     return replace(narrowed, remarks=(*calibration_input.remarks, remark))
+
+
+def _with_odd_rows(calibration_input: CalibrationInput, stack: NDArray[np.float32]) -> CalibrationInput:
+    """Add a remark that names the rows of a stack which show another body than most rows do."""
+    first, last = calibration_input.rows
+    odd = [str(first + row) for row in odd_rows(stack)]
+    if not odd:
+        return calibration_input
+    rows = f"row {odd[0]} shows" if len(odd) == 1 else f"rows {', '.join(odd)} show"
+    remark = f"of rows {first}:{last}, which were named, {rows} another body than the other rows: leave out those rows"
+    return replace(calibration_input, remarks=(*calibration_input.remarks, remark))
 
 
 def _in_phantom_rows(
