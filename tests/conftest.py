@@ -27,7 +27,7 @@ from sawmill_platform.attempts.threading_layer import configure_threads
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 
-pytest_plugins = ["processor_seconds"]
+pytest_plugins = ["processor_seconds", "machine_faults"]
 
 MEMORY, ENOUGH_BYTES = Path("/dev/shm"), 4 * 2**30  # noqa: S108 - folders of its own in it
 

@@ -23,7 +23,9 @@ SMALL_BYTES = 16 * 2**20
 BLOCK_BYTES = 512
 
 
-def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_bytes: int) -> Failure | None:
+def overuse(
+    process_id: int | None, output: Path, limits: Begun, *, reserve_bytes: int, most_threads: int = MOST_THREADS
+) -> Failure | None:
     """Compare an attempt's memory, threads and files with its limits.
 
     The files of the result together may have the size that one file may have, and so may the checkpoints that have not
@@ -37,6 +39,8 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
         Folder of the attempt.
     reserve_bytes
         Bytes that should stay free on the disk.
+    most_threads
+        Number of threads that an attempt may have.
 
     Returns
     -------
@@ -51,8 +55,8 @@ def overuse(process_id: int | None, output: Path, limits: Begun, *, reserve_byte
         The attempt's folder is gone, or its disk fails.
     """
     threads = _threads(process_id)
-    if len(threads) > MOST_THREADS:
-        detail = f"the job has {len(threads)} threads, and may have {MOST_THREADS}"
+    if len(threads) > most_threads:
+        detail = f"the job has {len(threads)} threads, and may have {most_threads}"
         return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
     private, shared, mapped = _memory(threads)
     if shared > SMALL_BYTES and private + shared > limits.data_bytes:

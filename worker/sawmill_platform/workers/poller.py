@@ -56,7 +56,7 @@ def run_worker(
         No job can be run on this installation.
     """
     wake = wake or threading.Event()
-    runner = Runner(store, settings, stop, command=program.attempt_command, on_able=on_able)
+    runner = Runner(store, settings, stop, attempts=program.attempts(store, settings), on_able=on_able)
     housekeeping = program.housekeeping(store, settings, stop)
     housekeeping.start()
     worked_at = time.monotonic()
