@@ -169,8 +169,10 @@ class WatchedWorker:
                 self.process = subprocess.Popen(  # noqa: S603 - our own command
                     self._command, stdin=theirs.fileno(), stdout=2, start_new_session=True, env=self._environment
                 )
-        except OSError as error:
+        except BaseException as error:
             ours.close()
+            if not isinstance(error, OSError):
+                raise
             self._put_off("worker-not-started", reason=str(error))
             return
         ours.settimeout(0.0)  # a worker that hangs and does not read must not make a request wait

@@ -133,8 +133,8 @@ class ViewGrams:
         if steps.size > 8 and variance > 0.0:
             expected = np.sqrt(variance * (ratio + 1.0 / count))
             ratios[np.abs(mean - np.median(mean[seen])) > ODD * expected] = ALONE
-        self._share = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
-        self.stripes = self._share * count * mean
+        self.stripe_shares = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
+        self.stripes = self.stripe_shares * count * mean
 
     def gain_evidence(self) -> tuple[float, float]:
         """Compute the power that a gain and offset of each view would explain, and the number of views that show it."""
@@ -172,7 +172,7 @@ class ViewGrams:
     def objective(self, residual: FloatArray) -> float:
         """Compute the objective of generalised least squares for another residual, without views' random effects."""
         squares, products = self._squares(self._unbiased(residual))
-        return squares - float((self._share * products) @ products)
+        return squares - float((self.stripe_shares * products) @ products)
 
     def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
         """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n)."""
@@ -199,7 +199,7 @@ class ViewGrams:
         for kept, rows in enumerate(self._weighted):
             some = of_kept[:, kept].any(axis=1)
             sums[some] += of_kept[some, kept] @ rows
-        normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
+        normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
         return System(
             tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
         )
