@@ -6,6 +6,7 @@ A disk that fills would fill for all, only root can set a clock or mount a disk,
 import os
 import shutil
 import sqlite3
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ import pytest
 from sqlalchemy import event
 
 from sawmill_platform.database.database import Database
+from sawmill_platform.errors import StorageUnavailable
 
 
 class FullDisk(Protocol):
@@ -75,14 +77,16 @@ def without_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def database_away(database: Database) -> Iterator[None]:
+def database_away(database: Database) -> Iterator[threading.Event]:
     """Let SQLite's disk fail within the block: nobody has the file open any more, and opening it fails.
 
-    This is the driver's error: what becomes of it is the product's work. As with any outage, the product may go on
-    refusing for a second after the block.
+    This is the driver's error: what becomes of it is the product's work. The event is set when somebody has met the
+    error. The block ends when the product reads again, which it tries every second.
     """
+    met = threading.Event()
 
     def fail(*_: object) -> NoReturn:
+        met.set()
         error = sqlite3.OperationalError("disk I/O error")
         error.sqlite_errorcode, error.sqlite_errorname = sqlite3.SQLITE_IOERR, "SQLITE_IOERR"
         raise error
@@ -90,6 +94,16 @@ def database_away(database: Database) -> Iterator[None]:
     event.listen(database.engine, "do_connect", fail)
     database.engine.dispose()
     try:
-        yield
+        yield met
     finally:
         event.remove(database.engine, "do_connect", fail)
+    while not _answers(database):
+        time.sleep(0.01)
+
+
+def _answers(database: Database) -> bool:
+    try:
+        with database.read():
+            return True
+    except StorageUnavailable:
+        return False
