@@ -36,7 +36,7 @@ from sawmill_platform.contracts.jobs import FailureKind, Job
 from sawmill_platform.files.file_store import work_of
 from sawmill_vocabulary import Progress
 
-sys.path.append(str(Path(__file__).parents[1] / "support"))
+sys.path.append(str(Path(__file__).parents[2] / "support"))
 import results
 
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
