@@ -30,6 +30,7 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -144,7 +145,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open(StorageSettings(data_folder=Path(folder), database_url=None))
         settings = ExecutionSettings(fork_attempts=False, spare_processes=1, loss_wait_s=0, broker_url=None)
-        runner = Runner(store, settings, threading.Event(), command=ATTEMPT_COMMAND)
+        attempts = attempt_starter(ATTEMPT_COMMAND, store, settings)
+        runner = Runner(store, settings, threading.Event(), attempts=attempts)
         scan_id = ingested(store)
         run_to_the_end(store, runner, store.scans.get(scan_id).job_id)
 

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from sawmill_platform.attempts.attempt import main as attempt_main
 from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, loaded
@@ -131,7 +132,9 @@ def supervise(folder: Path) -> None:
         with store.database.write() as session:
             session.add(SumRow(id=name, created_at=store.now(), numbers={"of": numbers}))
             queue_job(session, ADD, name, store.now(), short=True, group_id=None)
-    runner = Runner(store, ExecutionSettings(broker_url=None), threading.Event(), command=[sys.executable, __file__])
+    settings = ExecutionSettings(broker_url=None)
+    attempts = attempt_starter([sys.executable, __file__], store, settings)
+    runner = Runner(store, settings, threading.Event(), attempts=attempts)
     states = [runner.run_next(), runner.run_next()]
     runner.close()
     events = [event.what for event in store.events.following(0)]

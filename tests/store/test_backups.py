@@ -8,8 +8,8 @@ import os
 import shutil
 import signal
 import tarfile
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +20,7 @@ from databases import sqlite_alone
 from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
+from system_calls import at_call
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -27,10 +28,8 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.backups import restoring, taking
 from sawmill_platform.backups.checking import check_backup
 from sawmill_platform.backups.folders import backups_in, remove_older
-from sawmill_platform.backups.laying import Laying
 from sawmill_platform.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
 from sawmill_platform.backups.restoring import check_empty
 from sawmill_platform.backups.rows import LEFT_OUT, read_rows
@@ -140,12 +139,14 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     part = store.uploads.begin_part(half.id, 0)
     part.take(AsSent(), b"0123", commits=True)
     part.finish(AsSent())
-    part._write(b"45")  # on its way, and not counted
+    part.close()
+    later = store.uploads.begin_part(half.id, 4)
+    later.take(AsSent(), b"45", commits=True)  # on its way, and not counted
     (store.files.folder / "examples").mkdir()
     (store.files.folder / "examples" / "complete").touch()
 
     taken = take_backup(settings, into, silent)
-    part.close()
+    later.close()
     assert check_backup(taken.path, silent) == (taken.manifest, [])
     assert restore(taken.path, target, silent) == taken.manifest
 
@@ -209,8 +210,14 @@ def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
     assert check_backup(second.path, silent)[1] == []
 
 
+@pytest.fixture
+def syncing(monkeypatch) -> Callable[[Callable[[int], int]], None]:
+    """Have a function called in place of Linux's syncfs(2), for no disk loses what was written when it is asked to."""
+    return lambda sync: monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=sync))
+
+
 @sqlite_alone
-def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, work, into, monkeypatch):
+def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, work, into, syncing, monkeypatch):
     synchronised, flushed = [], []
 
     def note(_descriptor: int) -> int:
@@ -218,7 +225,7 @@ def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, wo
         synchronised.append(((part / MANIFEST_SUM).is_file(), backups_in(into)))
         return 0
 
-    monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=note))
+    syncing(note)
     monkeypatch.setattr(os, "fsync", flushed.append)
     work()
     flushed.clear()
@@ -233,16 +240,14 @@ def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, wo
     assert len(flushed) == few, "no file by itself"
 
 
-def test_a_disk_that_has_lost_what_was_written_has_no_backup_and_no_restored_service(
-    backup, elsewhere, into, monkeypatch
-):
+def test_a_disk_that_has_lost_what_was_written_has_no_backup_and_no_restored_service(backup, elsewhere, into, syncing):
     def fail(_descriptor: int) -> int:
         ctypes.set_errno(errno.EIO)
         return -1
 
     source = StorageSettings(data_folder=backup.parent / "data", database_url=None)
     restore(backup, source, silent)
-    monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=fail))
+    syncing(fail)
     with pytest.raises(OSError, match="Input/output error"):
         take_backup(source, into, silent)
     assert list(into.glob("*sawmill-2*")) == []
@@ -274,10 +279,7 @@ def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings,
 
 
 @sqlite_alone
-def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
-    store, settings, work, into, elsewhere, monkeypatch
-):
-    monkeypatch.setattr(taking, "_PAUSE_S", 0.0)
+def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(store, settings, work, into, elsewhere):
     lost, kept = work(), work()
     shutil.rmtree(store.files.results(job_kinds.INGEST, lost))
     taken = take_backup(settings, into, silent)
@@ -513,7 +515,7 @@ def test_rows_of_0_1_0_are_restored_and_one_that_cannot_be_brought_up_to_date_le
     assert list(elsewhere.data_folder.iterdir()) == []
 
 
-def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, monkeypatch):
+def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, full_disk):
     with pytest.raises(BackupRefused, match="lies in the data folder"):
         take_backup(settings, settings.data_folder / "scans", silent)
     with pytest.raises(BackupRefused, match=r"there is no folder .*: make it once"):
@@ -527,8 +529,7 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload,
     if settings.database_url is not None:
         with pytest.raises(BackupRefused, match="the database of SAWMILL_DATABASE_URL is not empty"):
             restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
-    free = SimpleNamespace(free=3)
-    monkeypatch.setattr("sawmill_platform.backups.copying.shutil.disk_usage", lambda _: free)
+    full_disk(3)
     with pytest.raises(StorageFull, match=r"needs 0.00 GB, and 0.00 GB are free for it where"):
         restore(backup, elsewhere, silent)
     assert list(elsewhere.data_folder.iterdir()) == []
@@ -552,52 +553,60 @@ def killed(call: Call) -> bool:
     return os.WIFSIGNALED(status)
 
 
-@contextmanager
-def dying(monkeypatch: pytest.MonkeyPatch, where: object, name: str, turn: int = 1) -> Iterator[None]:
-    """The process dies as it calls this for that time; turn 0: as the first call has returned."""
-    turns, do = [0], getattr(where, name)
+def at_turn(turn: int, path: Path | None = None) -> Callable[[Any], None]:
+    """Kill this process at the call of that number, of those with this path alone if one is given."""
+    turns = [0]
 
-    def die(*arguments: Any, **options: Any) -> Any:
-        turns[0] += 1
+    def die(given: Any) -> None:
+        turns[0] += path is None or given == str(path)
         if turns[0] == turn:
             os.kill(os.getpid(), signal.SIGKILL)
-        answer = do(*arguments, **options)
-        if turn == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return answer
 
-    with monkeypatch.context() as patched:
-        patched.setattr(where, name, die)
-        yield
+    return die
 
 
 @sqlite_alone
-def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into, monkeypatch):
+def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into):
     work()
-    for where, name, turn in ((Laying, "_lay", 2), (taking, "write_manifest", 0)):
-        with dying(monkeypatch, where, name, turn):
-            assert killed(lambda: take_backup(settings, into, silent)), name
-        assert backups_in(into) == []
-        assert list(into.glob(".*.partial")) != []
-    with dying(monkeypatch, taking, "flush_names"):
-        assert killed(lambda: take_backup(settings, into, silent))
+    assert killed(lambda: take_backup(settings, into, at_turn(3))), "among its files"
+    assert backups_in(into) == []
+    with at_call("os.rename", at_turn(1), below=into):
+        assert killed(lambda: take_backup(settings, into, silent)), "complete, but for its name"
+    assert backups_in(into) == []
+    assert list(into.glob(".*.partial")) != []
+    with at_call("open", at_turn(1, into)):
+        assert killed(lambda: take_backup(settings, into, silent)), "before its name is durable"
     (whole,) = backups_in(into)
     assert check_backup(whole, silent)[1] == []
     take_backup(settings, into, silent)
     assert list(into.glob(".*.partial")) == []
 
 
+def second_file(backup: Path) -> str:
+    return [entry.path for entry in read_entries(backup) if entry.sha256 is not None][1]
+
+
+def unfinished(file: Path) -> Path:
+    return file.with_name(f"{file.name}.restoring")
+
+
 @to_each
-def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target, monkeypatch):
+def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target):
     source = StorageSettings(data_folder=one_backup.parents[1] / "data", database_url=None)
-    placed = ("flush", 2) if target.database_file is None else ("_put_in_place", 1)
-    for name, turn in (("_copy", 2), placed, ("_restore", 0)):
-        with dying(monkeypatch, restoring, name, turn):
+    folder, file = target.data_folder, target.database_file
+    # Among the files; when all rows are written, and not yet in their place; when its mark alone is left.
+    moments = {
+        "copying": ("open", at_turn(1, folder / RESTORING / "data" / second_file(one_backup))),
+        "placing": ("open", at_turn(2, folder)) if file is None else ("os.rename", at_turn(1, unfinished(file))),
+        "ending": ("shutil.rmtree", at_turn(1, folder / RESTORING)),
+    }
+    for name, (call, fault) in moments.items():
+        with at_call(call, fault):
             assert killed(lambda: restore(one_backup, target, silent)), name
         assert (target.data_folder / RESTORING).is_dir()
         with pytest.raises(StorageMisconfigured, match="was ended before its end: wait for it, or give it once more"):
             Store.open(target)
-        if name == "_copy" and target.database_file is not None:
+        if name == "copying" and target.database_file is not None:
             target.database_file.touch()
             with pytest.raises(BackupRefused, match="is not empty: a backup is restored into an empty database alone"):
                 restore(one_backup, target, silent)

@@ -7,18 +7,11 @@ import pytest
 from databases import sqlite_alone
 
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.database import clock
 from sawmill_platform.database.tables import ClockRow
-from sawmill_platform.workers.clock_keeper import LASTING_S, ClockKeeper, _Step
+from sawmill_platform.workers.clock_keeper import LASTING_S, ClockKeeper
 from sawmill_store.store import Store
 
 HOURS = timedelta(hours=2)
-
-
-def off_by(monkeypatch, hours: float) -> None:
-    """Move this process's own clock; CLOCK_BOOTTIME stays, as it does when a machine's clock is set."""
-    real = time.time
-    monkeypatch.setattr(time, "time", lambda: real() + 3600.0 * hours)
 
 
 def now(store: Store) -> datetime:
@@ -33,9 +26,9 @@ def test_it_is_the_machine_s_at_first(store):
 
 @pytest.mark.dialect
 @pytest.mark.parametrize("hours", [2, -2])
-def test_a_process_whose_clock_is_off_has_the_store_s_time(store, settings, monkeypatch, hours):
+def test_a_process_whose_clock_is_off_has_the_store_s_time(store, settings, moved_clock, hours):
     right = now(store)
-    off_by(monkeypatch, hours)
+    moved_clock(ahead_s=3600.0 * hours)
     other = Store.open(settings)
     assert abs(now(other) - right) < timedelta(minutes=1)
     assert abs(other.clock_off_s() - 3600.0 * hours) < 60.0
@@ -53,20 +46,20 @@ def test_an_old_boot_s_time_is_written_over(store, settings):
 
 
 @sqlite_alone
-def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store, monkeypatch):
-    keeper, passed_s = ClockKeeper(store), [0.0]
-    monkeypatch.setattr(keeper, "_step", _Step(lambda: passed_s[-1]))
+def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store, moved_clock):
+    passed_s = [0.0]
+    keeper = ClockKeeper(store, monotonic=lambda: passed_s[-1])
 
     def look(*moments_s: float) -> None:
         for moment_s in moments_s:
             passed_s.append(moment_s)
-            keeper._look(lasting_s=LASTING_S)
+            keeper.look(lasting_s=LASTING_S)
 
-    with monkeypatch.context() as stepped:
-        off_by(stepped, 2)
-        look(1.0, LASTING_S + 0.5)
+    moved_clock(ahead_s=7200.0)
+    look(1.0, LASTING_S + 0.5)
+    moved_clock()
     look(100.0, 100.0 + LASTING_S)
-    off_by(monkeypatch, 2)
+    moved_clock(ahead_s=7200.0)
     look(200.0, 199.5 + LASTING_S)
     assert store.events.of_clock() == []
     before = now(store)
@@ -78,10 +71,14 @@ def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store
 
 
 @sqlite_alone
-def test_the_keeper_looks_again_and_again(store, monkeypatch):
+def test_the_keeper_looks_again_and_again(store):
     looks = []
-    monkeypatch.setattr(ClockKeeper, "_look", lambda _, *, lasting_s: looks.append(lasting_s))
-    with ClockKeeper(store, lasting_s=5.0, look_s=0.01):
+
+    class Noting(ClockKeeper):
+        def look(self, *, lasting_s):
+            looks.append(lasting_s)
+
+    with Noting(store, lasting_s=5.0, look_s=0.01):
         deadline = time.monotonic() + 60.0
         while len(looks) < 3:
             assert time.monotonic() < deadline
@@ -89,8 +86,9 @@ def test_the_keeper_looks_again_and_again(store, monkeypatch):
     assert looks[:3] == [0.0, 5.0, 5.0], "a step before the start counts at once"
 
 
-def test_no_wall_clock_has_a_part_in_it_once_it_is_known(store, monkeypatch):
-    now(store)
-    monkeypatch.setattr(clock, "machine_offset_s", lambda: pytest.fail("asked for the machine's own time"))
-    now(store)
+def test_no_wall_clock_has_a_part_in_it_once_it_is_known(store, moved_clock):
+    before = now(store)
+    moved_clock(ahead_s=7200.0)
+    assert now(store) - before < timedelta(minutes=1)
     store.database.clock.refresh()
+    assert now(store) - before < timedelta(minutes=1)

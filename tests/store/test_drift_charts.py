@@ -15,8 +15,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
 from sawmill_mill.alarms import alarm_sentence
-from sawmill_store import drift_charts
-from sawmill_store.drift_charts import _counted
+from sawmill_store.drift_charts import DriftCharts, _counted
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
 from sawmill_worker.use_cases.drift.chart import follow
@@ -158,25 +157,22 @@ def go_on(store, scanner, follow=follow):
 
 
 @pytest.fixture
-def short_portions(monkeypatch):
-    monkeypatch.setattr(drift_charts, "PORTION", 20)
+def short_portions(store):
+    store.drift_charts = DriftCharts(store.database, portion=20)
 
 
-def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(
-    store, scanner, calibrated, charted, monkeypatch
-):
+def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(store, scanner, calibrated, charted):
     calibrated()
     charted([(0.0, 0.0)] * 5)
-    go_on(store, scanner)
-    before = store.drift_charts.of_scanner(scanner.id)
-    with store.database.read() as session:
-        chart = session.scalars(select(DriftChartRow)).one()
-    # PostgreSQL shows a waiting look first and then the chart that has it.
-    place, nothing = (chart.activation_number, chart.looks), ([], [], [], False)
-    late = drift_charts._Portion(scanner.id, chart.method, chart.activation_number, place, chart.state, 5, *nothing)
-    monkeypatch.setattr(drift_charts, "_next_portion", lambda *_: late)
-    store.drift_charts.follow(scanner.id, follow)
-    assert store.drift_charts.of_scanner(scanner.id) == before
+
+    def meanwhile(*given):
+        go_on(store, scanner)
+        return follow(*given)
+
+    assert store.drift_charts.follow(scanner.id, meanwhile)
+    (chart,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert chart.looks == 5
+    assert store.drift_charts.waiting() == []
 
 
 @pytest.mark.dialect

@@ -10,6 +10,7 @@ from contextlib import closing, contextmanager
 import pytest
 from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import text
+from system_calls import at_call, refusing
 
 from sawmill_platform.errors import (
     FolderUnavailable,
@@ -22,7 +23,6 @@ from sawmill_store.backups import take_backup
 from sawmill_store.store import Store
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
-READ_ONLY = os.statvfs_result((0,) * 8 + (os.ST_RDONLY, 255))
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_a_folder_that_is_not_the_database_s_is_an_outage_and_nothing_is_made_in
 
 
 @pytest.mark.dialect
-def test_no_job_is_claimed_while_the_folder_is_not_in_its_place(store, upload, monkeypatch):
+def test_no_job_is_claimed_while_the_folder_is_not_in_its_place(store, upload, request):
     upload(store)
     for by in ("missing", "empty", "another"):
         with replaced(store.files.folder, by):
@@ -93,11 +93,10 @@ def test_no_job_is_claimed_while_the_folder_is_not_in_its_place(store, upload, m
                 store.jobs.claim("a worker")
             with pytest.raises(FolderUnavailable, match="the database expects"):
                 store.check()
-    with monkeypatch.context() as patched:
-        patched.setattr("os.statvfs", lambda _: READ_ONLY)
-        with pytest.raises(FolderUnavailable, match="read-only"):
-            store.jobs.claim("a worker")
-    assert store.jobs.claim("a worker").attempt == 1
+    request.getfixturevalue("read_only_disk")
+    with pytest.raises(FolderUnavailable, match="read-only"):
+        store.jobs.claim("a worker")
+    assert [job.attempt for job in store.jobs.page().items] == [0]
 
 
 def test_a_worker_begins_neither_a_database_nor_a_folder(tmp_path):
@@ -108,8 +107,8 @@ def test_a_worker_begins_neither_a_database_nor_a_folder(tmp_path):
 
 
 @sqlite_alone
-def test_a_process_that_starts_on_a_read_only_disk_is_to_wait(filled, monkeypatch):
-    monkeypatch.setattr("os.statvfs", lambda _: READ_ONLY)
+@pytest.mark.usefixtures("read_only_disk")
+def test_a_process_that_starts_on_a_read_only_disk_is_to_wait(filled):
     with pytest.raises(FolderUnavailable, match="read-only"):
         Store.open(filled, may_begin=False)
 
@@ -156,16 +155,11 @@ def test_a_disk_that_fails_is_read_only_or_away_is_an_outage(number):
     assert refused.value.code == "storage-unavailable"
 
 
-def test_what_a_read_only_disk_keeps_is_left_for_housekeeping(tmp_path, monkeypatch):
+def test_what_a_read_only_disk_keeps_is_left_for_housekeeping(tmp_path):
     files = FileStore(tmp_path)
     files.make_folders()
-
-    def refuse(*_):
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
     output = files.make_attempt_folder("job", 1)
-    with monkeypatch.context() as patched:
-        patched.setattr("pathlib.Path.rename", refuse)
+    with at_call("os.rename", refusing(errno.EROFS), below=tmp_path):
         files.remove(output)
         with pytest.raises(FolderUnavailable):
             files.publish(output, tmp_path / "scans" / "one")

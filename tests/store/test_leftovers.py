@@ -1,5 +1,6 @@
 """What kills and failed commits leave goes with time, and nothing else does."""
 
+import errno
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from databases import sqlite_alone
 from results import RESULTS, answer_of
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
+from system_calls import at_call, refusing
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.scans import ScanState
@@ -186,11 +188,9 @@ def test_a_result_whose_commit_failed_goes_when_its_job_never_succeeds(store, ob
 
 
 @pytest.mark.dialect
-def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan, monkeypatch):
-    with monkeypatch.context() as killed:
-        killed.setattr(store.files, "remove", lambda _: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            store.scans.delete(ready_scan.id)
+def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan):
+    with at_call("os.rename", lambda _: 1 / 0, below=store.files.folder), pytest.raises(ZeroDivisionError):
+        store.scans.delete(ready_scan.id)
     observer.look()
     gone = [
         store.files.results(job_kinds.INGEST, ready_scan.id),
@@ -219,18 +219,11 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
     assert [len(observer.look()) for _ in range(3)] == [NAMES_A_ROUND, NAMES_A_ROUND, 1]
 
 
-def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer, monkeypatch):
+def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
     stuck, other = (made(store.files.results(job_kinds.PLAN, name)) for name in ("a-stuck", "b-other"))
-    set_aside = store.files.set_aside
-
-    def refuse(path: Path) -> Path | None:
-        if path == stuck:
-            raise PermissionError(path)
-        return set_aside(path)
-
-    monkeypatch.setattr(store.files, "set_aside", refuse)
     observer.look()
-    with pytest.raises(PermissionError, match="a-stuck"):
+    refused = at_call("os.rename", refusing(errno.EACCES), below=stuck)
+    with refused, pytest.raises(PermissionError, match="a-stuck"):
         observer.look(GRACE_S)
     assert stuck.exists()
     assert not other.exists()

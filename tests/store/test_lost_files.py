@@ -1,11 +1,11 @@
 """Files that rows name and somebody has taken away."""
 
 import pytest
+from sqlalchemy import event
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_platform.backups import named_files
 
 pytestmark = pytest.mark.slow
 
@@ -32,14 +32,15 @@ def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
     assert store.lost_files() == [file.relative_to(store.files.folder).as_posix() for file in files]
 
 
-def test_what_is_deleted_meanwhile_is_not_lost(store, ready_scan, monkeypatch):
-    named_by = named_files.named_by
+def test_what_is_deleted_meanwhile_is_not_lost(store, ready_scan):
+    """The transaction that has read the rows shows them as they were."""
+    deleted = []
 
-    def deleted_after_the_look(connection, folders, tables):
-        named = named_by(connection, folders, tables)
-        monkeypatch.undo()
-        store.scans.delete(ready_scan.id)
-        return named
+    def delete_once(*given):
+        if "FROM scans" in given[2] and not deleted:
+            deleted.append(given[2])
+            store.scans.delete(ready_scan.id)
 
-    monkeypatch.setattr(named_files, "named_by", deleted_after_the_look)
+    event.listen(store.database.engine, "after_cursor_execute", delete_once)
     assert store.lost_files() == []
+    assert len(deleted) == 1

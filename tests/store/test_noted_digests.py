@@ -3,9 +3,9 @@
 import errno
 import hashlib
 import os
-from pathlib import Path
 
 import pytest
+from system_calls import at_call, refusing
 
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, note_digests, read_note
@@ -57,12 +57,10 @@ def test_a_file_that_is_replaced_while_it_is_read_has_no_digest(volume):
 
 
 @pytest.mark.usefixtures("volume")
-def test_a_full_disk_is_one_and_nothing_half_written_stays(tmp_path, monkeypatch):
-    def full(path: Path, text: str) -> None:
-        path.write_bytes(text[:10].encode())
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(StorageFull, match="a result was given up"):
+def test_a_full_disk_is_one_and_nothing_half_written_stays(tmp_path):
+    with (
+        at_call("os.rename", refusing(errno.ENOSPC), below=tmp_path),
+        pytest.raises(StorageFull, match="a result was given up"),
+    ):
         note_digests(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["volume.h5"]

@@ -12,12 +12,12 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_platform.contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
+from sawmill_platform.contracts.webhooks import Destination, WebhookAsk, WebhookTest, destination_of, kinds_of
 from sawmill_platform.database.tables import DeliveryRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.webhooks import webhook_store as webhooks
 from sawmill_platform.webhooks.outbox import LEASE, DeliveryAttempt, message_id
+from sawmill_platform.webhooks.webhook_store import KEPT, MOST
 
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = DeliveryAttempt(200)
@@ -221,7 +221,7 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     happen(store, *[mill_events.ALARM_OPENED] * 2)
     deliver(outbox, webhook)
-    clock.advance(days=webhooks.KEPT.days - 1)
+    clock.advance(days=KEPT.days - 1)
     deliver(outbox, webhook)
     clock.advance(days=1, seconds=1)
     store.webhooks.forget_deliveries()
@@ -231,7 +231,7 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
         assert session.scalar(select(func.count()).select_from(DeliveryRow)) == 0
 
 
-def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch):
+def test_lists_turn_pages_and_every_change_is_audited(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))
     numbers = happen(store, *[mill_events.ALARM_OPENED] * 3)
     while waiting(outbox, webhook):
@@ -250,9 +250,9 @@ def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch
     for call in (store.webhooks.get, store.webhooks.deliveries, store.webhooks.delete, store.webhooks.signing):
         with pytest.raises(NotFound):
             call(webhook.id)
-    monkeypatch.setattr(webhooks, "MOST", 1)
-    store.webhooks.create(WebhookAsk(url=URL))
-    with pytest.raises(Conflict, match="there are 1 webhooks already"):
+    for _ in range(MOST):
+        store.webhooks.create(WebhookAsk(url=URL))
+    with pytest.raises(Conflict, match=f"there are {MOST} webhooks already"):
         store.webhooks.create(WebhookAsk(url=URL))
 
 
@@ -303,12 +303,9 @@ def test_what_is_no_plain_url_is_refused(url):
 
 
 def test_a_url_has_the_parts_that_are_sent():
-    assert destination_of("https://Alarms.Mill.Example./a?b=1%20c")._asdict() == {
-        "scheme": "https",
-        "host": "alarms.mill.example",
-        "port": 443,
-        "target": "/a?b=1%20c",
-    }
+    assert destination_of("https://Alarms.Mill.Example./a?b=1%20c") == Destination(
+        scheme="https", host="alarms.mill.example", port=443, target="/a?b=1%20c"
+    )
     assert destination_of("https://alarms.mill.example?line=2").target == "/?line=2"
     v6 = destination_of("http://[FD00::1]:8080")
     assert (v6.host, v6.port, v6.target, v6.authority) == ("fd00::1", 8080, "/", "[fd00::1]:8080")

@@ -16,8 +16,6 @@ from sqlalchemy import text
 from structlog.testing import capture_logs
 
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.database import outages
-from sawmill_platform.database.outages import Door
 from sawmill_platform.errors import StorageMisconfigured, StorageUnavailable
 from sawmill_platform.workers.opening import open_store
 from sawmill_store.store import Store
@@ -54,16 +52,18 @@ def check_until_it_answers(store: Store) -> None:
             return
 
 
-def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, postgres, monkeypatch):
+def test_a_paused_server_is_given_up_and_waited_for_by_one_thread_alone(store, postgres):
+    def refused_after_s(_):
+        begun_s = time.monotonic()
+        assert_refused(store)
+        return time.monotonic() - begun_s
+
     store.check()
-    asked, ask = [], Door._ask
-    monkeypatch.setattr(Door, "_ask", lambda door, session: asked.append(door) or ask(door, session))
-    with postgres.paused(), monkeypatch.context() as long:
-        long.setattr(outages, "_PAUSE_S", 3600.0)
+    with postgres.paused(), ThreadPoolExecutor(8) as threads:
         assert_refused(store)
-        assert_refused(store)
-    assert len(asked) == 1
-    store.database._reading._wait_again_at = 0.0
+        time.sleep(1.5)  # until one may ask again
+        *at_once, asked = sorted(threads.map(refused_after_s, range(8)))
+    assert max(at_once) < 2.0 < asked
     check_until_it_answers(store)
 
 

@@ -1,6 +1,7 @@
 """Answers that are kept for repeats: one transaction with what is answered, on both databases."""
 
 import os
+import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -110,10 +111,10 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
     def accept(store, dies_at=None):
         def make():
             if dies_at == "claimed":
-                os._exit(9)
+                os.kill(os.getpid(), signal.SIGKILL)
             accepted = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10))
             if dies_at == "made":
-                os._exit(9)
+                os.kill(os.getpid(), signal.SIGKILL)
             return accepted
 
         return store.repeats.once(ASKED, make, lambda scan: KeptAnswer(202, {}, scan.model_dump_json()))
@@ -122,8 +123,8 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
     if child == 0:
         own = Store(settings)  # a connection is not shared with the parent
         accept(own, moment)
-        os._exit(9)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+        os.kill(os.getpid(), signal.SIGKILL)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     kept = store.repeats.find(ASKED)
     again = accept(store)
     assert isinstance(again, KeptAnswer) is (moment == "committed") is (kept is not None)

@@ -1,5 +1,6 @@
 """What rules of retention remove, and what never goes: rows, jobs, files, bytes, and what is shown before."""
 
+import errno
 import os
 import signal
 import threading
@@ -9,6 +10,7 @@ from datetime import timedelta
 import pytest
 from databases import postgresql_alone, sqlite_alone
 from sqlalchemy import event, insert, select
+from system_calls import at_call, refusing
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -21,7 +23,6 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_platform.retention import retention_runner as retiring
 from sawmill_platform.retention.growth import Filling, growth_of
 from sawmill_store.retention.stocks import STOCKS, events_kept_by
 from sawmill_store.store import Store
@@ -318,42 +319,41 @@ def test_rules_hold_only_if_they_remove_no_more_than_was_confirmed(mill, clock, 
     assert carried_out(mill) == {}, "rules that remove nothing need no number, and hold at once"
 
 
+@pytest.fixture
+def once_chosen(mill):
+    """Let something happen just after the rows of scans that may go were chosen, once."""
+
+    def listen(happen):
+        waiting = [happen]
+
+        def look(*given):
+            if waiting and "FROM scans" in given[2] and "ORDER BY scans.created_at" in given[2]:
+                waiting.pop()()
+
+        event.listen(mill.database.engine, "after_cursor_execute", look)
+
+    return listen
+
+
 @sqlite_alone
-def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish, monkeypatch):
+def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish, once_chosen):
     logs = {log(mill, upload, finish) for _ in range(3)}
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    choose = retiring._oldest
-
-    def choose_and_change(*given):
-        chosen = choose(*given)
-        mill.retention.replace(RetentionAsk())
-        return chosen
-
-    monkeypatch.setattr(retiring, "_oldest", choose_and_change)
+    once_chosen(lambda: mill.retention.replace(RetentionAsk()))
     assert carried_out(mill) == {}
     assert ids(mill) == logs
 
 
 @sqlite_alone
-def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish, monkeypatch):
+def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish, once_chosen):
     scan_id, chosen_one = calibrated(mill, upload, finish)
     for _ in range(2):
         calibrated(mill, upload, finish)
     clock.advance(days=3)
     put(mill, RetentionRules(calibrations_days=1, phantom_scans_days=1))
-    choose = retiring._oldest
-    seen = []
-
-    def choose_and_activate(*given):
-        seen.append(choose(*given))
-        if len(seen) == 1:
-            mill.calibrations.activate(chosen_one, "back to it")
-        return seen[-1]
-
-    monkeypatch.setattr(retiring, "_oldest", choose_and_activate)
+    once_chosen(lambda: mill.calibrations.activate(chosen_one, "back to it"))
     assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
-    assert scan_id in seen[0]
     assert mill.scans.get(scan_id).state is ScanState.READY
     assert mill.calibrations.get(chosen_one).state == JobState.SUCCEEDED
 
@@ -390,7 +390,7 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
 
 
 @postgresql_alone
-def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, clock, upload, finish, monkeypatch):
+def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, clock, upload, finish):
     scan_id, calibration_id = calibrated(mill, upload, finish)
     calibrated(mill, upload, finish)
     clock.advance(days=3)
@@ -409,13 +409,12 @@ def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, cl
     asking = threading.Thread(target=lambda: asked.append(other.reconstructions.accept(ask)))
     asking.start()
     has_locked.wait(60.0)
-    lock = retiring._lock
 
-    def lock_both(*given):
-        threading.Timer(0.5, goes_on.set).start()
-        lock(*given)
+    def go_on_soon(*given):
+        if "FOR " in given[2] and "FROM scanners" in given[2]:  # the first of the locks
+            threading.Timer(0.5, goes_on.set).start()
 
-    monkeypatch.setattr(retiring, "_lock", lock_both)
+    event.listen(mill.database.engine, "before_cursor_execute", go_on_soon)
     assert carried_out(mill) == {}
     asking.join()
     assert [each.scan_id for each in asked] == [scan_id]
@@ -452,9 +451,9 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     child = os.fork()
     if not child:
         own = Store(settings, clock=clock)
-        own.files.remove = lambda _: os.kill(os.getpid(), signal.SIGKILL)
-        own.retention_keeper().remove_some()
-        os._exit(0)
+        with at_call("os.rename", lambda _: os.kill(os.getpid(), signal.SIGKILL), below=own.files.folder):
+            own.retention_keeper().remove_some()
+        os.abort()
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     places = [mill.files.results(job_kinds.INGEST, old), mill.files.upload(job_kinds.INGEST, old).parent]
     assert ids(mill) == {kept}
@@ -469,19 +468,12 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
 
 
 @sqlite_alone
-def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finish, monkeypatch):
+def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finish):
     old = [log(mill, upload, finish) for _ in range(3)]
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    stuck, remove = mill.files.results(job_kinds.INGEST, old[0]), mill.files.remove
-
-    def refuse(path):
-        if path == stuck:
-            raise PermissionError(path)
-        remove(path)
-
-    monkeypatch.setattr(mill.files, "remove", refuse)
-    with pytest.raises(PermissionError):
+    stuck = mill.files.results(job_kinds.INGEST, old[0])
+    with at_call("os.rename", refusing(errno.EACCES), below=stuck), pytest.raises(PermissionError):
         carried_out(mill)
     assert ids(mill) == {old[2]}
     assert not mill.files.results(job_kinds.INGEST, old[1]).exists()

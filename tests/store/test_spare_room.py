@@ -1,7 +1,5 @@
 """Room that a cancellation takes when the disk is full."""
 
-import shutil
-
 import pytest
 from databases import sqlite_alone
 
@@ -22,9 +20,8 @@ def test_each_cancellation_gets_a_piece_and_the_room_is_taken_again_when_there_i
     assert spare.stat().st_size == SPARE_BYTES
 
 
-def test_a_disk_that_counts_as_full_keeps_its_last_room_for_others(store, monkeypatch):
+def test_a_disk_that_counts_as_full_keeps_its_last_room_for_others(store, full_disk):
     free_bytes = store.settings.disk_reserve_bytes + SPARE_BYTES - 1
-    usage = shutil.disk_usage(store.files.folder)._replace(free=free_bytes)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    full_disk(free_bytes)
     store.fill_spare_room()
     assert not (store.files.folder / "sawmill.db.spare").exists()

@@ -64,14 +64,14 @@ def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, end, 
         clock.advance(seconds=0.6 * SETTLED.total_seconds())
     assert counts == [1, 2, 3]
     assert store.tallies.read().fates == Tallies(store.database).read().fates
-    assert store.tallies._counted_to > 0
+    assert store.tallies.counted_to > 0
 
 
 def test_an_event_that_is_committed_late_counts_too(store, end):
     """PostgreSQL shows event 2 before event 1 where the transaction that writes 1 takes longer."""
     end(1.5)
     store.tallies.read()
-    assert store.tallies._counted_to == 0
+    assert store.tallies.counted_to == 0
 
 
 @pytest.mark.dialect

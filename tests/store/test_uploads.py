@@ -10,7 +10,7 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_platform.errors import Conflict, Damaged, NotFound, StorageFull
-from sawmill_platform.files.upload_stream import AsSent
+from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
 from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads, WrongOffset
 from sawmill_store.store import Store
@@ -24,9 +24,9 @@ def create(store: Store, **given: Any) -> Upload:
     return store.uploads.create(UploadAsk(size_bytes=len(CONTENT), **given), QUOTA)
 
 
-def send(store: Store, upload: Upload, first: int, end: int) -> Upload:
+def send(store: Store, upload: Upload, first: int, end: int, *, content: bytes = CONTENT) -> Upload:
     part = store.uploads.begin_part(upload.id, first)
-    part.take(AsSent(), CONTENT[first:end], commits=True)
+    part.take(AsSent(), content[first:end], commits=True)
     part.finish(AsSent())
     if not part.missing_bytes:
         part.complete()
@@ -126,15 +126,15 @@ def test_an_upload_that_is_deleted_before_its_sum_is_gone(store):
     assert list((store.files.folder / "unfinished").iterdir()) == []
 
 
-def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store, monkeypatch):
-    monkeypatch.setattr("sawmill_platform.uploads.upload_parts.STEP_BYTES", 4)
-    upload = create(store)
+def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store):
+    content = bytes(STEP_BYTES + 10)
+    upload = store.uploads.create(UploadAsk(size_bytes=len(content)), UploadQuota(1, len(content), len(content)))
     for commits in (False, True):
         part = Uploads(store.database, store.files, 2**62).begin_part(upload.id, 0)
         with pytest.raises(StorageFull, match="SAWMILL_DISK_RESERVE_BYTES"):
-            part.take(AsSent(), CONTENT, commits=commits)
+            part.take(AsSent(), content, commits=commits)
         part.close()
-    assert send(store, upload, 0, 10).state is UploadState.COMPLETE
+    assert send(store, upload, 0, len(content), content=content).state is UploadState.COMPLETE
 
 
 def test_the_bytes_of_a_used_upload_have_one_name_after_the_commit_and_its_own_where_there_is_none(store, scanner):

@@ -67,10 +67,19 @@ class _Portion:
 
 
 class DriftCharts:
-    """Store of drift charts: every method is one transaction; `follow` is one to read and one to write."""
+    """Store of drift charts: every method is one transaction; `follow` is one to read and one to write.
 
-    def __init__(self, database: Database) -> None:
+    Parameters
+    ----------
+    database
+        Database of the rows.
+    portion
+        Number of drift checks that a transaction puts into a chart.
+    """
+
+    def __init__(self, database: Database, *, portion: int = PORTION) -> None:
         self._database = database
+        self._portion = portion
 
     def waiting(self) -> list[str]:
         """Return the ids of the scanners that have drift checks waiting for a chart."""
@@ -89,7 +98,7 @@ class DriftCharts:
             True if there was a drift check to put in.
         """
         with self._database.read() as session:
-            portion = _next_portion(session, scanner_id)
+            portion = _next_portion(session, scanner_id, self._portion)
         if portion is None:
             return False
         followed = follow(portion.state, portion.method, portion.before, portion.looks) if portion.looks else None
@@ -125,7 +134,7 @@ def _charts(session: Session, active: ActivationRow) -> Sequence[DriftChartRow]:
     return session.scalars(select(DriftChartRow).where(*of_activation).order_by(DriftChartRow.method)).all()
 
 
-def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
+def _next_portion(session: Session, scanner_id: str, most: int) -> _Portion | None:
     """Read the next portion of the chart for which the oldest drift check waits; None where no check waits."""
     waiting = MeasurementRow.scanner_id == scanner_id, MeasurementRow.awaits_chart.is_not(None)
     oldest = session.scalars(select(MeasurementRow).where(*waiting).order_by(MeasurementRow.number).limit(1)).first()
@@ -140,7 +149,7 @@ def _next_portion(session: Session, scanner_id: str) -> _Portion | None:
     if chart is None or chart.activation_number <= activation.number:
         looks = _looks(activation.number, oldest.method).order_by(MeasurementRow.number)
         # The index alone is read: a hundred thousand rows are skipped in some milliseconds.
-        numbers = looks.with_only_columns(MeasurementRow.number).offset(charted - before).limit(before + PORTION)
+        numbers = looks.with_only_columns(MeasurementRow.number).offset(charted - before).limit(before + most)
         rows = list(session.scalars(looks.where(MeasurementRow.number.in_(numbers))))
     counted = [_counted(row, activation.activated_at) for row in rows]
     return _Portion(

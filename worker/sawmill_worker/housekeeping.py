@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 import structlog
 
@@ -19,8 +20,15 @@ RETENTION_S = 1.0
 class MillHousekeeping(Housekeeping):
     """The housekeeping of a mill's store."""
 
-    def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
-        super().__init__(store, settings, stop)
+    def __init__(
+        self,
+        store: Store,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        *,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(store, settings, stop, monotonic=monotonic)
         self._mill = store
         self._retention = store.retention_keeper()
 
@@ -42,14 +50,14 @@ class MillHousekeeping(Housekeeping):
 
     def _follow_drift(self) -> None:
         """Add the drift checks that have ended to their scanners' charts."""
-        waiting, until_s = self._mill.drift_charts.waiting(), time.monotonic() + DRIFT_S
+        waiting, until_s = self._mill.drift_charts.waiting(), self._monotonic() + DRIFT_S
         if waiting:  # a worker that is asked for no drift check holds no NumPy
             from sawmill_worker.use_cases.drift.chart import follow  # noqa: PLC0415
         while waiting:
             going, waiting = waiting, []
             for scanner_id in going:
                 with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
-                    if self._mill.drift_charts.follow(scanner_id, follow) and time.monotonic() < until_s:
+                    if self._mill.drift_charts.follow(scanner_id, follow) and self._monotonic() < until_s:
                         waiting.append(scanner_id)
 
     def _check_alarms(self) -> None:
@@ -58,6 +66,6 @@ class MillHousekeeping(Housekeeping):
 
     def _retire(self) -> None:
         """Remove batches of what the rules of retention reach; the event of each says what went."""
-        until_s = time.monotonic() + RETENTION_S
-        while self._retention.remove_some() is not None and time.monotonic() < until_s:
+        until_s = self._monotonic() + RETENTION_S
+        while self._retention.remove_some() is not None and self._monotonic() < until_s:
             pass

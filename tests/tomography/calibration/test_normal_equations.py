@@ -101,7 +101,7 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     sums = np.concatenate([sums, [across_views @ (weighted[Term.T_X] - weighted[Term.T_Y])]])
     moves = (rows[Term.T_X] - rows[Term.T_Y]) * across_views[:, None]
     every = np.concatenate([rows, moves[None]])
-    normal = np.einsum("pkm,km,qkm->pq", every, grams.weights, every) - (sums * grams._share) @ sums.T
+    normal = np.einsum("pkm,km,qkm->pq", every, grams.weights, every) - (sums * grams.stripe_shares) @ sums.T
     size = np.sqrt(np.einsum("pkm,km,pkm->p", every, grams.weights, every)) + 1e-300
     assert (np.abs(grams.system(columns).normal - normal) <= 1e-12 * np.outer(size, size)).all()
 
@@ -123,7 +123,7 @@ def test_what_is_taken_out_of_each_view_is_taken_out_of_all_its_rows(terms):
         return np.stack([of_terms[Term.R], of_terms[Term.PSI], moves])
 
     sums = of_columns(left).sum(axis=1)
-    expected = np.einsum("pkm,qkm->pq", of_columns(left), of_columns(rows)) - (sums * grams._share) @ sums.T
+    expected = np.einsum("pkm,qkm->pq", of_columns(left), of_columns(rows)) - (sums * grams.stripe_shares) @ sums.T
     assert grams.system(columns).normal == pytest.approx(expected, rel=1e-9)
 
 

@@ -38,7 +38,14 @@ class Limits(NamedTuple):
     file_bytes: int
 
 
-def limits_of(kind: JobKind, *, memory_bytes: int, file_bytes: int, memory_limit_bytes: int | None) -> Limits:
+def limits_of(
+    kind: JobKind,
+    *,
+    memory_bytes: int,
+    file_bytes: int,
+    memory_limit_bytes: int | None,
+    on_cores: int | None = None,
+) -> Limits:
     """Return the limits of a job.
 
     Parameters
@@ -47,11 +54,14 @@ def limits_of(kind: JobKind, *, memory_bytes: int, file_bytes: int, memory_limit
         Needs of the job by its recorded sizes.
     memory_limit_bytes
         Limit from the settings; null: the limit that results from the kind and the sizes.
+    on_cores
+        Number of cores that the job may use; null: the number that this process may use.
     """
-    threads = DATA_BYTES_A_CORE * max(cores() - CORES_INCLUDED, 0)
+    on_cores = on_cores or cores()
+    threads = DATA_BYTES_A_CORE * max(on_cores - CORES_INCLUDED, 0)
     return Limits(
         data_bytes=memory_limit_bytes or max(DATA_BYTES, memory_bytes) + threads,
-        processor_s=processor_s(kind),
+        processor_s=processor_s(kind, on_cores=on_cores),
         file_bytes=max(FILE_BYTES, file_bytes),
     )
 
@@ -61,9 +71,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def processor_s(kind: JobKind) -> int:
-    """Return the processor time of a job of a kind, on all cores together."""
-    return cores() * declaration_of(kind).processor_s
+def processor_s(kind: JobKind, *, on_cores: int | None = None) -> int:
+    """Return the processor time of a job of a kind, on all cores together; null: the cores of this process."""
+    return (on_cores or cores()) * declaration_of(kind).processor_s
 
 
 def keep_to(limits: Limits) -> None:

@@ -21,6 +21,7 @@ from sawmill_platform.attempts.protocol import (
     MESSAGE,
     AnyMessage,
     Assignment,
+    Failed,
     Ready,
     Succeeded,
     to_line,
@@ -69,14 +70,19 @@ class AttemptProcess:
         Descriptor from which the process's messages are read; closed by `end`.
     template_id
         Id of the process that forks this one once everything is imported; null: the process imports everything itself.
+    undying_s
+        Time from SIGKILL until a process that still runs is given up.
     """
 
-    def __init__(self, process: Running, channel: int, template_id: int | None = None) -> None:
+    def __init__(
+        self, process: Running, channel: int, template_id: int | None = None, *, undying_s: float = UNDYING_S
+    ) -> None:
         self._process = process
+        self._undying_s = undying_s
         self._template_id = template_id
         self._channel = open(channel, "rb", buffering=0)  # noqa: SIM115 - a descriptor, closed by `end`
         self._unread = bytearray()
-        self._ready = False
+        self._ready = self._answered = False
         self.hung_up = False
 
     @property
@@ -158,10 +164,13 @@ class AttemptProcess:
         for line, message in zip(lines, messages, strict=True):
             if len(line) > LONGEST_SENTENCE_BYTES and not isinstance(message, Succeeded):
                 raise AttemptTalksNonsense(f"{len(line)} bytes of {message.kind!r}")
+            self._answered |= isinstance(message, Succeeded | Failed)
         return messages
 
     def end(self, grace_s: float) -> int:
         """End the process and all that it started: first by a request, after `grace_s` by a kill.
+
+        A process that has answered ends by itself, as soon as it has logged why a job failed: no request is sent.
 
         A process that the system does not end, for example while it waits for a disk that is away, is left to end
         later: nobody waits for it, and no other attempt uses its folder.
@@ -171,16 +180,16 @@ class AttemptProcess:
         int
             Exit code; negative is a signal's number.
         """
-        if not self.hung_up:  # otherwise the process is ending by itself, and its exit code is the reason
+        if not self.hung_up and not self._answered:  # otherwise it is ending by itself; its exit code is the reason
             self._signal(signal.SIGTERM)
         try:
             self._process.wait(grace_s)
         except subprocess.TimeoutExpired:
             self._signal(signal.SIGKILL)
         try:
-            code = self._process.wait(UNDYING_S)
+            code = self._process.wait(self._undying_s)
         except subprocess.TimeoutExpired:
-            structlog.get_logger().error("attempt-not-ended", process=self._process.pid, after_s=UNDYING_S)
+            structlog.get_logger().error("attempt-not-ended", process=self._process.pid, after_s=self._undying_s)
             code = -signal.SIGKILL
         if self._process.stdin is not None:
             self._process.stdin.close()
@@ -192,6 +201,19 @@ class AttemptProcess:
         if self._process.poll() is None and self._process.pid is not None:
             with suppress(ProcessLookupError):  # forked this moment, it leads no group yet: SIGKILL follows
                 os.killpg(self._process.pid, number)
+
+
+class AttemptStarter(Protocol):
+    """A starter of the processes in which attempts run; threads may share a starter."""
+
+    def start(self) -> AttemptProcess:
+        """Start a process that becomes ready soon; raise `OSError` if the system starts none now."""
+
+    def patience_s(self, start_timeout_s: float) -> float:
+        """Return the time that a process may take until it is ready."""
+
+    def close(self) -> None:
+        """End what the starter holds besides its processes; a later start begins anew."""
 
 
 class FreshProcesses:

@@ -1,27 +1,23 @@
 """Claims of jobs, and one supervised attempt for each claim."""
 
-import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import structlog
 from pydantic import ValidationError
 
-from sawmill_platform.attempts.environment import environment_of_attempts
 from sawmill_platform.attempts.failures import LIMITS_MET, died, failure_of
 from sawmill_platform.attempts.patience import Patience
 from sawmill_platform.attempts.process import (
     AttemptNotStarted,
     AttemptProcess,
+    AttemptStarter,
     AttemptTalksNonsense,
-    FreshProcesses,
 )
 from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
-from sawmill_platform.attempts.template import Template, template_library
-from sawmill_platform.attempts.threading_layer import configure_threads
 from sawmill_platform.confinement.overuse import overuse
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
@@ -38,7 +34,6 @@ from sawmill_platform.files.digests import note_digests
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.jobs.turns import ANY, Selection
 from sawmill_platform.store import JobServiceStore
-from sawmill_platform.workers import sharing
 from sawmill_platform.workers.logs import about_attempt
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -59,8 +54,8 @@ class Runner:
         Leases, graces and limits.
     stop
         Event after which a running attempt has `stop_grace_s` left before its job returns to the queue.
-    command
-        Command of a program that speaks `sawmill_platform.attempts.protocol`.
+    attempts
+        Starter of the processes; the runner closes it with itself.
     on_ended
         Function that is called with the id of each job that has ended: other jobs may have waited for it.
     on_able
@@ -79,7 +74,7 @@ class Runner:
         settings: ExecutionSettings,
         stop: threading.Event,
         *,
-        command: Sequence[str],
+        attempts: AttemptStarter,
         on_ended: Callable[[str], None] | None = None,
         on_able: Callable[[], None] = lambda: None,
     ) -> None:
@@ -88,7 +83,7 @@ class Runner:
         self._on_able = on_able
         self._settings = settings
         self._stop = stop
-        self._attempts = _ways_to_start(command, _attempt_environment(store, settings), forked=settings.fork_attempts)
+        self._attempts = attempts
         self._spares: list[AttemptProcess] = []
         self._lock = threading.Lock()
         self.name = process_name()
@@ -493,20 +488,3 @@ def _say_once(event: str, error: Exception, said: str) -> str:
 def _invalid_result(what: str) -> Failure:
     detail = f"{what}, which is a defect; see the worker's log"
     return Failure(kind=FailureKind.INTERNAL, code="invalid-result", detail=detail)
-
-
-def _ways_to_start(
-    command: Sequence[str], environment: Mapping[str, str], *, forked: bool
-) -> Template | FreshProcesses:
-    library = template_library() if forked else None
-    return FreshProcesses(command, environment) if library is None else Template(command, environment, library)
-
-
-def _attempt_environment(store: JobServiceStore, settings: ExecutionSettings) -> dict[str, str]:
-    environment = environment_of_attempts(settings)
-    # Compiled kernels are kept with the installation; a read-only installation has no place for them and would raise.
-    if not os.access(Path(__file__).parent, os.W_OK):
-        environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
-    configure_threads(environment)
-    environment[sharing.VARIABLE] = str(sharing.threads_each(settings))
-    return environment

@@ -37,15 +37,35 @@ class Template:
         Environment variables of the program.
     tbb
         Path of TBB's library.
+    fork_timeout_s
+        Time after which a warm template that has not forked is given up.
+    book_timeout_s
+        Time for which the exit code of an ended child is waited for.
     """
 
-    def __init__(self, command: Sequence[str], environment: Mapping[str, str], tbb: Path) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        tbb: Path,
+        *,
+        fork_timeout_s: float = FORK_TIMEOUT_S,
+        book_timeout_s: float = BOOK_TIMEOUT_S,
+    ) -> None:
+        self._fork_timeout_s = fork_timeout_s
+        self._book_timeout_s = book_timeout_s
         self._command = tuple(command)
         self._environment = {**environment, LAYER: "tbb", TBB: str(tbb)}
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._requests: socket.socket | None = None
         self._warm = False
+
+    @property
+    def process_id(self) -> int | None:
+        """Id of the template's process; None if there is none at the moment."""
+        process = self._process
+        return None if process is None else process.pid
 
     def start(self) -> AttemptProcess:
         """Request a child without waiting for the answer."""
@@ -59,8 +79,9 @@ class Template:
             finally:
                 for theirs in (assignment_in, channel_in, book_in):
                     os.close(theirs)
-            template_id = None if self._process is None else self._process.pid
-        return AttemptProcess(ForkedProcess(assignment, book), channel, template_id)
+            template_id = self.process_id
+        child = ForkedProcess(assignment, book, book_timeout_s=self._book_timeout_s)
+        return AttemptProcess(child, channel, template_id)
 
     def patience_s(self, start_timeout_s: float) -> float:
         """Return the time that a child may take until it is ready: little once the template is warm."""
@@ -68,7 +89,7 @@ class Template:
             if self._requests is not None and not self._warm:
                 with suppress(BlockingIOError, ConnectionResetError):
                     self._warm = self._requests.recv(len(WARM), socket.MSG_DONTWAIT) == WARM
-            return min(FORK_TIMEOUT_S, start_timeout_s) if self._warm else start_timeout_s
+            return min(self._fork_timeout_s, start_timeout_s) if self._warm else start_timeout_s
 
     def close(self) -> None:
         """End the template, not its children."""
@@ -112,9 +133,12 @@ class ForkedProcess:
         Descriptor that leads to the child's standard input.
     book
         Descriptor with the template's entries.
+    book_timeout_s
+        Time for which the exit code is waited for after the child's end.
     """
 
-    def __init__(self, assignment: int, book: int) -> None:
+    def __init__(self, assignment: int, book: int, *, book_timeout_s: float = BOOK_TIMEOUT_S) -> None:
+        self._book_timeout_s = book_timeout_s
         self.stdin: BinaryIO = open(assignment, "wb", buffering=0)  # noqa: SIM115 - closed by AttemptProcess
         self.pid: int | None = None
         self._book: BinaryIO = open(book, "rb", buffering=0)  # noqa: SIM115 - closed with its last entry
@@ -150,7 +174,7 @@ class ForkedProcess:
             left_s = None if deadline is None else max(deadline - time.monotonic(), 0.0)
             if self.pid is None or not _readable(self._end, left_s):
                 raise subprocess.TimeoutExpired("attempt", timeout or 0.0)
-            self._close(int(self._entry(BOOK_TIMEOUT_S) or UNKNOWN_END))
+            self._close(int(self._entry(self._book_timeout_s) or UNKNOWN_END))
         assert self._code is not None  # noqa: S101
         return self._code
 
@@ -161,7 +185,7 @@ class ForkedProcess:
             try:
                 self._end = os.pidfd_open(self.pid)
             except ProcessLookupError:
-                self._close(int(self._entry(BOOK_TIMEOUT_S) or UNKNOWN_END))
+                self._close(int(self._entry(self._book_timeout_s) or UNKNOWN_END))
         elif entry is not None:
             self._close(NOT_FORKED)
 

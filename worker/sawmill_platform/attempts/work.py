@@ -1,5 +1,6 @@
 """Input of the process of an attempt, and the interface to the package that owns the kinds of jobs."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,8 @@ class Attempt(Generic[Given]):
         Function that takes the job's progress.
     announce : callable
         Function that takes the names of complete checkpoints in `checkpoints`, which are kept with the job.
+    monotonic : callable
+        Clock of the pauses between checkpoints, seconds.
     """
 
     job: Job
@@ -36,6 +39,7 @@ class Attempt(Generic[Given]):
     output: Path
     report: ProgressCallback
     announce: Callable[[Sequence[str]], None]
+    monotonic: Callable[[], float] = time.monotonic
 
     @property
     def checkpoints(self) -> Path:

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple, Self
 
 import structlog
 
@@ -95,13 +96,25 @@ def installation() -> Sequence[Path]:
     return [path for path in there if not there.intersection(path.parents)]
 
 
-def say_if_unconfined(settings: ExecutionSettings) -> None:
+class Surroundings(NamedTuple):
+    """What decides how far attempts can be confined: the user, and the version of Landlock (0: there is none)."""
+
+    user_id: int
+    landlock: int
+
+    @classmethod
+    def here(cls) -> Self:
+        """Return the surroundings of this process."""
+        return cls(os.geteuid(), landlock.version())
+
+
+def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -> None:
     """Warn of the user root, of attempts not confined to their own files, and of a gap in the kernel's Landlock."""
-    if os.geteuid() == 0:
+    if surroundings.user_id == 0:
         structlog.get_logger().warning(
             "run-as-root", remedy="run the service as a user of its own: see docs/install.md"
         )
-    found = landlock.version() if settings.confine_attempts else 0
+    found = surroundings.landlock if settings.confine_attempts else 0
     if found < landlock.COMPLETE:
         structlog.get_logger().warning(
             "attempts-confined-in-part" if found else "attempts-not-confined",

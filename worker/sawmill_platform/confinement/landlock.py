@@ -10,6 +10,7 @@ import os
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 # System calls, with the same number on every architecture that Python has wheels for.
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
@@ -23,8 +24,7 @@ READ = READ_FILE | READ_DIR
 WRITE = READ | WRITE_FILE | TRUNCATE | REMOVE_DIR | REMOVE_FILE | MAKE_DIR | MAKE_REG
 OF_FILES = WRITE_FILE | READ_FILE | TRUNCATE
 
-# Numbers by version: rights to files, rights to TCP (to bind, to connect), and scopes beyond which nothing is reached
-# (abstract Unix sockets, signals).
+# Numbers of the members of `Handled` by version.
 _FILE_RIGHTS = {1: 13, 2: 14, 3: 15, 5: 16}
 _TCP_RIGHTS = {4: 2}
 _SCOPES = {6: 2}
@@ -32,6 +32,29 @@ COMPLETE = 6
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _LIBC.syscall.restype = ctypes.c_long
+
+
+class Handled(NamedTuple):
+    """Bits of all that a version of the interface can restrict.
+
+    Attributes
+    ----------
+    file_rights : int
+        Rights to files.
+    tcp_rights : int
+        Rights to TCP: to bind, to connect.
+    scopes : int
+        Scopes beyond which nothing is reached: abstract Unix sockets, signals.
+    """
+
+    file_rights: int
+    tcp_rights: int
+    scopes: int
+
+
+def handled_by(newest: int) -> Handled:
+    """Return what a version of the interface can restrict; nothing else may be asked of it."""
+    return Handled(*(_bits(counts, newest) for counts in (_FILE_RIGHTS, _TCP_RIGHTS, _SCOPES)))
 
 
 def version() -> int:
@@ -57,14 +80,13 @@ def confine(readable: Iterable[Path], writable: Iterable[Path], *, held: Iterabl
     OSError
         The kernel refuses.
     """
-    newest = version()
-    handled = _bits(_FILE_RIGHTS, newest)
-    attributes = struct.pack("=QQQ", handled, _bits(_TCP_RIGHTS, newest), _bits(_SCOPES, newest))
+    handled = handled_by(version())
+    attributes = struct.pack("=QQQ", *handled)
     ruleset = _checked(_call(CREATE_RULESET, attributes, len(attributes), 0))
     try:
         for paths, rights, keep in ((readable, READ, False), (held, READ, True), (writable, WRITE, False)):
             for path in paths:
-                _allow(ruleset, path, rights & handled, keep=keep)
+                _allow(ruleset, path, rights & handled.file_rights, keep=keep)
         _checked(_LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
         _checked(_call(RESTRICT_SELF, ruleset, 0))
     finally:

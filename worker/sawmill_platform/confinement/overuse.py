@@ -25,7 +25,13 @@ BLOCK_BYTES = 512
 
 
 def overuse(
-    process_id: int | None, output: Path, kind: JobKind, limits: Begun, *, reserve_bytes: int
+    process_id: int | None,
+    output: Path,
+    kind: JobKind,
+    limits: Begun,
+    *,
+    reserve_bytes: int,
+    most_threads: int = MOST_THREADS,
 ) -> Failure | None:
     """Compare an attempt's memory, threads and files with its limits.
 
@@ -42,6 +48,8 @@ def overuse(
         Kind of the job.
     reserve_bytes
         Bytes that should stay free on the disk.
+    most_threads
+        Number of threads that an attempt may have.
 
     Returns
     -------
@@ -56,8 +64,8 @@ def overuse(
         The attempt's folder is gone, or its disk fails.
     """
     threads = _threads(process_id)
-    if len(threads) > MOST_THREADS:
-        detail = f"the job has {len(threads)} threads, and may have {MOST_THREADS}"
+    if len(threads) > most_threads:
+        detail = f"the job has {len(threads)} threads, and may have {most_threads}"
         return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
     private, shared, mapped = _memory(threads)
     if shared > SMALL_BYTES and private + shared > limits.data_bytes:

@@ -88,12 +88,18 @@ class Tally:
 
 
 class Tallies:
-    """Counts, which add new events to events that were counted before."""
+    """Counts, which add new events to events that were counted before.
+
+    Attributes
+    ----------
+    counted_to : int
+        Number of the newest event that has settled and is not read again.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self._lock = threading.Lock()
-        self._counted_to = 0
+        self.counted_to = 0
         self._settled: dict[Fate, Amount] = {}
 
     def read(self) -> Tally:
@@ -107,12 +113,12 @@ class Tallies:
         now = self._database.now()
         with self._lock, self._database.read() as session:
             self._settle(session, now - SETTLED)
-            fates = _together(self._settled, _fates(session, EventRow.number > self._counted_to))
+            fates = _together(self._settled, _fates(session, EventRow.number > self.counted_to))
             jobs, queued_s = _jobs(session, now)
             running = session.execute(
                 select(JobRow.kind, JobRow.started_at, JobRow.worker).where(JobRow.state == JobState.RUNNING)
             ).all()
-            recent = session.scalars(select(EventRow.worker).where(EventRow.number > self._counted_to).distinct())
+            recent = session.scalars(select(EventRow.worker).where(EventRow.number > self.counted_to).distinct())
             workers = {*recent, *(worker for *_, worker in running)} - {None}
         running_s: dict[JobKind, float] = {}
         for kind, started_at, _ in running:
@@ -120,11 +126,11 @@ class Tallies:
         return Tally(at=now, jobs=jobs, queued_s=queued_s, running_s=running_s, workers=len(workers), fates=fates)
 
     def _settle(self, session: Session, before: datetime) -> None:
-        newer = select(EventRow.number).where(EventRow.number > self._counted_to, EventRow.at <= before)
+        newer = select(EventRow.number).where(EventRow.number > self.counted_to, EventRow.at <= before)
         last = session.scalar(newer.order_by(EventRow.number.desc()).limit(1))
         if last is not None:
-            these = _fates(session, EventRow.number > self._counted_to, EventRow.number <= last)
-            self._settled, self._counted_to = _together(self._settled, these), last
+            these = _fates(session, EventRow.number > self.counted_to, EventRow.number <= last)
+            self._settled, self.counted_to = _together(self._settled, these), last
 
 
 def _jobs(session: Session, now: datetime) -> tuple[Counter[tuple[JobKind, JobState]], dict[JobKind, float]]:

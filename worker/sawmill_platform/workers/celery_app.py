@@ -24,7 +24,7 @@ from redis.exceptions import RedisError
 
 from sawmill_platform.attempts.process import AttemptNotStarted
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.confinement.confinement import say_if_unconfined
+from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.jobs.turns import Selection
 from sawmill_platform.settings import StorageSettings
@@ -103,7 +103,7 @@ def serve(app: Celery, settings: ExecutionSettings, storage: StorageSettings, pr
     program
         Program of the workers.
     """
-    engine = _Engine(app, settings, storage, program)
+    engine = CeleryWorker(app, settings, storage, program)
     app.task(engine.run_job, name=RUN_JOB)
     # The signals are Celery's own and fire in worker processes only.
     signals.worker_init.connect(engine.start, weak=False)
@@ -160,8 +160,18 @@ class Waker:
                 structlog.get_logger().exception("wake-up-not-sent", job_id=job_id)
 
 
-class _Engine:
-    """State of a Celery worker process while it runs."""
+class CeleryWorker:
+    """A Celery worker process while it runs.
+
+    Parameters
+    ----------
+    app, settings
+        Application from `make_celery`, and its settings.
+    storage
+        Settings of the store that all machines share.
+    program
+        Program of the worker.
+    """
 
     def __init__(
         self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
@@ -173,6 +183,7 @@ class _Engine:
         self._stop = threading.Event()
 
     def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
+        """Open the store and start everything that runs beside the jobs; raise `SystemExit` if that is impossible."""
         configure_logs(self._settings.log_format)
         pool = str(sender.pool_cls)
         if "prefork" in pool:
@@ -184,18 +195,18 @@ class _Engine:
         slots = 1 if "solo" in pool else int(sender.concurrency)
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
-        say_if_unconfined(self._settings)
+        say_if_unconfined(self._settings, Surroundings.here())
         self._store = self._opened()
         self._wake = Waker(self._app, self._store.jobs.is_short)
-        self._runner = Runner(
-            self._store, self._settings, self._stop, command=self._program.attempt_command, on_ended=self._wake_waiting
-        )
+        attempts = self._program.attempts(self._store, self._settings)
+        self._runner = Runner(self._store, self._settings, self._stop, attempts=attempts, on_ended=self._wake_waiting)
         self._runner.warm_up()
         self._housekeeping = self._program.housekeeping(self._store, self._settings, self._stop)
         self._housekeeping.start()
         self._wake.start()
         # Apart from the housekeeping, which continues whatever Redis does.
-        threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
+        sweep = (self._stop, self._store, self._app, self._settings, self._wake)
+        threading.Thread(target=sweep_until, args=sweep, name="sweep", daemon=True).start()
 
     def _opened(self) -> JobServiceStore:
         # Celery handles signals later, and the first process of a container receives no signal that it does not handle.
@@ -223,9 +234,11 @@ class _Engine:
         return stop_and_handle
 
     def stop(self, **_: Any) -> None:  # noqa: ANN401
+        """Return running jobs to the queue."""
         self._stop.set()
 
     def close(self, **_: Any) -> None:  # noqa: ANN401
+        """End everything that `start` has started."""
         self._stop.set()
         self._runner.close()
         self._housekeeping.join()
@@ -248,32 +261,46 @@ class _Engine:
         for waiting in self._store.jobs.waiting_for(job_id):
             self._wake(waiting)
 
-    def _sweep_until_stopped(self) -> None:
-        trouble: str | None = None
-        while not self._stop.wait(self._settings.housekeeping_s):
-            before, trouble = trouble, report_of(str(self._settings.broker_url)).trouble
-            if trouble is not None:
-                if trouble != before:
-                    structlog.get_logger().warning("sweep-put-off", reason=trouble)
-                continue
-            try:
-                self._sweep()
-            except (OperationalError, RedisError, StorageError) as error:
-                structlog.get_logger().warning("sweep-put-off", reason=str(error))
-            except Exception:  # noqa: BLE001 - lost wake-ups are found by this thread alone: whatever happens, it goes on
-                structlog.get_logger().exception("sweep-put-off")
 
-    def _sweep(self) -> None:
-        """Send the wake-ups of waiting jobs again if no message of their lane is on its way: they cannot pile up."""
-        for short, name in _LANES.items():
-            lost = self._store.jobs.queued_job_ids(
-                older_than_s=self._settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES)
-            )
-            if lost and self._messages_waiting(name) == 0:
-                for job_id in lost:
-                    self._wake(job_id)
+def sweep_until(
+    stop: threading.Event, store: JobServiceStore, app: Celery, settings: ExecutionSettings, wake: Callable[[str], None]
+) -> None:
+    """Send lost wake-ups again until an event is set, one look every `housekeeping_s`; an outage is logged once.
 
-    def _messages_waiting(self, name: str) -> int:
-        with self._app.connection_for_write() as connection:
-            declared = connection.default_channel.queue_declare(queue=name, durable=True)
-            return int(declared.message_count)
+    Parameters
+    ----------
+    stop
+        Event that ends the sweep.
+    store, app, settings
+        Store of the jobs, application from `make_celery`, and its settings.
+    wake
+        Function that announces a job.
+    """
+    trouble: str | None = None
+    while not stop.wait(settings.housekeeping_s):
+        before, trouble = trouble, report_of(str(settings.broker_url)).trouble
+        if trouble is not None:
+            if trouble != before:
+                structlog.get_logger().warning("sweep-put-off", reason=trouble)
+            continue
+        try:
+            _sweep(store, app, settings, wake)
+        except (OperationalError, RedisError, StorageError) as error:
+            structlog.get_logger().warning("sweep-put-off", reason=str(error))
+        except Exception:  # noqa: BLE001 - lost wake-ups are found by this thread alone: whatever happens, it goes on
+            structlog.get_logger().exception("sweep-put-off")
+
+
+def _sweep(store: JobServiceStore, app: Celery, settings: ExecutionSettings, wake: Callable[[str], None]) -> None:
+    """Send the wake-ups of waiting jobs again if no message of their lane is on its way: they cannot pile up."""
+    for short, name in _LANES.items():
+        lost = store.jobs.queued_job_ids(older_than_s=settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES))
+        if lost and _messages_waiting(app, name) == 0:
+            for job_id in lost:
+                wake(job_id)
+
+
+def _messages_waiting(app: Celery, name: str) -> int:
+    with app.connection_for_write() as connection:
+        declared = connection.default_channel.queue_declare(queue=name, durable=True)
+        return int(declared.message_count)

@@ -33,14 +33,23 @@ class ClockKeeper:
         Seconds that a step must last.
     look_s
         Seconds between two readings of the clock.
+    monotonic
+        Clock by which a step lasts, seconds.
     """
 
-    def __init__(self, store: JobServiceStore, *, lasting_s: float = LASTING_S, look_s: float = _LOOK_S) -> None:
+    def __init__(
+        self,
+        store: JobServiceStore,
+        *,
+        lasting_s: float = LASTING_S,
+        look_s: float = _LOOK_S,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._store = store
         self._lasting_s = lasting_s
         self._look_s = look_s
         self._stop = threading.Event()
-        self._step = _Step(time.monotonic)
+        self._step = _Step(monotonic)
         self._thread = threading.Thread(target=self._watch, name="clock", daemon=True)
 
     def __enter__(self) -> Self:
@@ -60,13 +69,14 @@ class ClockKeeper:
         while not self._stop.is_set():
             try:
                 # An offset of the service's clock at its start counts at once.
-                self._look(lasting_s=0.0 if first else self._lasting_s)
+                self.look(lasting_s=0.0 if first else self._lasting_s)
             except (StorageError, OSError) as error:
                 structlog.get_logger().warning("clock-not-kept", reason=str(error))
             first = False
             self._stop.wait(self._look_s)
 
-    def _look(self, *, lasting_s: float) -> None:
+    def look(self, *, lasting_s: float) -> None:
+        """Compare the clocks, and take a step over that has lasted that long, seconds."""
         off_s = self._store.clock_off_s()
         if self._step.lasts_s(off_s) >= lasting_s and abs(off_s) > TOLERABLE_S:
             self._store.events.step_clock(process_name(), off_s)

@@ -34,9 +34,19 @@ class Housekeeping:
         Settings with the periods.
     stop
         Event that ends the thread.
+    monotonic
+        Clock of the periods, seconds; leases have their own (`LeaseObserver`).
     """
 
-    def __init__(self, store: JobServiceStore, settings: ExecutionSettings, stop: threading.Event) -> None:
+    def __init__(
+        self,
+        store: JobServiceStore,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        *,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._monotonic = monotonic
         self._store = store
         self._settings = settings
         self._stop = stop
@@ -46,7 +56,7 @@ class Housekeeping:
         self._clock_is_off = self._folder_is_away = False
         self._outages_said = set[str]()
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
-        self._seldom_due_s = time.monotonic()
+        self._seldom_due_s = monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -65,7 +75,7 @@ class Housekeeping:
         duties = self.duties()
         if self._folder_is_ours():
             duties += self.duties_with_files()
-        if (now_s := time.monotonic()) >= self._seldom_due_s:
+        if (now_s := self._monotonic()) >= self._seldom_due_s:
             self._seldom_due_s = now_s + SELDOM_S
             self._outages_said.clear()
             duties += self.seldom_duties()

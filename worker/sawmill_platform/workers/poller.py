@@ -56,7 +56,7 @@ def run_worker(
         No job can be run on this installation.
     """
     wake = wake or threading.Event()
-    runner = Runner(store, settings, stop, command=program.attempt_command, on_able=on_able)
+    runner = Runner(store, settings, stop, attempts=program.attempts(store, settings), on_able=on_able)
     housekeeping = program.housekeeping(store, settings, stop)
     housekeeping.start()
     worked_at = time.monotonic()
@@ -119,7 +119,7 @@ def run(
     stop, wake = threading.Event(), threading.Event()
     _end_on_signals(stop, wake)
     if watch_parent:
-        threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
+        threading.Thread(target=listen_to_parent, args=(stop, wake), daemon=True).start()
     try:
         store = open_store(partial(program.open_store, StorageSettings()), stop)
         if store is not None:
@@ -145,7 +145,7 @@ def run(
 
 def report_to_parent() -> None:
     """Report to the parent process (`supervise`) that this worker can run jobs: a byte on standard input, a socket."""
-    with suppress(OSError):  # the parent is gone: `_listen_to_parent` handles that
+    with suppress(OSError):  # the parent is gone: `listen_to_parent` handles that
         os.write(0, b"\n")
 
 
@@ -168,7 +168,8 @@ def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
     threading.Thread(target=listen, daemon=True).start()
 
 
-def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
+def listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
+    """Look for a job at each byte on standard input, and stop at its end; the function returns then."""
     # A parent that is killed before it has read this worker's report resets the connection instead of closing it.
     with suppress(ConnectionResetError), open(0, "rb", buffering=0, closefd=False) as parent:
         while parent.read(1024):

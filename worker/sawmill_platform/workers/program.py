@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from sawmill_platform.attempts.process import AttemptStarter
+from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.housekeeping import Housekeeping
@@ -30,3 +32,7 @@ class WorkerProgram(Generic[S]):
     open_store: Callable[[StorageSettings], S]
     housekeeping: Callable[[S, ExecutionSettings, threading.Event], Housekeeping]
     attempt_command: Sequence[str]
+
+    def attempts(self, store: S, settings: ExecutionSettings) -> AttemptStarter:
+        """Return the starter of the processes of attempts."""
+        return attempt_starter(self.attempt_command, store, settings)

@@ -12,7 +12,7 @@ from typing import Self
 import structlog
 
 from sawmill_platform.attempts.environment import environment_with
-from sawmill_platform.confinement.confinement import say_if_unconfined
+from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import going_on
@@ -57,9 +57,9 @@ class WorkerSupervisor:
     ) -> None:
         self._settings = settings
         environment = environment_with(storage, settings)
-        general = [_WatchedWorker(command, environment) for _ in range(settings.workers)]
+        general = [WatchedWorker(command, environment) for _ in range(settings.workers)]
         alone = environment_with(storage, settings.model_copy(update={"workers": 1}))
-        self._short = _WatchedWorker([*command, "--short"], alone)
+        self._short = WatchedWorker([*command, "--short"], alone)
         self._general, self._workers = general, [*general, self._short]
         self._held_up = held_up
         self._look_at = 0.0
@@ -70,7 +70,7 @@ class WorkerSupervisor:
 
     def __enter__(self) -> Self:
         say_if_crowded(self._settings)
-        say_if_unconfined(self._settings)
+        say_if_unconfined(self._settings, Surroundings.here())
         for worker in self._general:
             worker.start()
         self._thread.start()
@@ -119,14 +119,33 @@ class WorkerSupervisor:
             self._short.start_if_due()
 
 
-class _WatchedWorker:
+class WatchedWorker:
     """A slot for a worker process, with the wait before it is filled again.
 
     A socket is the process's standard input: bytes to the process announce jobs, one byte from it reports that it can
     run jobs.
+
+    Parameters
+    ----------
+    command, environment
+        Command of the process, and its environment variables.
+    monotonic
+        Clock of the waits, seconds.
+
+    Attributes
+    ----------
+    process : subprocess.Popen or None
+        The process that was started last.
     """
 
-    def __init__(self, command: Sequence[str], environment: dict[str, str]) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        environment: dict[str, str],
+        *,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._monotonic = monotonic
         self._command = tuple(command)
         self._environment = environment
         self._restart_at: float | None = None
@@ -137,6 +156,7 @@ class _WatchedWorker:
 
     @property
     def is_running(self) -> bool:
+        """True if the process runs."""
         return self.process is not None and self.process.poll() is None
 
     def start(self) -> None:
@@ -149,8 +169,10 @@ class _WatchedWorker:
                 self.process = subprocess.Popen(  # noqa: S603 - our own command
                     self._command, stdin=theirs.fileno(), stdout=2, start_new_session=True, env=self._environment
                 )
-        except OSError as error:
+        except BaseException as error:
             ours.close()
+            if not isinstance(error, OSError):
+                raise
             self._put_off("worker-not-started", reason=str(error))
             return
         ours.settimeout(0.0)  # a worker that hangs and does not read must not make a request wait
@@ -158,11 +180,13 @@ class _WatchedWorker:
             self._line = ours
 
     def wake(self) -> None:
+        """Announce a job to the process, without waiting."""
         with self._speaking, suppress(OSError):  # the socket is full of announcements, or the worker has ended
             if self._line is not None:
                 self._line.send(b"\n")
 
     def restart_if_due(self) -> None:
+        """Start an ended process again, after a wait that begins when its end is seen."""
         if self.is_running:
             return
         if self._restart_at is None:
@@ -170,7 +194,7 @@ class _WatchedWorker:
                 self._back_off_s = 0.0
             self._hang_up()
             self._put_off("worker-ended", exit_code=self.process and self.process.returncode)
-        elif time.monotonic() >= self._restart_at:
+        elif self._monotonic() >= self._restart_at:
             self.start()
 
     def start_if_due(self) -> None:
@@ -183,10 +207,12 @@ class _WatchedWorker:
             self.restart_if_due()
 
     def ask_to_stop(self) -> None:
+        """Request the end of the process."""
         if self.process is not None and self.is_running:
             self.process.terminate()
 
     def end(self, patience_s: float) -> None:
+        """Wait for the end of the process, and kill it if that does not come in time."""
         if self.process is not None:
             try:
                 self.process.wait(patience_s)
@@ -206,7 +232,7 @@ class _WatchedWorker:
     def _put_off(self, event: str, **details: object) -> None:
         """Delay the next start: the wait doubles from the last time until a worker has been able to run jobs."""
         self._back_off_s = min(max(2 * self._back_off_s, _FIRST_BACK_OFF_S), _LONGEST_BACK_OFF_S)
-        self._restart_at = time.monotonic() + self._back_off_s
+        self._restart_at = self._monotonic() + self._back_off_s
         structlog.get_logger().error(event, restart_in_s=self._back_off_s, **details)
 
     def _hang_up(self) -> None:

@@ -1,7 +1,6 @@
 """Checkpoints of an attempt: written next to the results, kept with the job, read by the next attempt."""
 
 import threading
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -39,7 +38,7 @@ class AttemptKeeper:
         self._attempt = attempt
         self._origin = {**origin, "software": software()}
         self._still_to_write_bytes = still_to_write_bytes
-        self._pause_began_at = time.monotonic()
+        self._pause_began_at = self._attempt.monotonic()
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
         self._unannounced: list[str] = []
         self._begun, self._taken_up, self._left_out, self._lock = False, False, False, threading.Lock()
@@ -55,7 +54,7 @@ class AttemptKeeper:
     @property
     def is_due(self) -> bool:
         """True if the pause is over."""
-        return time.monotonic() - self._pause_began_at >= self._pause_s
+        return self._attempt.monotonic() - self._pause_began_at >= self._pause_s
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
         """Write a checkpoint, which is announced together with other checkpoints when the pause is over."""
@@ -79,7 +78,7 @@ class AttemptKeeper:
         names, self._unannounced = self._unannounced, []
         if names:
             self._attempt.announce(names)
-        self._begun, self._pause_began_at = True, time.monotonic()
+        self._begun, self._pause_began_at = True, self._attempt.monotonic()
         self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
 
     def _leave_out(self, name: str, error: StorageFull | FolderUnavailable) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 STATUS = Path("/proc/self/status")
 # A library that doubles its memory until it suffices holds about half of the limit when it fails
-# (tests/execution/test_bombs.py).
+# (tests/worker/execution/test_bombs.py).
 RAN_SHORT = 0.4
 
 

@@ -143,8 +143,8 @@ class ViewGrams:
         if steps.size > 8 and variance > 0.0:
             expected = np.sqrt(variance * (ratio + 1.0 / count))
             ratios[np.abs(mean - np.median(mean[seen])) > ODD * expected] = ALONE
-        self._share = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
-        self.stripes = self._share * count * mean
+        self.stripe_shares = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
+        self.stripes = self.stripe_shares * count * mean
 
     def gain_evidence(self) -> tuple[float, float]:
         """Compute the power that a gain and offset of each view would explain, and the number of views that show it."""
@@ -182,7 +182,7 @@ class ViewGrams:
     def objective(self, residual: FloatArray) -> float:
         """Compute the objective of generalised least squares for another residual, without views' random effects."""
         squares, products = self._squares(self._unbiased(residual))
-        return squares - float((self._share * products) @ products)
+        return squares - float((self.stripe_shares * products) @ products)
 
     def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
         """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n)."""
@@ -207,7 +207,7 @@ class ViewGrams:
             Products with itself, and with the residual.
         """
         rows = [self._rows.get(column.term, column.term) for column in columns if column.term is not None]
-        of_stripes = self._share * self._sums[Term.U_C]
+        of_stripes = self.stripe_shares * self._sums[Term.U_C]
         with_columns = self._of_column[rows] - of_stripes * self._sums[rows]
         own = self._of_column[Term.U_C] - of_stripes * self._sums[Term.U_C]
         return with_columns, own, self._of_column[-1]
@@ -227,7 +227,7 @@ class ViewGrams:
         for kept, rows in enumerate(self._weighted):
             some = of_kept[:, kept].any(axis=1)
             sums[some] += of_kept[some, kept] @ rows
-        normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
+        normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
         return System(
             tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
         )

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
@@ -216,15 +217,23 @@ def _as_published(
 class SearchProgress:
     """Progress from the rounds of a search and the steps between rounds: from the fraction `start` to `end`.
 
-    The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second.
+    The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second
+    of the clock `monotonic`.
     """
 
     def __init__(
-        self, on_progress: ProgressCallback, start: float, end: float = SEARCH_DONE, *, stage: str = "search"
+        self,
+        on_progress: ProgressCallback,
+        start: float,
+        end: float = SEARCH_DONE,
+        *,
+        stage: str = "search",
+        monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._monotonic = monotonic
         self._on_progress, self._start, self._end = on_progress, start, end
         self._progress = Progress(fraction=start, stage=stage)
-        self._steps, self._stepped_from, self._reported_at = 0, start, time.monotonic()
+        self._steps, self._stepped_from, self._reported_at = 0, start, monotonic()
 
     def on_round(self, generation: int, most: int, best: float) -> None:
         """Report a round; before the first fit there is no best value."""
@@ -242,12 +251,12 @@ class SearchProgress:
     def on_step(self) -> None:
         """Count one more step, and report the progress if a report is due."""
         self._steps += 1
-        if time.monotonic() - self._reported_at >= STEPS_EVERY_S:
+        if self._monotonic() - self._reported_at >= STEPS_EVERY_S:
             remaining = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
             self._tell(replace(self._progress, fraction=self._end - remaining))
 
     def _tell(self, progress: Progress) -> None:
-        self._progress, self._reported_at = progress, time.monotonic()
+        self._progress, self._reported_at = progress, self._monotonic()
         self._on_progress(progress)
 
 

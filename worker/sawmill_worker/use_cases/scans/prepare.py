@@ -27,7 +27,7 @@ Stack = NDArray[np.float32]
 # Samples in memory at a time, as float32. Intermediate results, of a row or a view at a time, need additional memory.
 WINDOW_BYTES = 128 * 2**20
 # The largest drift of the source since the flat fields, as a line integral: a quarter fewer counts. A level beyond it
-# is not air (tests/jobs/test_prepare.py).
+# is not air (tests/worker/jobs/test_prepare.py).
 LARGEST_DRIFT = 0.3
 
 

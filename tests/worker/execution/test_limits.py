@@ -128,7 +128,7 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
         (64, 3 * 2**30, 2**29, 2**29),
     ],
 )
-def test_memory_is_what_the_sizes_need_and_room_for_threads(monkeypatch, cores, needed, override, limit):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-    limits = limits_of(job_kinds.CALIBRATE, memory_bytes=needed, file_bytes=0, memory_limit_bytes=override)
+def test_memory_is_what_the_sizes_need_and_room_for_threads(cores, needed, override, limit):
+    needs = {"memory_bytes": needed, "file_bytes": 0}
+    limits = limits_of(job_kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores)
     assert limits.data_bytes == limit

@@ -11,7 +11,7 @@ import pytest
 
 from sawmill_contracts.job_kinds import RECONSTRUCT
 from sawmill_platform.attempts.protocol import Begun
-from sawmill_platform.confinement.overuse import DEEPEST, SMALL_BYTES, overuse
+from sawmill_platform.confinement.overuse import DEEPEST, MOST_THREADS, SMALL_BYTES, overuse
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import FolderUnavailable, StorageFull
 
@@ -38,9 +38,11 @@ ctypes.CDLL(None).pthread_exit(None)
 def looked_at(tmp_path):
     """What this process, with a folder of its own, takes beyond its limits."""
 
-    def look(*, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0):
+    def look(*, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0, most_threads=MOST_THREADS):
         limits = Begun(data_bytes=data_bytes, file_bytes=file_bytes)
-        return overuse(os.getpid(), tmp_path, RECONSTRUCT, limits, reserve_bytes=reserve_bytes)
+        return overuse(
+            os.getpid(), tmp_path, RECONSTRUCT, limits, reserve_bytes=reserve_bytes, most_threads=most_threads
+        )
 
     return look
 
@@ -109,9 +111,8 @@ def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path)
     assert (of_memory.code, of_disk.code) == ("out-of-memory", "file-too-large")
 
 
-def test_threads_are_bounded(looked_at, monkeypatch):
-    monkeypatch.setattr("sawmill_platform.confinement.overuse.MOST_THREADS", 0)
-    failure = looked_at()
+def test_threads_are_bounded(looked_at):
+    failure = looked_at(most_threads=0)
     assert failure.code == "out-of-memory"
     assert failure.detail.endswith("threads, and may have 0")
 

@@ -7,7 +7,7 @@ from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
 from sawmill_contracts.kinds import Reference
 from sawmill_platform.errors import NotFound, StorageFull, StorageUnavailable
 
-WORKER = Path(__file__).parents[2] / "worker"
+WORKER = Path(__file__).parents[3] / "worker"
 ROOMS = (
     "sawmill_platform/attempts",
     "sawmill_platform/confinement",

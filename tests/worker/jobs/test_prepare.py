@@ -6,7 +6,6 @@ import subprocess
 import sys
 import textwrap
 from dataclasses import dataclass
-from types import SimpleNamespace
 from uuid import uuid4
 
 import h5py
@@ -28,7 +27,6 @@ from sawmill_tomography.preparing.row_shifts import RowsError
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases import capacity
 from sawmill_worker.use_cases.scans import prepare as preparing
 from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
@@ -195,11 +193,11 @@ def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload,
 
 @pytest.mark.parametrize(("total", "kind"), [(900_000, FailureKind.PASSING), (800_000, FailureKind.INPUT)])
 def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
-    upload, attempt, exposed, monkeypatch, total, kind
+    upload, attempt, exposed, full_disk, total, kind
 ):
     upload(exposed[0])
     reading = attempt(job_kinds.INGEST)
-    monkeypatch.setattr(capacity.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000, total=total))
+    full_disk(100_000, size_bytes=total)
     with pytest.raises(
         JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
     ) as full:

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +19,13 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
-from sawmill_platform.attempts import template
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.template import ForkedProcess, Template, template_library
+from sawmill_platform.attempts.starting import attempt_environment
+from sawmill_platform.attempts.template import NOT_FORKED, ForkedProcess, Template, template_library
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.poller import run_worker
 from sawmill_vocabulary import DataKind
-from sawmill_worker.program import ATTEMPT_COMMAND, MILL
+from sawmill_worker.program import ATTEMPT_COMMAND
 
 pytestmark = [
     pytest.mark.slow,
@@ -42,6 +41,10 @@ def forking():
 
 @pytest.fixture
 def talking(store, runner, queue, in_background, wait_for):
+    return talk(store, runner, queue, in_background, wait_for)
+
+
+def talk(store, runner, queue, in_background, wait_for):
     """The outcome of a job that runs, and its process."""
     queue("talk")
     outcome = in_background(runner.run_next)
@@ -49,42 +52,55 @@ def talking(store, runner, queue, in_background, wait_for):
     return outcome, int(next(store.files.folder.glob("attempts/*/pid")).read_text())
 
 
-def template_of(runner):
-    return runner._attempts._process.pid
+@pytest.fixture
+def impatient(store, start, command, settings):
+    """A runner that soon gives up its template, and the template."""
+    environment = attempt_environment(store, settings)
+    library = template_library()
+    template = Template(command, environment, library, fork_timeout_s=0.2, book_timeout_s=0.1)
+    return start(starter=template), template
 
 
-def test_a_child_leads_a_session_of_its_own(runner, talking, stop):
+@pytest.fixture
+def template(starter):
+    """Of the fixture `runner`."""
+    return starter.starter
+
+
+def test_a_child_leads_a_session_of_its_own(template, talking, stop):
     outcome, child = talking
     assert os.getsid(child) == os.getpgid(child) == child
-    assert os.getsid(template_of(runner)) == template_of(runner)
+    assert os.getsid(template.process_id) == template.process_id
     stop.set()
     assert outcome.result(timeout=60) is JobState.QUEUED
 
 
-def test_the_limits_of_a_child_are_not_the_templates(runner, queue):
+def test_the_limits_of_a_child_are_not_the_templates(runner, template, queue):
     queue("tell-limits")
     assert runner.run_next() is JobState.SUCCEEDED
-    limits = Path(f"/proc/{template_of(runner)}/limits").read_text()
+    limits = Path(f"/proc/{template.process_id}/limits").read_text()
     ours = Path("/proc/self/limits").read_text()
     assert limits == ours
 
 
-def test_a_running_child_outlives_its_template_which_is_replaced(runner, queue, in_background, wait_for, store):
+def test_a_running_child_outlives_its_template_which_is_replaced(
+    runner, template, queue, in_background, wait_for, store
+):
     job = queue("pause")
     queue("succeed")
     outcome = in_background(runner.run_next)
     wait_for(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
-    first = template_of(runner)
+    first = template.process_id
     os.kill(first, signal.SIGKILL)
     assert outcome.result(timeout=60) is JobState.SUCCEEDED
     assert runner.run_next() is JobState.SUCCEEDED
     runner.warm_up()
-    assert template_of(runner) != first
+    assert template.process_id != first
 
 
-def test_a_child_killed_after_its_template_is_a_lost_attempt(runner, talking, store, is_running, wait_for):
+def test_a_child_killed_after_its_template_is_a_lost_attempt(template, talking, store, is_running, wait_for):
     outcome, child = talking
-    os.kill(template_of(runner), signal.SIGKILL)
+    os.kill(template.process_id, signal.SIGKILL)
     os.killpg(child, signal.SIGKILL)
     assert outcome.result(timeout=60) is JobState.QUEUED
     (job,) = store.jobs.page().items
@@ -92,26 +108,26 @@ def test_a_child_killed_after_its_template_is_a_lost_attempt(runner, talking, st
     wait_for(lambda: not is_running(child))
 
 
-def test_a_stopped_template_keeps_no_job_from_its_end(runner, talking, store, monkeypatch):
-    monkeypatch.setattr(template, "BOOK_TIMEOUT_S", 0.1)
-    outcome, child = talking
-    os.kill(template_of(runner), signal.SIGSTOP)
+def test_a_stopped_template_keeps_no_job_from_its_end(impatient, store, queue, in_background, wait_for):
+    runner, template = impatient
+    outcome, child = talk(store, runner, queue, in_background, wait_for)
+    os.kill(template.process_id, signal.SIGSTOP)
     os.kill(child, signal.SIGSEGV)
     assert outcome.result(timeout=60) is JobState.QUEUED, "nobody knows how it ended"
     assert store.jobs.page().items[0].losses == 1
 
 
-def test_a_stopped_template_is_replaced(runner, queue, monkeypatch):
+def test_a_stopped_template_is_replaced(impatient, queue):
+    runner, template = impatient
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
-    monkeypatch.setattr(template, "FORK_TIMEOUT_S", 0.2)
-    stopped = template_of(runner)
+    stopped = template.process_id
     os.kill(stopped, signal.SIGSTOP)
     queue("succeed")
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED, "in the spare that was there"
     assert runner.run_next() is JobState.SUCCEEDED, "in a child of a new template"
-    assert template_of(runner) != stopped
+    assert template.process_id != stopped
 
 
 def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_for, is_running):
@@ -119,14 +135,16 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
     program = (
         "import sys, threading\n"
         "from sawmill_platform.attempts.runner import Runner\n"
+        "from sawmill_platform.attempts.starting import attempt_starter\n"
         "from sawmill_platform.workers.settings import ExecutionSettings\n"
         "from sawmill_platform.settings import StorageSettings\n"
         "from sawmill_store.store import Store\n"
         "store = Store(StorageSettings.model_validate_json(sys.argv[1]))\n"
         "settings = ExecutionSettings.model_validate_json(sys.argv[2])\n"
-        "runner = Runner(store, settings, threading.Event(), command=sys.argv[3:])\n"
+        "attempts = attempt_starter(sys.argv[3:], store, settings)\n"
+        "runner = Runner(store, settings, threading.Event(), attempts=attempts)\n"
         "runner.warm_up()\n"
-        "print(runner._attempts._process.pid, flush=True)\n"
+        "print(attempts.process_id, flush=True)\n"
         "runner.run_next()\n"
     )
     given = [store.settings.model_dump_json(), settings.model_dump_json(), *command]
@@ -138,13 +156,30 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
     wait_for(lambda: not is_running(made) and not is_running(child))
 
 
-DRAWING = (
-    "import os, socket\n"
-    "import numpy as np\n"
-    "from sawmill_platform.attempts.forking import REQUESTS, serve\n"
-    "serve(socket.socket(fileno=int(os.environ[REQUESTS])),\n"
-    "      lambda channel: channel.write(b'%r\\n' % float(np.random.random())))\n"
-).replace("b'%r\\n' % float(np.random.random())", "f'{np.random.random()!r}\\n'.encode()")
+def said(child):
+    """The progress that a child reports."""
+    while not (messages := child.receive(60)):
+        assert not child.hung_up
+    return messages[0].progress
+
+
+SAYING = """
+import os, socket, time
+import numpy as np
+from sawmill_platform.attempts.forking import REQUESTS, serve
+from sawmill_platform.attempts.protocol import ProgressMade, to_line
+from sawmill_vocabulary import Progress
+
+def say(channel, **progress):
+    channel.write(to_line(ProgressMade(progress=Progress(stage="search", **progress))))
+
+"""
+DRAWING = f"""{SAYING}
+def draw(channel):
+    say(channel, fraction=float(np.random.random()))
+
+serve(socket.socket(fileno=int(os.environ[REQUESTS])), draw)
+"""
 
 
 def test_children_draw_different_numbers():
@@ -152,23 +187,20 @@ def test_children_draw_different_numbers():
     drawn = set()
     for _ in range(4):
         child = drawing.start()
-        drawn.add(child._channel.readline())
+        drawn.add(said(child).fraction)
         child.end(5)
     drawing.close()
     assert len(drawn) == 4
 
 
-LEAVING = """
-import os, socket, time
-from sawmill_platform.attempts.forking import REQUESTS, serve
-
+LEAVING = f"""{SAYING}
 def leave(channel):
     if os.fork() == 0:
         os.setsid()
         left = os.fork()
         if left == 0:
             time.sleep(600)
-        channel.write(b"%d\\n" % left)
+        say(channel, fraction=0.5, generation=left)
         os._exit(0)
     os.wait()
 
@@ -176,13 +208,13 @@ serve(socket.socket(fileno=int(os.environ[REQUESTS])), leave)
 """
 
 
-def test_what_a_child_leaves_ends_before_its_own_end_is_reported(is_running):
+def test_what_a_child_leaves_ends_before_its_own_end_is_reported(is_running, wait_for):
     leaving = Template([sys.executable, "-c", LEAVING], os.environ, template_library())
     child = leaving.start()
-    left = int(child._channel.readline())
-    assert child._process.wait(60) == 0
+    left = said(child).generation
+    wait_for(lambda: not child.alive)
     assert not is_running(left)
-    child.end(5)
+    assert child.end(5) == 0
     leaving.close()
 
 
@@ -190,7 +222,7 @@ def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
     assignment, book = os.pipe()[1], os.pipe()
     os.close(book[1])
     refused = ForkedProcess(assignment, book[0])
-    assert refused.wait(60) == template.NOT_FORKED
+    assert refused.wait(60) == NOT_FORKED
     refused.stdin.close()
 
 
@@ -216,18 +248,22 @@ def read_back(store, calibration_id):
     return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
 
 
-def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(store, settings, stop, tmp_path):
+def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
+    store, settings, stop, attempts, tmp_path
+):
     unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
+    forking = attempts(unhurried, ATTEMPT_COMMAND)
+    each_anew = attempts(unhurried.model_copy(update={"fork_attempts": False}), ATTEMPT_COMMAND)
     scan, first = small_calibration(store, tmp_path)
     second = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
-    forked = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)
+    forked = Runner(store, unhurried, stop, attempts=forking)
     assert [forked.run_next(), forked.run_next()] == [JobState.SUCCEEDED] * 2
-    made = template_of(forked)
+    made = forking.starter.process_id
     assert len(list(Path(f"/proc/{made}/task").iterdir())) == 1, "a thread that a child would not have"
     opened = [str(file.readlink()) for file in Path(f"/proc/{made}/fd").iterdir()]
     assert not any("sawmill.db" in name for name in opened)
     forked.close()
-    fresh = Runner(store, unhurried.model_copy(update={"fork_attempts": False}), stop, command=ATTEMPT_COMMAND)
+    fresh = Runner(store, unhurried, stop, attempts=each_anew)
     assert fresh.run_next() is JobState.SUCCEEDED
     fresh.close()
     answers, arrays = zip(*(read_back(store, each.id) for each in (first, second)), strict=True)
@@ -236,7 +272,7 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
 
 
 def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_the_next_job(
-    store, settings, command, queue, in_background, wait_for, stop
+    store, settings, command, program, queue, in_background, wait_for, stop
 ):
     def children():
         found = set()
@@ -256,7 +292,7 @@ def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_th
     first = queue("succeed")
     outcome = in_background(
         run_worker,
-        replace(MILL, attempt_command=command),
+        program,
         store,
         settings.model_copy(update={"spare_idle_s": 0.3}),
         stop,

@@ -12,6 +12,7 @@ from sawmill_tomography.geometry.geometry import TAU
 from sawmill_worker.use_cases.calibration import calibrate
 from sawmill_worker.use_cases.calibration.calibrate import (
     SEARCH_DONE,
+    STEPS_EVERY_S,
     CalibrationInput,
     SearchProgress,
     run_calibration,
@@ -33,27 +34,28 @@ def test_the_fits_after_the_search_are_progress(sinogram, constants, monkeypatch
     assert fractions[-1] < SEARCH_DONE
 
 
-def test_steps_without_end_go_on_being_progress(monkeypatch):
-    monkeypatch.setattr(calibrate, "STEPS_EVERY_S", 0.0)
-    reported = []
-    reporting = SearchProgress(reported.append, 0.5)
+def test_steps_without_end_go_on_being_progress():
+    now_s, reported = [0.0], []
+    reporting = SearchProgress(reported.append, 0.5, monotonic=lambda: now_s[0])
     for _ in range(2000):
+        now_s[0] += STEPS_EVERY_S
         reporting.on_step()
-    # After ten million steps too, the next hundred are another fraction: it approaches its end by 1 / n.
-    reporting._steps = 10_000_000
-    reporting.on_step()
-    reporting._steps += 99
-    reporting.on_step()
+    # After a million steps too, the next hundred are another fraction: it approaches its end by 1 / n.
+    for _ in range(1_000_000):
+        reporting.on_step()
+    for _ in range(2):
+        for _ in range(99):
+            reporting.on_step()
+        now_s[0] += STEPS_EVERY_S
+        reporting.on_step()
     fractions = [one.fraction for one in reported]
     assert all(now > before for before, now in pairwise(fractions))
     assert fractions[-1] < SEARCH_DONE
 
 
-def test_steps_are_told_once_a_second_and_rounds_at_once(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(calibrate.time, "monotonic", lambda: now[0])
-    reported = []
-    reporting = SearchProgress(reported.append, 0.0)
+def test_steps_are_told_once_a_second_and_rounds_at_once():
+    now, reported = [0.0], []
+    reporting = SearchProgress(reported.append, 0.0, monotonic=lambda: now[0])
     for _ in range(50):
         now[0] += 0.1
         reporting.on_step()

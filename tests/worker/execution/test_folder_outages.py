@@ -1,21 +1,18 @@
 """A data folder that goes, comes back, lacks a file or becomes read-only: jobs wait, and no attempt is lost."""
 
 import errno
-import os
 import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from structlog.testing import capture_logs
+from system_calls import at_call, refusing
 
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.errors import InvalidOutput
+from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.workers.poller import run_worker
 from sawmill_worker.housekeeping import MillHousekeeping
-from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +24,7 @@ def storage(storage, empty_data, tmp_path):
     return storage.model_copy(update={"database_url": f"sqlite:///{tmp_path}/apart.db"})
 
 
-def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, command, queue, wait_for):
+def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, program, queue, wait_for):
     job, stop = queue("succeed"), threading.Event()
     folder, aside = store.files.folder, store.files.folder.with_name("mounted elsewhere")
     folder.rename(aside)
@@ -37,7 +34,7 @@ def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store,
         def said(event):
             return [entry for entry in log if entry["event"] == event]
 
-        outcome = pool.submit(run_worker, replace(MILL, attempt_command=command), store, settings, stop)
+        outcome = pool.submit(run_worker, program, store, settings, stop)
         wait_for(lambda: said("claim-put-off") and said("files-not-looked-after"))
         assert (list(folder.iterdir()), store.jobs.get(job.id).state) == ([], JobState.QUEUED)
         folder.rmdir()
@@ -74,8 +71,8 @@ def test_housekeeping_removes_nothing_in_a_folder_of_another_service(store, sett
         assert theirs.exists() is stays
 
 
-def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, monkeypatch):
-    monkeypatch.setattr("sawmill_platform.files.file_store.is_read_only", lambda _: True)
+@pytest.mark.usefixtures("read_only_disk")
+def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop):
     housekeeping = MillHousekeeping(store, settings, stop)
     with capture_logs() as log:
         for _ in range(3):
@@ -83,16 +80,17 @@ def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop, 
     assert [entry["event"] for entry in log] == ["files-not-looked-after"]
 
 
-@pytest.mark.parametrize("call", ["mkdir", "rename"])
-def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, monkeypatch, call):
-    def refuse(*_, **__):
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/mill")
+@pytest.mark.parametrize("call", ["os.mkdir", "os.rename"])
+def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, call):
+    refuse = refusing(errno.EROFS)
+
+    def refuse_and_stop(path):
+        if call == "os.rename":  # what was computed waits while the disk can be read; a stopping worker gives it back
+            stop.set()
+        refuse(path)
 
     job = queue("succeed")
-    with monkeypatch.context() as patched:
-        patched.setattr(f"pathlib.Path.{call}", refuse)
-        if call == "rename":  # what was computed waits while the disk can be read; a stopping worker gives it back
-            patched.setattr(store.jobs, "succeed", stopping(store.jobs.succeed, stop))
+    with at_call(call, refuse_and_stop, below=store.files.folder):
         assert runner.run_next() is JobState.QUEUED
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses, waiting.attempt) == ("storage-unavailable", 0, 1)
@@ -100,22 +98,42 @@ def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue,
     assert runner.run_next() is JobState.SUCCEEDED
 
 
-def test_a_folder_that_goes_before_a_result_is_checked_costs_no_loss(store, runner, queue, monkeypatch):
+class Away(Jobs):
+    """Jobs whose data folder goes at a moment, and leaves an empty one."""
+
+    folder = moment = None
+
+    def go(self, moment):
+        if moment == self.moment:
+            self.folder.rename(self.folder.with_name("mounted elsewhere"))
+            self.folder.mkdir()
+
+    def claim(self, *arguments):
+        claim = super().claim(*arguments)
+        self.go("after the claim")
+        return claim
+
+    def handed_over(self, job_id):
+        self.go("under the supervisor")
+        (self.folder / "identity").stat()
+        return super().handed_over(job_id)
+
+    def check_output(self, *arguments):
+        self.go("before the check")
+        return super().check_output(*arguments)
+
+
+@pytest.mark.parametrize("when", ["after the claim", "under the supervisor", "before the check"])
+def test_a_folder_that_goes_costs_no_loss(store, start, store_with, runner, queue, when):
+    class AwayThen(Away):
+        folder, moment = store.files.folder, when
+
     job, folder = queue("succeed"), store.files.folder
-    aside = folder.with_name("mounted elsewhere")
-
-    def check(*_):
-        folder.rename(aside)
-        folder.mkdir()
-        raise InvalidOutput("the job left the files [], and scan.h5 is due")
-
-    with monkeypatch.context() as patched:
-        patched.setattr("sawmill_store.subjects.outputs.check_output", check)
-        assert runner.run_next() is JobState.QUEUED
+    assert start(on=store_with(AwayThen)).run_next() is JobState.QUEUED
     waiting = store.jobs.get(job.id)
     assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
     folder.rmdir()
-    aside.rename(folder)
+    folder.with_name("mounted elsewhere").rename(folder)
     assert runner.run_next() is JobState.SUCCEEDED
 
 
@@ -134,34 +152,17 @@ def test_another_file_that_a_job_misses_is_a_defect(store, runner, queue):
     assert store.jobs.get(job.id).failure.code == "internal-error"
 
 
-def test_a_folder_that_goes_under_the_supervisor_costs_no_loss(store, runner, queue, monkeypatch):
-    job = queue("succeed")
-    with monkeypatch.context() as patched:
-        patched.setattr("sawmill_platform.attempts.runner._Supervision._begin", lambda *_: Path("/mill/is/away").stat())
-        assert runner.run_next() is JobState.QUEUED
-    assert store.jobs.get(job.id).losses == 0
-    assert runner.run_next() is JobState.SUCCEEDED
+def test_a_read_only_disk_is_said_once_while_a_result_waits_for_it(store, runner, stop, queue):
+    refuse, asked = refusing(errno.EROFS), []
 
-
-def test_a_read_only_disk_is_said_once_while_a_result_waits_for_it(store, runner, stop, queue, monkeypatch):
-    def refuse(*_, **__):
-        nonlocal asked
-        asked += 1
-        if asked == 3:
+    def refuse_and_stop_at_last(path):
+        asked.append(path)
+        if len(asked) == 3:
             stop.set()
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS), "/mill")
+        refuse(path)
 
-    job, asked = queue("succeed"), 0
-    with capture_logs() as log, monkeypatch.context() as patched:
-        patched.setattr("pathlib.Path.rename", refuse)
+    job = queue("succeed")
+    with capture_logs() as log, at_call("os.rename", refuse_and_stop_at_last, below=store.files.folder):
         assert runner.run_next() is JobState.QUEUED
-    assert (asked >= 3, [entry["event"] for entry in log].count("end-put-off")) == (True, 1)
+    assert (len(asked) >= 3, [entry["event"] for entry in log].count("end-put-off")) == (True, 1)
     assert store.jobs.get(job.id).losses == 0
-
-
-def stopping(succeed, stop):
-    def call(*arguments, **options):
-        stop.set()
-        return succeed(*arguments, **options)
-
-    return call

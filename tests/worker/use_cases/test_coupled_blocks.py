@@ -35,11 +35,16 @@ def made(given, **options):
     return reconstruct_in_memory(given, asked, lambda _: None)
 
 
-def test_no_seam_shows_where_blocks_meet(given, monkeypatch):
+@pytest.fixture
+def blocks_of_eight(monkeypatch):
+    """Blocks of eight slices, and two beside them on either side, where memory would hold more."""
+    return lambda: monkeypatch.setattr(block_solvers, "COUPLED_TOGETHER", 12)
+
+
+def test_no_seam_shows_where_blocks_meet(given, blocks_of_eight):
     whole = made(given, weight=150.0, coupling="0.5")
-    monkeypatch.setattr(block_solvers, "COUPLED_TOGETHER", 12)
+    blocks_of_eight()
     in_blocks = made(given, weight=150.0, coupling="0.5")
-    # Blocks of eight slices.
     apart = np.linalg.norm(in_blocks.data - whole.data, axis=(1, 2)) / np.linalg.norm(whole.data, axis=(1, 2))
     assert apart.max() < 0.03
     steps = np.linalg.norm(np.diff(in_blocks.data, axis=0), axis=(1, 2))
@@ -78,8 +83,8 @@ def of_rows(given, rows):
     return replace(given, read=read)
 
 
-def test_all_blocks_have_one_weight_even_where_the_first_is_read_with_all_slices(given, monkeypatch):
-    monkeypatch.setattr(block_solvers, "COUPLED_TOGETHER", 12)
+def test_all_blocks_have_one_weight_even_where_the_first_is_read_with_all_slices(given, blocks_of_eight):
+    blocks_of_eight()
     # Eight slices and two beside them, then two. The middle one of those that show anything is not that of the log.
     ten = of_rows(replace(given, rows=(0, 10)), range(2, 10))
     chosen = made(ten, coupling="0.5")

@@ -1,5 +1,6 @@
 import errno
 import hashlib
+import math
 import os
 import signal
 import subprocess
@@ -7,30 +8,29 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
 from dataclasses import replace
 
 import pytest
 import results
+from machine_faults import database_away
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
+from system_calls import at_call, refusing
 from write_lock import write_lock
 
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.attempts import process
-from sawmill_platform.attempts import runner as runners
 from sawmill_platform.attempts.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_platform.attempts.protocol import CHANNEL, Ready, to_line
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_platform.errors import StorageFull, StorageUnavailable
-from sawmill_platform.files import digests as noted_digests
-from sawmill_platform.files.digests import note_digests, read_note
+from sawmill_platform.files.digests import NOTED_FROM_BYTES, read_note
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
-from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
@@ -46,11 +46,15 @@ def leftovers(store):
     return list((store.files.folder / "attempts").iterdir())
 
 
-def process_id(spare):
+@pytest.fixture
+def process_id(wait_for):
     """Of a process that waits for its assignment."""
-    with pytest.raises(subprocess.TimeoutExpired):
-        spare._process.wait(1)
-    return spare._process.pid
+
+    def learn(spare):
+        wait_for(lambda: spare.process_id is not None)
+        return spare.process_id
+
+    return learn
 
 
 @both_ways
@@ -68,13 +72,10 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
 
 
 @pytest.mark.usefixtures("own_templates")
-def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, queue, capfd, monkeypatch):
+def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, queue, capfd):
     with acting_as(Actor("somebody", key_id="key-7", request_id="request-7")):
         job = queue("refuse")
-    end = AttemptProcess.end
-    with capture_logs(processors=[merge_contextvars]) as log, monkeypatch.context() as patient:
-        # It writes its line after its answer, and might be asked to end in between.
-        patient.setattr(AttemptProcess, "end", lambda process, _: end(process, process._process.wait(60)))
+    with capture_logs(processors=[merge_contextvars]) as log:
         runner.run_next()
     named = {"job_id": job.id, "kind": "ingest", "attempt": 1, "request_id": "request-7", "key_id": "key-7"}
     about = [line for line in log if line["event"] != "event"]
@@ -88,46 +89,55 @@ def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, 
     assert all(f"{name}={value}" in failed for name, value in named.items())
 
 
-def test_a_system_without_room_for_a_spare_process_loses_no_job(runner, queue, monkeypatch):
+def test_a_system_without_room_for_a_spare_process_loses_no_job(start, queue):
     queue("succeed")
-    start, started = runner._attempts.start, []
-
-    def start_one():
-        if started:
-            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
-        started.append(start())
-        return started[0]
-
-    monkeypatch.setattr(runner._attempts, "start", start_one)
-    assert runner.run_next() is JobState.SUCCEEDED
-    with pytest.raises(BlockingIOError):
-        runner.run_next()
+    runner = start(fork_attempts=False)
+    runner.warm_up()
+    with at_call("subprocess.Popen", refusing(errno.EAGAIN)):
+        assert runner.run_next() is JobState.SUCCEEDED
+        with pytest.raises(BlockingIOError):
+            runner.run_next()
 
 
-def test_a_worker_that_works_outlives_troubles_with_starting_processes(store, settings, command, queue, monkeypatch):
-    jobs, asked = [queue("succeed"), queue("succeed")], []
-    troubles = [BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)), AttemptNotStarted("a process was killed")]
-    become_ready = AttemptProcess.wait_until_ready
+REFUSED = FreshProcesses(["/there/is/no/such/program"], os.environ)
+BROKEN = FreshProcesses([sys.executable, "-S", "-c", "raise SystemExit(3)"], os.environ)
+ASLEEP = FreshProcesses([sys.executable, "-S", "-c", "import time; time.sleep(600)"], os.environ)
 
-    def stumble(process, timeout_s):
-        asked.append(process)
-        if len(asked) > 1 and troubles:
-            raise troubles.pop()
-        become_ready(process, timeout_s)
+
+class TroubledStarter:
+    """A starter some of whose processes, by the number of the start, are no attempts."""
+
+    def __init__(self, starter, troubles):
+        self.starter, self.troubles = starter, troubles
+        self.patience_s, self.close = starter.patience_s, starter.close
+        self.started = []
+
+    def start(self):
+        number = len(self.started) + 1
+        self.started.append(None)  # also where the system refuses it
+        self.started[-1] = self.troubles.get(number, self.starter).start()
+        return self.started[-1]
+
+
+def test_a_worker_that_works_outlives_troubles_with_starting_processes(store, settings, program, queue):
+    jobs, made = [queue("succeed"), queue("succeed")], []
+
+    def lend(settings):
+        made.append(TroubledStarter(program.lend(settings), {2: REFUSED, 3: BROKEN}))
+        return made[-1]
 
     class EndsWithThem(threading.Event):
         def is_set(self):
             return super().is_set() or all(store.jobs.get(job.id).state.ended for job in jobs)
 
-    monkeypatch.setattr(AttemptProcess, "wait_until_ready", stumble)
-    run_worker(replace(MILL, attempt_command=command), store, settings, EndsWithThem())
-    assert troubles == []
+    run_worker(replace(program, lend=lend), store, settings, EndsWithThem())
+    assert len(made[0].started) > 3
     assert {store.jobs.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
 
 
-def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settings, stop, command, queue):
+def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settings, stop, starter, queue):
     ended = []
-    runner = Runner(store, settings, stop, command=command, on_ended=ended.append)
+    runner = Runner(store, settings, stop, attempts=starter, on_ended=ended.append)
     first, _ = queue("refuse"), queue("fill-the-disk")
     assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.QUEUED]
     assert ended == [first.id]
@@ -179,17 +189,20 @@ def test_checkpoints_are_no_results(store, runner, queue):
 
 
 def test_a_large_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
-    store, runner, queue, wait_for, monkeypatch
+    store, start, store_with, queue, wait_for
 ):
-    def take_long(folder):
-        (pulse,) = store.jobs.pulses()
-        wait_for(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
-        note_digests(folder)
+    class Looking(Jobs):
+        """Jobs whose results take long to look at."""
 
-    monkeypatch.setattr(noted_digests, "NOTED_FROM_BYTES", 1)
-    monkeypatch.setattr(runners, "note_digests", take_long)
+        def check_output(self, kind, given, result, folder):
+            (pulse,) = store.jobs.pulses()
+            wait_for(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
+            return super().check_output(kind, given, result, folder)
+
     scan = queue("succeed").subject_id
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=16))
+    size = math.isqrt(NOTED_FROM_BYTES // 2)  # of noise, which packing hardly makes smaller
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=size))
+    runner = start(on=store_with(Looking))
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
     volume = store.files.volume(log.id)
     assert read_note(volume).digest == hashlib.sha256(volume.read_bytes()).digest()
@@ -209,16 +222,17 @@ def test_what_a_job_of_its_kind_does_not_leave_is_not_published(store, runner, q
     assert leftovers(store) == []
 
 
-def test_a_result_is_published_once_its_process_is_gone(store, runner, queue, is_running, monkeypatch):
-    job = queue("answer-and-stay")
-    publish, noted = store.jobs.succeed, []
+def test_a_result_is_published_once_its_process_is_gone(store, start, store_with, queue, is_running):
+    job, noted = queue("answer-and-stay"), []
 
-    def succeed(claim, result, output, **options):
-        noted.append(is_running(int(result.remarks[0].split()[-1])))
-        publish(claim, result, output, **options)
+    class Noting(Jobs):
+        """Jobs that look whether the process that has answered still runs."""
 
-    monkeypatch.setattr(store.jobs, "succeed", succeed)
-    assert runner.run_next() is JobState.SUCCEEDED
+        def succeed(self, claim, result, output, **options):
+            noted.append(is_running(int(result.remarks[0].split()[-1])))
+            super().succeed(claim, result, output, **options)
+
+    assert start(on=store_with(Noting)).run_next() is JobState.SUCCEEDED
     assert store.jobs.get(job.id).attempt == 1
     assert noted == [False]
 
@@ -251,63 +265,68 @@ def test_a_full_disk_is_waited_out(store, runner, queue):
     assert leftovers(store) == []
 
 
-class Outage:
-    """A method that fails for a while, as on a full disk."""
+class FullDisk(Jobs):
+    """Jobs on a disk that is full when the first of these are to be written."""
 
-    def __init__(self, method, times, error):
-        self.method, self.left, self.error = method, times, error
+    claims = heartbeats = successes = failures = 0
 
-    def __call__(self, *arguments, **options):
-        if self.left:
-            self.left -= 1
-            raise self.error
-        return self.method(*arguments, **options)
+    def refuse(self, what):
+        if (left := getattr(self, what)) > 0:
+            setattr(self, what, left - 1)
+            raise StorageFull("the disk is full")
+
+    def claim(self, *arguments):
+        self.refuse("claims")
+        return super().claim(*arguments)
+
+    def heartbeat(self, *arguments):
+        self.refuse("heartbeats")
+        return super().heartbeat(*arguments)
+
+    def succeed(self, *arguments, **options):
+        self.refuse("successes")
+        super().succeed(*arguments, **options)
+
+    def fail(self, *arguments, **options):
+        self.refuse("failures")
+        return super().fail(*arguments, **options)
 
 
 @pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
-def test_crashes_and_defects_on_a_full_disk_are_its_consequence(store, runner, queue, monkeypatch, behaviour):
+def test_crashes_and_defects_on_a_full_disk_are_its_consequence(store, runner, queue, full_disk, behaviour):
     job = queue(behaviour)
-    monkeypatch.setattr(store, "check", Outage(store.check, 1, StorageFull("the disk is full")))
+    full_disk(0)
     assert runner.run_next() is JobState.QUEUED
     assert store.jobs.get(job.id).waiting_for.code == "storage-full"
 
 
-def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, settings, stop, command, queue):
+def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, start, queue):
     job = queue("crash-on-a-full-disk")
-    nearly_full = Store(storage.model_copy(update={"disk_reserve_bytes": 2**62}))
-    runner = Runner(nearly_full, settings, stop, command=command)
-    assert runner.run_next() is JobState.FAILED
-    assert nearly_full.jobs.get(job.id).failure.code == "broken-file"
-    runner.close()
-    nearly_full.close()
+    with closing(Store(storage.model_copy(update={"disk_reserve_bytes": 2**62}))) as nearly_full:
+        assert start(on=nearly_full).run_next() is JobState.FAILED
+        assert nearly_full.jobs.get(job.id).failure.code == "broken-file"
 
 
-def test_an_end_that_a_full_disk_keeps_from_being_written_is_written_later(store, runner, queue, monkeypatch):
-    job, error = queue("succeed"), StorageFull("the disk is full")
-    monkeypatch.setattr(store.jobs, "succeed", Outage(store.jobs.succeed, 1, error))
-    monkeypatch.setattr(store.jobs, "fail", Outage(store.jobs.fail, 2, error))
+def test_an_end_that_a_full_disk_keeps_from_being_written_is_written_later(store, start, store_with, queue):
+    class FullEnds(FullDisk):
+        successes, failures = 1, 2
+
+    job, runner = queue("succeed"), start(on=store_with(FullEnds))
     assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
     assert store.jobs.get(job.id).losses == 0
     assert leftovers(store) == []
 
 
-def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_background, wait_for, monkeypatch):
-    missed = []
-    original = Jobs.heartbeat
+def beats_missed(log):
+    return [line for line in log if line["event"] == "heartbeat-missed"]
 
-    def heartbeat(self, *arguments, **options):
-        try:
-            return original(self, *arguments, **options)
-        except StorageUnavailable:
-            missed.append(1)
-            raise
 
-    monkeypatch.setattr(Jobs, "heartbeat", heartbeat)
+def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_background, wait_for):
     job = queue("wait-for-leave")
     outcome = in_background(runner.run_next)
     wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
-    with write_lock(store.files.folder / "sawmill.db"):
-        wait_for(lambda: bool(missed))
+    with capture_logs() as log, write_lock(store.files.folder / "sawmill.db"):
+        wait_for(lambda: beats_missed(log))
         (store.files.folder / "leave").touch()
         time.sleep(1.0)  # several times what is left of the attempt needs
         assert not outcome.done()
@@ -318,12 +337,13 @@ def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_
     assert leftovers(store) == []
 
 
-def test_a_worker_outlives_claims_that_cannot_be_written(store, settings, command, queue, wait_for, monkeypatch):
-    job = queue("succeed")
-    monkeypatch.setattr(store.jobs, "claim", Outage(store.jobs.claim, 3, StorageFull("the disk is full")))
-    stop = threading.Event()
+def test_a_worker_outlives_claims_that_cannot_be_written(store, store_with, settings, program, queue, wait_for):
+    class FullClaims(FullDisk):
+        claims = 3
+
+    job, stop = queue("succeed"), threading.Event()
     with ThreadPoolExecutor(1) as pool:
-        outcome = pool.submit(run_worker, replace(MILL, attempt_command=command), store, settings, stop)
+        outcome = pool.submit(run_worker, program, store_with(FullClaims), settings, stop)
         wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
         stop.set()
         outcome.result(timeout=60)
@@ -331,10 +351,12 @@ def test_a_worker_outlives_claims_that_cannot_be_written(store, settings, comman
 
 
 def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
-    store, runner, queue, in_background, wait_for, monkeypatch
+    store, start, store_with, queue, in_background, wait_for
 ):
-    job = queue("wait-for-leave")
-    monkeypatch.setattr(store.jobs, "heartbeat", Outage(store.jobs.heartbeat, 10**6, StorageFull("the disk is full")))
+    class FullHeartbeats(FullDisk):
+        heartbeats = 10**6
+
+    job, runner = queue("wait-for-leave"), start(on=store_with(FullHeartbeats))
     outcome = in_background(runner.run_next)
     wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     store.jobs.request_cancel(job.id)
@@ -392,8 +414,8 @@ def test_a_background_job_gives_way(store, runner, queue, in_background, wait_fo
     assert store.jobs.get(example.id).losses == 0
 
 
-def test_a_stopping_worker_lets_a_short_job_end(store, settings, stop, command, queue, in_background, wait_for):
-    patient = Runner(store, settings.model_copy(update={"stop_grace_s": 600.0}), stop, command=command)
+def test_a_stopping_worker_lets_a_short_job_end(store, start, stop, queue, in_background, wait_for):
+    patient = start(stop_grace_s=600.0)
     queue("wait-for-leave")
     outcome = in_background(patient.run_next)
     wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
@@ -401,7 +423,6 @@ def test_a_stopping_worker_lets_a_short_job_end(store, settings, stop, command, 
     time.sleep(0.5)  # several looks at whether it is to stop
     (store.files.folder / "leave").touch()
     assert outcome.result(timeout=60) is JobState.SUCCEEDED
-    patient.close()
 
 
 def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
@@ -430,10 +451,10 @@ def test_threads_share_a_runner(runner, queue, settings):
     assert states == [JobState.SUCCEEDED] * jobs
 
 
-def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, queue):
+def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, starter, queue, process_id):
     queue("succeed")
     runner.run_next()
-    warm = process_id(*runner._spares)
+    warm = process_id(starter.started[-1])
     job = queue("succeed")
     runner.run_next()
     assert store.scans.get(job.subject_id).remarks[0].endswith(f"process {warm}")
@@ -447,23 +468,21 @@ def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
 
 
 @fresh_by_night
-def test_a_spare_that_died_is_replaced(runner, queue):
+def test_a_spare_that_died_is_replaced(runner, starter, queue, process_id, wait_for):
     assert runner.run_next() is None
-    os.kill(process_id(runner._spares[0]), signal.SIGKILL)
-    runner._spares[0]._process.wait(60)  # until then it may still be taken for a running one
+    (spare,) = starter.started
+    os.kill(process_id(spare), signal.SIGKILL)
+    wait_for(lambda: not spare.alive)  # until then it may still be taken for a running one
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
 
 
 @both_ways
-def test_a_spare_that_does_not_get_ready_is_replaced(store, runner, queue, monkeypatch):
+def test_a_spare_that_does_not_get_ready_is_replaced(store, start, attempts, settings, queue):
+    starter = TroubledStarter(attempts(settings), {1: ASLEEP})
+    runner = start(starter=starter, start_timeout_s=1.0)
     runner.warm_up()
-    (spare,) = runner._spares
-
-    def stopped(_):
-        raise AttemptNotStarted("a process was not ready after 120 s")
-
-    monkeypatch.setattr(spare, "wait_until_ready", stopped)
+    (spare,) = starter.started
     job = queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
     assert not spare.alive
@@ -483,23 +502,20 @@ class Undying:
         raise subprocess.TimeoutExpired("attempt", timeout)
 
 
-def test_nobody_waits_for_a_process_that_cannot_be_killed(monkeypatch):
-    monkeypatch.setattr(process, "UNDYING_S", 0.1)
+def test_nobody_waits_for_a_process_that_cannot_be_killed():
     reading, writing = os.pipe()
     os.close(writing)
-    assert AttemptProcess(Undying(), reading).end(0.1) == -signal.SIGKILL
+    assert AttemptProcess(Undying(), reading, undying_s=0.1).end(0.1) == -signal.SIGKILL
 
 
 @pytest.mark.usefixtures("own_templates")
-@pytest.mark.parametrize("program", ["raise SystemExit(3)", "import time; time.sleep(60)"])
-def test_a_broken_installation_uses_up_no_attempts(store, settings, stop, queue, program):
+@pytest.mark.parametrize("script", ["raise SystemExit(3)", "import time; time.sleep(60)"])
+def test_a_broken_installation_uses_up_no_attempts(store, settings, start, attempts, queue, script):
     job = queue("succeed")
-    impatient = settings.model_copy(update={"start_timeout_s": 0.5})
-    runner = Runner(store, impatient, stop, command=[sys.executable, "-c", program])
+    runner = start(starter=attempts(settings, [sys.executable, "-c", script]), start_timeout_s=0.5)
     with pytest.raises(AttemptNotStarted):
         runner.run_next()
     assert store.jobs.get(job.id).attempt == 0
-    runner.close()
 
 
 # As a compiler does that other processes leave little of the machine: ready long after the limit.
@@ -521,20 +537,16 @@ def test_a_start_that_goes_on_working_is_not_ended_by_its_limit():
     started.end(60)
 
 
-def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, in_background, wait_for, monkeypatch):
+def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, in_background, wait_for):
     job = queue("talk")
     outcome = in_background(runner.run_next)
     wait_for(lambda: store.jobs.get(job.id).progress is not None)
-    beats = []
+    with capture_logs() as log, database_away(store.database):
+        wait_for(lambda: len(beats_missed(log)) > 1)
 
-    def heartbeat(self, *arguments, **options):
-        beats.append(1)
-        if len(beats) < 3:
-            raise StorageUnavailable("the database does not answer: away")
-        return original(self, *arguments, **options)
+    def asked():
+        with suppress(StorageUnavailable):
+            return store.jobs.request_cancel(job.id)
 
-    original = Jobs.heartbeat
-    monkeypatch.setattr(Jobs, "heartbeat", heartbeat)
-    wait_for(lambda: len(beats) > 3)
-    store.jobs.request_cancel(job.id)
+    wait_for(asked)
     assert outcome.result(timeout=60) is JobState.CANCELLED

@@ -1,14 +1,13 @@
-import errno
-import io
-import os
-import sys
 import threading
 import time
+from contextlib import redirect_stderr, suppress
 from datetime import timedelta
+from pathlib import Path
 
 import pytest
 import structlog
-from sqlalchemy import text, update
+from machine_faults import database_away
+from sqlalchemy import insert, text, update
 from structlog.testing import capture_logs
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -20,8 +19,8 @@ from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
-from sawmill_platform.jobs.job_store import Pulse
-from sawmill_platform.retention import retention_runner as retiring
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.retention.retention_runner import EVENTS_A_ROUND
 from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
@@ -48,12 +47,31 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     housekeeping.join()
 
 
-def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue, monkeypatch):
+class Seconds:
+    """A clock that stands still until it is moved."""
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def seconds():
+    return Seconds()
+
+
+@pytest.fixture
+def housekeeping(store, settings, seconds):
+    return MillHousekeeping(store, settings, threading.Event(), monotonic=seconds)
+
+
+def test_it_looks_at_alarms_at_once_and_then_each_minute(store, housekeeping, seconds, queue):
     scanner_id = store.scans.get(queue("succeed").subject_id).scanner_id
     known = store.scanners.get(scanner_id)
     store.scanners.update(scanner_id, known.model_copy(update={"alarms": AlarmLimits(quiet_after_hours=1e-6)}))
     time.sleep(0.05)
-    housekeeping = MillHousekeeping(store, settings, threading.Event())
     with capture_logs() as log:
         housekeeping.once()
     assert [entry["what"] for entry in log if entry["event"] == "alarm-opened"] == ["scanner-quiet"]
@@ -61,8 +79,7 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue,
     store.scanners.update(scanner_id, known)
     housekeeping.once()
     assert len(store.alarms.open()) == 1
-    a_minute_on = time.monotonic() + 60
-    monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
+    seconds.now_s += 60.0
     housekeeping.once()
     assert store.alarms.open() == []
 
@@ -116,102 +133,90 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
     assert (chart.pooled_looks, chart.pooled_cor_column_mm) == (1, pytest.approx(-209.0))
 
 
-def test_old_deliveries_are_forgotten_each_minute(store, settings, monkeypatch):
+def test_old_deliveries_are_forgotten_each_minute(store, housekeeping, seconds):
     webhook = store.webhooks.create(WebhookAsk(url="https://alarms.mill.example/", events=["*"]))
     store.webhooks.rotate(webhook.id, grace_s=0)
     outbox = store.outbox()
     pending = outbox.pending(webhook.id, store.events.newest_number())
     outbox.note(pending, pending.events[0], DeliveryAttempt(200))
-    housekeeping = MillHousekeeping(store, settings, threading.Event())
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
     with store.database.write() as session:
         session.execute(update(DeliveryRow).values(last_at=store.now() - KEPT - timedelta(seconds=1)))
     housekeeping.once()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
-    a_minute_on = time.monotonic() + 60
-    monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
+    seconds.now_s += 60.0
     housekeeping.once()
     assert store.webhooks.deliveries(webhook.id).items == []
 
 
-def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, settings, queue, monkeypatch):
-    for _ in range(4):
-        queue("succeed")
+def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, housekeeping, queue):
+    job = queue("succeed")
     rules = RetentionRules(events_days=1)
-    store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=1_000))
+    store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=10_000))
+    ago = store.now() - timedelta(days=2)
+    (queued,) = (each for each in store.events.following(0) if each.job_id == job.id)
+    more = {"at": ago, "what": queued.what, "subject": queued.subject, "subject_id": queued.subject_id}
     with store.database.write() as session:
-        session.execute(update(EventRow).where(text(REMOVABLE)).values(at=store.now() - timedelta(days=2)))
+        session.execute(insert(EventRow), [more] * (2 * EVENTS_A_ROUND))
+        session.execute(update(EventRow).where(text(REMOVABLE)).values(at=ago))
         session.execute(update(JobRow).values(state=JobState.CANCELLED))
-    monkeypatch.setattr(retiring, "EVENTS_A_ROUND", 2)
-    monkeypatch.setattr("sawmill_worker.housekeeping.RETENTION_S", 60.0)
-    MillHousekeeping(store, settings, threading.Event()).once()
+    housekeeping.once()
     (went,) = (each.number for each in store.retention.get().removed if each.number)
-    assert went == 3, "the newest scan's event stays, and decisions"
+    assert EVENTS_A_ROUND < went <= 2 * EVENTS_A_ROUND, "the newest scan's event stays, and decisions"
 
 
-def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):
-    away = Away()
-    monkeypatch.setattr(store.jobs, "pulses", away)
-    stop = threading.Event()
+def test_trouble_is_logged_and_the_next_round_comes(store_with, settings, wait_for):
+    class Trouble(Jobs):
+        """Jobs of a database that does not answer at first."""
+
+        looks = 0
+
+        def pulses(self):
+            self.looks += 1
+            if self.looks == 1:
+                raise StorageUnavailable("the database does not answer: away")
+            return super().pulses()
+
+    troubled, stop = store_with(Trouble), threading.Event()
     with capture_logs() as log:
-        housekeeping = MillHousekeeping(store, settings, stop)
+        housekeeping = MillHousekeeping(troubled, settings, stop)
         housekeeping.start()
-        wait_for(lambda: len(away.calls) > 1)
+        wait_for(lambda: troubled.jobs.looks > 1)
         stop.set()
         housekeeping.join()
     assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "take_back_silent")]
 
 
-def test_an_outage_of_all_duties_is_one_line(store, settings, monkeypatch):
-    def away(*_):
-        raise StorageUnavailable("the database does not answer: it was stopped")
-
-    housekeeping = MillHousekeeping(store, settings, threading.Event())
-    monkeypatch.setattr(store.database, "read", away)
-    monkeypatch.setattr(store.database, "write", away)
-    monkeypatch.setattr(store, "check_folder", away)
-    with capture_logs() as log:
+def test_an_outage_of_all_duties_is_one_line(store, housekeeping):
+    with capture_logs() as log, database_away(store.database):
         for _ in range(5):
             housekeeping.once()
     assert [entry["event"] for entry in log] == ["files-not-looked-after", "housekeeping-put-off"]
 
 
-class Away:
-    """Jobs of a database that does not answer at first."""
-
-    def __init__(self) -> None:
-        self.calls: list[float] = []
-
-    def __call__(self) -> list[Pulse]:
-        self.calls.append(time.monotonic())
-        if len(self.calls) == 1:
-            raise StorageUnavailable("the database does not answer: away")
-        return []
-
-
-def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, monkeypatch):
+def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings, wait_for):
     """Standard error is often a file on the disk that is full."""
-    rounds = []
 
-    def stumble():
-        rounds.append(1)
-        raise StorageUnavailable("the database does not answer: away")
+    class Trouble(Jobs):
+        """Jobs of a database that does not answer."""
 
-    class Full(io.StringIO):
-        def flush(self):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        looks = 0
 
-    monkeypatch.setattr(store.jobs, "pulses", stumble)
-    monkeypatch.setattr(sys, "stderr", Full())
+        def pulses(self):
+            self.looks += 1
+            raise StorageUnavailable("the database does not answer: away")
+
+    troubled = store_with(Trouble)
     before = structlog.get_config()
-    configure_logs("json")
     stop = threading.Event()
-    housekeeping = MillHousekeeping(store, settings, stop)
-    housekeeping.start()
-    try:
-        wait_for(lambda: len(rounds) > 2)
-    finally:
-        stop.set()
-        housekeeping.join()
-        structlog.configure(**before)
+    with suppress(OSError), Path("/dev/full").open("w") as full, redirect_stderr(full):
+        configure_logs("json")
+        housekeeping = MillHousekeeping(troubled, settings, stop)
+        housekeeping.start()
+        try:
+            wait_for(lambda: troubled.jobs.looks > 2)
+        finally:
+            stop.set()
+            housekeeping.join()
+            structlog.configure(**before)

@@ -3,17 +3,16 @@
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_platform.errors import StorageFull
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import checkpoints
 from sawmill_worker.jobs.attempt import MillAttempt
@@ -31,9 +30,9 @@ class Killed(Exception):  # noqa: N818 - what happened to it
 
 
 @pytest.fixture
-def hours_go_by(monkeypatch):
-    """A second goes by whenever the clock is looked at: a checkpoint every few evaluations."""
-    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=map(float, count()).__next__))
+def hours_go_by(attempt):
+    """An attempt for which a second goes by at each look at the clock: a checkpoint every few evaluations."""
+    return lambda kind: replace(attempt(kind), monotonic=map(float, count()).__next__)
 
 
 @pytest.fixture
@@ -80,31 +79,28 @@ def search(store, ingested, sinogram, turn):
     return asked
 
 
-@pytest.mark.usefixtures("hours_go_by")
-def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, attempt, run_killed):
+def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, hours_go_by, run_killed):
     search()
-    job = attempt(job_kinds.CALIBRATE)
+    job = hours_go_by(job_kinds.CALIBRATE)
     whole = run(job)
     result, deaths = run_killed(job, 4)
     assert deaths > 3
     same(result, whole)
 
 
-def test_a_short_job_keeps_nothing(search, attempt, monkeypatch):
-    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: 0.0))
+def test_a_short_job_keeps_nothing(search, attempt):
     search()
     announced = []
-    job = attempt(job_kinds.CALIBRATE)
+    job = replace(attempt(job_kinds.CALIBRATE), monotonic=lambda: 0.0)
     run(replace(job, announce=announced.append))
     assert announced == []
     assert not job.checkpoints.exists()
 
 
-@pytest.mark.usefixtures("hours_go_by")
 @pytest.mark.parametrize("damage", ["truncated", "another scanner", "another version"])
-def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec, monkeypatch, damage):
+def test_progress_that_does_not_fit_is_passed_over(search, store, hours_go_by, spec, monkeypatch, damage):
     search()
-    job = attempt(job_kinds.CALIBRATE)
+    job = hours_go_by(job_kinds.CALIBRATE)
 
     def die(names):
         store.files.keep(job.output, job.job.id, names)
@@ -120,10 +116,9 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
     else:
         constants = replace(store.scanners.get("line-2").constants, source_to_cor_mm=900.0)
         store.scanners.update("line-2", spec().model_copy(update={"constants": constants}))
-    log = []
-    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(log))
-    run(replace(job, given=store.jobs.handed_over(job.job.id), announce=lambda _: None))
-    assert ("checkpoint-passed-over", "search") in log
+    with capture_logs() as log:
+        run(replace(job, given=store.jobs.handed_over(job.job.id), announce=lambda _: None))
+    assert ("checkpoint-passed-over", "search") in [(line["event"], line.get("name")) for line in log]
 
 
 @pytest.fixture
@@ -150,7 +145,6 @@ def everything_in(path):
 
 
 # Blocks of 16 slices, two at a time; and one after another, with a weight and a coupling that are chosen once.
-@pytest.mark.usefixtures("hours_go_by")
 @pytest.mark.parametrize(
     ("method", "rows", "options"),
     [
@@ -161,10 +155,10 @@ def everything_in(path):
     ],
 )
 def test_a_volume_killed_again_and_again_has_the_same_values(
-    volume, attempt, run_killed, tmp_path, method, rows, options
+    volume, hours_go_by, run_killed, tmp_path, method, rows, options
 ):
     volume(rows, method=method, **options)
-    job = attempt(job_kinds.RECONSTRUCT)
+    job = hours_go_by(job_kinds.RECONSTRUCT)
     whole = run(job)
     result, deaths = run_killed(job, 0)
     assert deaths > 1
@@ -176,10 +170,9 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
         np.testing.assert_array_equal(found[name], right[name], err_msg=name)
 
 
-@pytest.mark.usefixtures("hours_go_by")
-def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_killed):
+def test_blocks_that_are_damaged_are_made_again(volume, store, hours_go_by, run_killed):
     volume(150, method="fbp")
-    job = attempt(job_kinds.RECONSTRUCT)
+    job = hours_go_by(job_kinds.RECONSTRUCT)
     whole = run(job)
     folder = store.files.kept_with(job.job.id)
     announced = []
@@ -195,37 +188,20 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_kill
     same(result, whole)
 
 
-@pytest.mark.usefixtures("hours_go_by")
-def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
+def test_checkpoints_leave_room_for_the_volume(volume, hours_go_by, full_disk):
     volume(150, method="fbp")
-    job = attempt(job_kinds.RECONSTRUCT)
-    free = checkpoints.check_room
-
-    def nearly_full(folder, needed, *, needed_by):
-        if "checkpoint" in needed_by:
-            assert needed > 150 * 32 * 32 * 4
-            raise StorageFull("the disk is full")
-        free(folder, needed, needed_by=needed_by)
-
-    monkeypatch.setattr(checkpoints, "check_room", nearly_full)
+    job = hours_go_by(job_kinds.RECONSTRUCT)
+    full_disk(150 * 32 * 32 * 4)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
     assert announced == []
 
 
-def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, monkeypatch):
-    now, full = [0.0], [True]
-
-    def check_room(*_, needed_by):
-        if full[0]:
-            raise StorageFull(f"the disk is full: {needed_by}")
-
-    monkeypatch.setattr(checkpoints, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(checkpoints, "check_room", check_room)
+def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, full_disk):
+    now, announced = [0.0], []
     search()
-    lines, announced = [], []
-    monkeypatch.setattr(checkpoints.structlog, "get_logger", lambda: Log(lines))
-    keeper = AttemptKeeper(replace(attempt(job_kinds.CALIBRATE), announce=announced.extend), {})
+    job = replace(attempt(job_kinds.CALIBRATE), announce=announced.extend, monotonic=lambda: now[0])
+    keeper = AttemptKeeper(job, {})
 
     def keep_when_due(name):
         now[0] += PAUSE_S
@@ -233,25 +209,16 @@ def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, atte
         keeper.keep(name, {"numbers": np.arange(3)})
         assert not keeper.is_due
 
-    keep_when_due("first")
-    keep_when_due("second")
-    assert lines == [("checkpoint-left-out", "first")]
-    full[0] = False
-    keep_when_due("third")
-    full[0] = True
-    keep_when_due("fourth")
-    assert lines == [("checkpoint-left-out", "first"), ("checkpoint-left-out", "fourth")]
+    full_disk(0)
+    with capture_logs() as log:
+        keep_when_due("first")
+        keep_when_due("second")
+        full_disk(10**9)
+        keep_when_due("third")
+        full_disk(0)
+        keep_when_due("fourth")
+    assert [(line["event"], line["name"]) for line in log] == [
+        ("checkpoint-left-out", "first"),
+        ("checkpoint-left-out", "fourth"),
+    ]
     assert announced == ["third"]
-
-
-class Log:
-    def __init__(self, lines):
-        self.lines = lines
-
-    def bind(self, **_):
-        return self
-
-    def _note(self, event, *, name, **_):
-        self.lines.append((event, name))
-
-    info = warning = _note

@@ -21,11 +21,10 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.attempts.limits import OPEN_FILES
-from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement import landlock
-from sawmill_platform.contracts import event_kinds, kinds
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.workers.celery_app import Waker, _Engine, make_celery
+from sawmill_platform.workers.celery_app import CeleryWorker, Waker, make_celery, sweep_until
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_worker import celery_app
 from sawmill_worker.program import MILL
@@ -106,11 +105,9 @@ def test_wake_ups_start_jobs_and_what_waited_for_them_and_do_not_decide_which_is
 
 
 def test_short_jobs_have_a_queue_and_where_wanted_a_worker_of_their_own(
-    store, storage, on_redis, wake, queue, wait_for, monkeypatch
+    store, storage, on_redis, wake, queue, wait_for
 ):
-    with monkeypatch.context() as small:
-        small.setattr(kinds, "SHORT_UPLOAD_BYTES", 0)  # files of any size count as large
-        long, other = queue("talk"), queue("succeed")
+    long, other = queue("talk", short=False), queue("succeed", short=False)
     assert not long.short
     short = [queue("succeed") for _ in range(2)]
     sweeping = on_redis.model_copy(update={"sweep_s": 0.5})
@@ -163,16 +160,17 @@ def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on
         worker.wait(timeout=60)
 
 
-def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, queue):
-    job = queue("succeed")
-    engine = _Engine(make_celery(on_redis), on_redis, storage, replace(MILL, attempt_command=["false"]))
-    engine._store = store
-    engine._runner = Runner(store, on_redis, engine._stop, command=["false"])
-    with capture_logs() as log:
-        engine.run_job(job.id)
-    assert "attempt-not-started" in [entry["event"] for entry in log]
+def test_a_worker_that_cannot_start_attempts_goes_on(
+    store, storage, on_redis, wake, queue, wait_for, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("ATTEMPT_OF_FAKE_CELERY", "false")
+    job, log = queue("succeed"), tmp_path / "log"
+    with log.open("w") as stderr, celery_worker(storage, on_redis, stderr=stderr, stdout=stderr) as worker:
+        for times in (1, 2):
+            wake(job.id)
+            wait_for(lambda times=times: log.read_text().count("attempt-not-started") == times)
+        assert worker.poll() is None
     assert store.jobs.get(job.id).attempt == 0
-    engine._runner.close()
 
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, wait_for):
@@ -186,25 +184,24 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, wait_for):
     assert [(entry["event"], entry["job_id"]) for entry in log] == [("wake-up-not-sent", "some-job")]
 
 
-def test_waking_never_waits_for_a_silent_redis(settings, silent_redis_url, monkeypatch):
-    app = make_celery(settings.model_copy(update={"broker_url": silent_redis_url}))
-    waker, send, silence = Waker(app, never), app.send_task, threading.Event()
-    monkeypatch.setattr(app, "send_task", lambda *task, **lane: silence.wait(60) and send(*task, **lane))
+def thread_of_wake_ups():
+    return next((thread for thread in threading.enumerate() if thread.name == "wake-ups"), None)
+
+
+def test_waking_never_waits_for_a_silent_redis(settings, silent_redis_url, wait_for):
+    waker = Waker(make_celery(settings.model_copy(update={"broker_url": silent_redis_url})), never)
     waker.start()
     with capture_logs() as log:
         for number in range(200):
             waker(f"job-{number}")
         waker.close()
-        assert waker._thread.is_alive(), "not even the end waits while the silence lasts"
-        silence.set()
-        waker._thread.join(60)
-        assert not waker._thread.is_alive(), "nor does its thread for ever"
+        assert thread_of_wake_ups(), "not even the end waits while the silence lasts"
+        wait_for(lambda: thread_of_wake_ups() is None)  # nor does its thread for ever
     dropped = [entry["job_id"] for entry in log if entry["event"] == "wake-up-dropped"]
     assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
 
 
-def test_waking_outlives_what_nobody_foresaw(settings, redis_url, monkeypatch, wait_for):
-    app = make_celery(settings.model_copy(update={"broker_url": redis_url}))
+def test_waking_outlives_what_nobody_foresaw(wait_for):
     sent = []
 
     def send(_, args, queue):
@@ -212,8 +209,7 @@ def test_waking_outlives_what_nobody_foresaw(settings, redis_url, monkeypatch, w
         if len(sent) == 1:
             raise OSError("no more sockets")
 
-    monkeypatch.setattr(app, "send_task", send)
-    waker = Waker(app, never)
+    waker = Waker(SimpleNamespace(send_task=send), never)
     waker.start()
     waker("first")
     waker("second")
@@ -221,25 +217,25 @@ def test_waking_outlives_what_nobody_foresaw(settings, redis_url, monkeypatch, w
     waker.close()
 
 
-def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue):
+def test_a_sweep_without_redis_is_put_off(store, settings, queue):
     queue("succeed")
-    (entry,) = lines_of_sweeps(store, storage, settings, "redis://127.0.0.1:1/0")
+    (entry,) = lines_of_sweeps(store, settings, "redis://127.0.0.1:1/0")
     assert (entry["event"], entry["reason"]) == ("sweep-put-off", "Redis (SAWMILL_BROKER_URL) does not answer")
 
 
-def test_a_redis_that_refuses_the_password_is_named_once(store, storage, settings, refusing_redis_url):
-    (entry,) = lines_of_sweeps(store, storage, settings, refusing_redis_url)
+def test_a_redis_that_refuses_the_password_is_named_once(store, settings, refusing_redis_url):
+    (entry,) = lines_of_sweeps(store, settings, refusing_redis_url)
     assert entry["reason"] == "Redis refuses the user or the password in SAWMILL_BROKER_URL"
 
 
-def lines_of_sweeps(store, storage, settings, broker_url):
+def lines_of_sweeps(store, settings, broker_url):
     """The log of a worker that has tried several times to sweep."""
     settings = settings.model_copy(update={"broker_url": broker_url, "sweep_s": 1e-9, "housekeeping_s": 0.01})
-    engine = _Engine(make_celery(settings), settings, storage, replace(MILL, attempt_command=["true"]))
+    app = make_celery(settings)
     rounds = iter([False, False, False, True])
-    engine._store, engine._stop = store, SimpleNamespace(wait=lambda _: next(rounds))
+    stop = SimpleNamespace(wait=lambda _: next(rounds))
     with capture_logs() as log:
-        engine._sweep_until_stopped()
+        sweep_until(stop, store, app, settings, wake=lambda _: None)
     return log
 
 
@@ -277,7 +273,7 @@ def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_hous
 
 @pytest.mark.parametrize("pool", ["processes", "prefork"])
 def test_a_forking_pool_is_refused(storage, on_redis, pool):
-    engine = _Engine(make_celery(on_redis), on_redis, storage, replace(MILL, attempt_command=["false"]))
+    engine = CeleryWorker(make_celery(on_redis), on_redis, storage, replace(MILL, attempt_command=["false"]))
     with pytest.raises(SystemExit, match="use the threads or the solo pool"):
         engine.start(SimpleNamespace(pool_cls=get_implementation(pool)))
 

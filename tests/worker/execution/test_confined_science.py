@@ -17,7 +17,6 @@ from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -62,12 +61,11 @@ def asked(store):
 
 
 @pytest.mark.usefixtures("asked", "own_templates")
-def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, settings, stop, capfd):
-    unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
-    runner = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)
+def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, settings, start, attempts, capfd):
+    unhurried = {"memory_limit_bytes": None, "start_timeout_s": 250}
+    runner = start(starter=attempts(settings.model_copy(update=unhurried), ATTEMPT_COMMAND), **unhurried)
     while runner.run_next() is not None:
         pass
-    runner.close()
     jobs = store.jobs.page(limit=50).items
     assert {job.kind for job in jobs} == set(JobKind.all()), "ask for one of each kind in `asked`"
     assert {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED} == {}

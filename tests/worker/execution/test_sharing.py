@@ -3,14 +3,10 @@
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_platform.attempts.runner import _attempt_environment
+from sawmill_platform.attempts.limits import cores
+from sawmill_platform.attempts.starting import attempt_environment
 from sawmill_platform.workers import sharing
 from sawmill_platform.workers.settings import ExecutionSettings
-
-
-@pytest.fixture(autouse=True)
-def eight_cores(monkeypatch):
-    monkeypatch.setattr(sharing, "cores", lambda: 8)
 
 
 def asked(workers, threads=None):
@@ -19,13 +15,13 @@ def asked(workers, threads=None):
 
 @pytest.mark.parametrize(("workers", "threads"), [(1, 8), (2, 4), (3, 2), (8, 1), (20, 1)])
 def test_each_worker_has_its_share_of_the_cores(workers, threads):
-    assert sharing.threads_each(asked(workers), {}) == threads
+    assert sharing.threads_each(asked(workers), {}, on_cores=8) == threads
     assert workers * threads <= max(8, workers)
 
 
 def test_what_somebody_asked_for_is_kept():
-    assert sharing.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}) == 6
-    assert sharing.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}) == 3
+    assert sharing.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 6
+    assert sharing.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 3
 
 
 @pytest.mark.parametrize(
@@ -41,14 +37,15 @@ def test_what_somebody_asked_for_is_kept():
 def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
     with capture_logs() as log:
-        sharing.say_if_crowded(asked(workers, threads))
+        sharing.say_if_crowded(asked(workers, threads), on_cores=8)
     assert [entry["event"] for entry in log] == said
 
 
 def test_attempts_get_their_share_for_kernels_and_one_thread_for_linear_algebra(store, monkeypatch):
     for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
-    environment = _attempt_environment(store, asked(2))
-    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == ["4", "1"]
+    environment = attempt_environment(store, asked(2))
+    share = str(max(1, cores() // 2))
+    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == [share, "1"]
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
-    assert _attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"
+    assert attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"

@@ -18,7 +18,7 @@ from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def test_settings_survive_the_way_through_an_environment(monkeypatch):

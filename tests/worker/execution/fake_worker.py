@@ -9,14 +9,14 @@ from pathlib import Path
 
 from sawmill_platform.jobs.turns import ANY, Selection
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.poller import _listen_to_parent, report_to_parent, run_worker
+from sawmill_platform.workers.poller import listen_to_parent, report_to_parent, run_worker
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
 from sawmill_worker.program import MILL
 
 stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
-threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
+threading.Thread(target=listen_to_parent, args=(stop, wake), daemon=True).start()
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
 store = Store(StorageSettings())
 short_only = "--short" in sys.argv

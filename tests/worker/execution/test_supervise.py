@@ -6,17 +6,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from structlog.testing import capture_logs
+from system_calls import at_call, refusing
 
 from sawmill_platform.attempts.environment import environment_with
-from sawmill_platform.contracts import kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers import supervise
-from sawmill_platform.workers.supervise import WorkerSupervisor, _WatchedWorker
+from sawmill_platform.workers.supervise import WatchedWorker, WorkerSupervisor
 
 pytestmark = pytest.mark.slow
 
@@ -72,13 +70,10 @@ def processes_of(folder: Path) -> list[int]:
     return found
 
 
-def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue, wait_for, monkeypatch):
+def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue, wait_for):
     lane = {"command": WORKER, "held_up": store.jobs.short_job_is_held_up}
     with WorkerSupervisor(storage, settings, **lane) as supervisor:
-        # Files of any size count as large, so their reading as long.
-        with monkeypatch.context() as small:
-            small.setattr(kinds, "SHORT_UPLOAD_BYTES", 0)
-            long = queue("talk")
+        long = queue("talk", short=False)
         wait_for(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
         time.sleep(0.5)
         assert len(supervisor.process_ids) == 1, "no lane is open while nobody needs it"
@@ -148,10 +143,10 @@ def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, qu
     assert store.jobs.get(job.id).state is JobState.QUEUED
 
 
-def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, settings, monkeypatch):
+def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, settings):
     now_s = [0.0]
-    monkeypatch.setattr(supervise, "time", SimpleNamespace(monotonic=lambda: now_s[-1]))
-    worker = _WatchedWorker([sys.executable, "-c", ""], environment_with(storage, settings))
+    broken = [sys.executable, "-c", ""]
+    worker = WatchedWorker(broken, environment_with(storage, settings), monotonic=lambda: now_s[-1])
     worker.start()
     for wait_s in (0.5, 1.0, 2.0):
         ended = worker.process
@@ -191,18 +186,9 @@ def test_a_worker_that_had_worked_is_replaced_soon_however_often_it_is_killed(st
     assert [(entry["event"], entry["restart_in_s"]) for entry in about_workers(log)] == [("worker-ended", 0.5)] * 3
 
 
-def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, monkeypatch, wait_for):
-    started = subprocess.Popen
-    refused = []
-
-    def refuse_twice(*arguments, **options):
-        if len(refused) < 2:
-            refused.append(arguments)
-            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
-        return started(*arguments, **options)
-
-    monkeypatch.setattr("sawmill_platform.workers.supervise.subprocess.Popen", refuse_twice)
-    with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
+def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, wait_for):
+    refuse_twice = at_call("subprocess.Popen", refusing(errno.EAGAIN, times=2))
+    with capture_logs() as log, refuse_twice, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
         wait_for(lambda: supervisor.process_ids)
     assert [(entry["event"], entry["restart_in_s"]) for entry in about_workers(log)] == [
         ("worker-not-started", 0.5),
@@ -210,14 +196,17 @@ def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, 
     ]
 
 
-def test_workers_are_watched_whatever_happens(storage, settings, monkeypatch, wait_for):
-    rounds = []
-
+def test_workers_are_watched_whatever_happens(storage, settings, wait_for):
     def stumble(_):
-        rounds.append(1)
         raise MemoryError
 
-    monkeypatch.setattr("sawmill_platform.workers.supervise._WatchedWorker.restart_if_due", stumble)
-    with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE):
-        wait_for(lambda: len(rounds) > 2)
-    assert {entry["event"] for entry in about_workers(log)} == {"worker-not-watched"}
+    def not_watched(log):
+        return [entry for entry in log if entry["event"] == "worker-not-watched"]
+
+    broken = [sys.executable, "-c", ""]
+    with capture_logs() as log, WorkerSupervisor(storage, settings, command=broken):
+        with at_call("subprocess.Popen", stumble):
+            wait_for(lambda: len(not_watched(log)) > 1)
+        seen = len(log)
+        wait_for(lambda: len(log) > seen)
+    assert {entry["event"] for entry in about_workers(log)} == {"worker-ended", "worker-not-watched"}

@@ -8,7 +8,6 @@ from sawmill_platform.attempts.patience import LATE_S, Patience
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_platform.contracts.kinds import declaration_of
-from sawmill_platform.errors import StorageFull
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 
@@ -133,16 +132,14 @@ def test_a_job_that_hung_once_is_done(store, start, queue):
 
 
 @pytest.mark.slow
-def test_a_stopped_process_is_ended(store, start, queue, is_running, monkeypatch):
+def test_a_stopped_process_is_ended(store, start, queue, is_running, in_background, wait_for):
     job = queue("freeze")
-    noted = []
-    remove = store.files.remove
-    monkeypatch.setattr(
-        store.files, "remove", lambda folder: (noted.append((folder / "pid").read_text()), remove(folder))
-    )
-    assert start(stall_s=1).run_next() is JobState.QUEUED
+    outcome = in_background(start(stall_s=1).run_next)
+    wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
+    stopped = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+    assert outcome.result(timeout=60) is JobState.QUEUED
     assert store.jobs.get(job.id).waiting_for.code == "attempt-stalled"
-    assert not is_running(noted[0])
+    assert not is_running(stopped)
 
 
 @pytest.mark.slow
@@ -163,13 +160,9 @@ def test_a_job_beyond_its_time_fails_once(store, start, queue):
 
 
 @pytest.mark.slow
-def test_a_hang_on_a_full_disk_is_its_consequence(store, start, queue, monkeypatch):
+def test_a_hang_on_a_full_disk_is_its_consequence(store, start, queue, full_disk):
     job = queue("hang")
-
-    def full(**_):
-        raise StorageFull("the disk is full")
-
-    monkeypatch.setattr(store, "check", full)
+    full_disk(0)
     assert start(stall_s=0.6).run_next() is JobState.QUEUED
     assert (store.jobs.get(job.id).losses, fates(store, job)) == (0, [event_kinds.PUT_OFF])
 

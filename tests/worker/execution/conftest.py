@@ -1,0 +1,272 @@
+"""A store with jobs to run, and processes that run them without science."""
+
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.attempts.process import AttemptProcess, AttemptStarter
+from sawmill_platform.attempts.runner import Runner
+from sawmill_platform.attempts.starting import attempt_environment, attempt_starter
+from sawmill_platform.contracts.jobs import Job, Priority
+from sawmill_platform.contracts.kinds import SHORT_UPLOAD_BYTES
+from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.program import WorkerProgram
+from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.store import Store
+from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_vocabulary import DataKind
+from sawmill_worker.program import MILL
+
+HERE = Path(__file__).parent
+WITHOUT_KERNELS = "from sawmill_worker import attempt; attempt.running.warm_up = lambda: None; attempt.main()"
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> StorageSettings:
+    return StorageSettings(data_folder=tmp_path / "data", database_url=None)
+
+
+@pytest.fixture
+def store(storage: StorageSettings, empty_data: Path) -> Iterator[Store]:
+    shutil.copytree(empty_data, storage.data_folder)
+    opened = Store(storage)
+    yield opened
+    opened.close()
+
+
+class StoreWith(Store):
+    """A store with jobs of another kind."""
+
+    def __init__(self, settings: StorageSettings, jobs: type[Jobs]) -> None:
+        super().__init__(settings)
+        self.jobs = jobs(self.database, self.files, MillSubjects(self.files))
+
+
+@pytest.fixture
+def store_with(store: Store) -> Iterator[Callable[[type[Jobs]], Store]]:
+    """Open a second store on the same rows and files, whose jobs have a fault, for a worker."""
+    made: list[Store] = []
+
+    def begin(jobs: type[Jobs]) -> Store:
+        made.append(StoreWith(store.settings, jobs))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def settings(request: pytest.FixtureRequest) -> ExecutionSettings:
+    """The product's, made quick; the parameter is whether attempts are forked."""
+    return ExecutionSettings(
+        lease_s=2,
+        heartbeat_s=0.2,
+        progress_s=0.05,
+        poll_s=0.05,
+        housekeeping_s=0.2,
+        sweep_s=0.5,
+        stop_grace_s=1,
+        loss_wait_s=0,
+        outage_wait_s=0,
+        kill_grace_s=0.3,
+        spare_processes=1,
+        fork_attempts=getattr(request, "param", True),
+        broker_url=None,
+        memory_limit_bytes=2**29,
+    )
+
+
+@pytest.fixture
+def command() -> list[str]:
+    return [sys.executable, str(HERE / "fake_science.py")]
+
+
+@pytest.fixture
+def queue(store: Store) -> Callable[..., Job]:
+    """Queue a job that behaves as asked."""
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
+
+    def accept(behaviour: str, *, priority: Priority = Priority.WAITED_FOR, short: bool = True) -> Job:
+        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+        received = store.files.receive([behaviour.encode()], max_bytes=100)
+        if not short:  # the reading of a large file, which has a hole here
+            received = replace(received, size_bytes=SHORT_UPLOAD_BYTES + 1)
+            os.truncate(received.path, received.size_bytes)
+        scan = store.scans.accept(spec, received, priority=priority)
+        return store.jobs.get(scan.job_id)
+
+    return accept
+
+
+@pytest.fixture
+def wait_for() -> Callable[[Callable[[], bool]], None]:
+    def wait(condition: Callable[[], bool], timeout_s: float = 120.0) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.05)
+
+    return wait
+
+
+@pytest.fixture
+def stop() -> threading.Event:
+    return threading.Event()
+
+
+class Starter:
+    """A starter of attempts that notes what it has started, and that may outlive the runner that uses it."""
+
+    def __init__(self, starter: AttemptStarter, *, lent: bool) -> None:
+        self.starter = starter
+        self.lent = lent
+        self.started: list[AttemptProcess] = []
+
+    def start(self) -> AttemptProcess:
+        self.started.append(self.starter.start())
+        return self.started[-1]
+
+    def patience_s(self, start_timeout_s: float) -> float:
+        return self.starter.patience_s(start_timeout_s)
+
+    def close(self) -> None:
+        if not self.lent:
+            self.starter.close()
+
+
+class Lender:
+    """Starters by what they start: to import everything takes a second, and few tests are about that."""
+
+    def __init__(self) -> None:
+        self._made: dict[Any, AttemptStarter] = {}
+
+    def lend(self, command: Sequence[str], store: Store, settings: ExecutionSettings) -> Starter:
+        environment = frozenset(attempt_environment(store, settings).items())
+        asked = (tuple(command), environment, settings.fork_attempts)
+        if asked not in self._made:
+            self._made[asked] = attempt_starter(command, store, settings)
+        return Starter(self._made[asked], lent=True)
+
+    def close(self) -> None:
+        for each in self._made.values():
+            each.close()
+
+
+@pytest.fixture(scope="session")
+def lender() -> Iterator[Lender]:
+    made = Lender()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def attempts(request: pytest.FixtureRequest, lender: Lender, store: Store, command: list[str]) -> Callable[..., Any]:
+    """Make a starter: a lent one, or its own where a test is about templates or what they log (`own_templates`)."""
+    own = "own_templates" in request.fixturenames
+
+    def make(settings: ExecutionSettings, command: Sequence[str] = command) -> Starter:
+        if own:
+            return Starter(attempt_starter(command, store, settings), lent=False)
+        return lender.lend(command, store, settings)
+
+    return make
+
+
+@pytest.fixture
+def own_templates() -> None:
+    """For tests of the template itself, of what it reaches and of what it logs."""
+
+
+@dataclass(frozen=True)
+class LendingProgram(WorkerProgram[Store]):
+    """The mill's program over tasks without science, whose workers borrow the starters of attempts."""
+
+    lend: Callable[..., AttemptStarter]
+
+    def attempts(self, store: Store, settings: ExecutionSettings) -> AttemptStarter:  # noqa: ARG002 - the fixture's
+        return self.lend(settings)
+
+
+@pytest.fixture
+def program(attempts: Callable[..., Starter], command: list[str]) -> LendingProgram:
+    return LendingProgram(MILL.open_store, MILL.housekeeping, command, attempts)
+
+
+@pytest.fixture
+def starter(settings: ExecutionSettings, attempts: Callable[..., Starter]) -> Starter:
+    """Of the fixture `runner`."""
+    return attempts(settings)
+
+
+@pytest.fixture
+def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, starter: Starter) -> Iterator[Runner]:
+    made = Runner(store, settings, stop, attempts=starter)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def reader(
+    store: Store,
+    settings: ExecutionSettings,
+    stop: threading.Event,
+    own_templates: None,  # noqa: ARG001 - what it logs is read
+    attempts: Callable[..., Starter],
+) -> Iterator[Runner]:
+    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
+    by_default = settings.model_copy(update={"memory_limit_bytes": None})
+    made = Runner(store, by_default, stop, attempts=attempts(by_default, [sys.executable, "-c", WITHOUT_KERNELS]))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start(
+    store: Store, settings: ExecutionSettings, stop: threading.Event, attempts: Callable[..., Starter]
+) -> Iterator[Callable[..., Runner]]:
+    """Make a runner with settings of its own, or on a store, or with a starter of its own."""
+    made = []
+
+    def begin(on: Store = store, starter: AttemptStarter | None = None, **changed: Any) -> Runner:
+        asked = settings.model_copy(update=changed)
+        made.append(Runner(on, asked, stop, attempts=starter or attempts(asked)))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def in_background() -> Iterator[Callable[..., Future[Any]]]:
+    with ThreadPoolExecutor(4) as pool:
+        yield pool.submit
+
+
+def running(process_id: int) -> bool:
+    """Whether a process exists and is no zombie."""
+    try:
+        state = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+@pytest.fixture
+def is_running() -> Callable[[int], bool]:
+    return running
