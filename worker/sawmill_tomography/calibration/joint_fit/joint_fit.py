@@ -208,7 +208,8 @@ def fit_consistent_views(
     if not left_out.any():
         return prepared, joint
     remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(left_out.sum()))))
-    return replace(remaining, data=joint.model.data), joint
+    # A further fit finds the modules anew, with their errors.
+    return replace(remaining, data=replace(joint.model.data, cells=prepared.data.cells)), joint
 
 
 class _JointFitter:
