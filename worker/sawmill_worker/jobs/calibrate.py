@@ -140,7 +140,7 @@ def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: 
         "input_sha256": calibration_input.input_sha256,
         "options": options.model_dump(mode="json"),
         "rows": calibration_input.rows,
-        "scanner": vars(calibration_input.scanner),
+        "scanner": asdict(calibration_input.scanner),
         "bounds": None if calibration_input.bounds is None else asdict(calibration_input.bounds),
         "phantom": calibration_input.drawing.model_dump(mode="json"),
     }

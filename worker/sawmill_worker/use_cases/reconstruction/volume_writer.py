@@ -1,7 +1,7 @@
 """Output of a reconstruction's volume with all data about its origin."""
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -49,7 +49,7 @@ def new_volume(
         first_slice_mm=(pitch or 0.0) * origin.rows[0],
         unit=unit,
         geometry={
-            **{name: value for name, value in vars(origin.scanner).items() if value is not None},
+            **{name: value for name, value in asdict(origin.scanner).items() if value is not None and value != ()},
             **vars(origin.theta),
             "rotation": origin.rotation.value,
             "handedness": origin.handedness.value,
