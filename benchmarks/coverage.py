@@ -64,7 +64,7 @@ def main() -> None:
             difference = to_vector(found.frame) - to_vector(scan.frame)
             difference[0] = angle_difference(found.frame.psi_rad, scan.frame.psi_rad)
             inside.append(np.abs(difference) <= 1.96 * np.sqrt(np.diag(bars.covariance.values)))
-            error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
+            error = ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm
             below.append(error <= bars.predicted_ray_error.upper_95_mm)
             inflations.append(bars.inflation)
     print(f"{len(inside)} repeats of {SCANS} scans, noise {NOISE:.0%} of the RMS, seed {options.seed}")

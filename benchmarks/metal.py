@@ -74,7 +74,7 @@ def row(name: str, scans: int, seed: int) -> str:
             refused += 1
             continue
         assert found.findings.error_bars is not None
-        errors.append(ray_error(SCANNER, scan.frame, found.frame).rms_mm)
+        errors.append(ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm)
         held.append(errors[-1] <= found.findings.error_bars.predicted_ray_error.upper_95_mm)
         reported += any(sentence.startswith("metal") for sentence in found.adjustments)
     return (

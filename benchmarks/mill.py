@@ -74,7 +74,7 @@ def outcome(number: int, seed: int) -> dict[str, Any]:
 def _answer(scan: StudyScan, found: CalibrationOutcome) -> dict[str, Any]:
     assert found.findings.error_bars is not None
     setting = scan.setting
-    true = ray_error(SCANNER, setting.frame, found.frame, radius_mm=LOG_RADIUS_MM)
+    true = ray_error(SCANNER, setting.frame, found.frame, radius_mm=LOG_RADIUS_MM, other_scanner=found.scanner)
     return {
         "error_mm": true.rms_mm,
         "upper_95_mm": found.findings.error_bars.predicted_ray_error.upper_95_mm,
@@ -100,7 +100,9 @@ def effect_mm(scan: StudyScan) -> float | None:
         with_it, without = (_plain(scan, physics) for physics in (scan.physics, scan.ideal))
     except CalibrationError:
         return None
-    return ray_error(SCANNER, without.frame, with_it.frame, radius_mm=LOG_RADIUS_MM).rms_mm
+    return ray_error(
+        SCANNER, without.frame, with_it.frame, radius_mm=LOG_RADIUS_MM, other_scanner=with_it.scanner
+    ).rms_mm
 
 
 def _plain(scan: StudyScan, physics: Physics) -> CalibrationOutcome:

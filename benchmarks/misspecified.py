@@ -237,7 +237,7 @@ class Tally:
         """Record one answer."""
         assert found.findings.error_bars is not None
         predicted = found.findings.error_bars.predicted_ray_error
-        error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
+        error = ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm
         self.errors.append(error)
         self.predicted.append(predicted.rms_mm)
         self.covered.append(error <= predicted.upper_95_mm)

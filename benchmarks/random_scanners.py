@@ -43,7 +43,7 @@ def main() -> None:
             print(f"scan {number}: {error.code}: {error}")
             continue
         seconds.append(time.perf_counter() - started)
-        error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
+        error = ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm
         errors.append(error)
         right = error < LIMIT_MM and (found.handedness, found.rotation) == (scan.handedness, scan.rotation)
         outcomes[f"{'right' if right else 'WRONG'}, verdict {found.judgement.verdict}"] += 1

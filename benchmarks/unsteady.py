@@ -66,7 +66,7 @@ class Outcomes:
     def add(self, scan: CountedScan, found: CalibrationOutcome) -> None:
         """Record one answer."""
         assert found.findings.error_bars is not None
-        error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
+        error = ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm
         self.errors.append(error)
         self.bounds.append(found.findings.error_bars.predicted_ray_error.upper_95_mm)
         self.verdicts[found.judgement.verdict] += 1
