@@ -132,9 +132,9 @@ def supervise(folder: Path) -> None:
         with store.database.write() as session:
             session.add(SumRow(id=name, created_at=store.now(), numbers={"of": numbers}))
             queue_job(session, ADD, name, store.now(), short=True, group_id=None)
-    settings = ExecutionSettings(broker_url=None)
-    attempts = attempt_starter([sys.executable, __file__], store, settings)
-    runner = Runner(store, settings, threading.Event(), attempts=attempts)
+    execution = ExecutionSettings(broker_url=None)
+    attempts = attempt_starter([sys.executable, __file__], store, execution)
+    runner = Runner(store, execution, threading.Event(), attempts=attempts)
     states = [runner.run_next(), runner.run_next()]
     runner.close()
     events = [event.what for event in store.events.following(0)]

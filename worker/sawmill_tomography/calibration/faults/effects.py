@@ -72,15 +72,13 @@ def _hardening_sentence(model: ScanModel, sizes: FloatArray) -> str:
     return f"beam hardening of {change:+.1%} on the longest path"
 
 
-def _scattered_share(model: ScanModel, sizes: FloatArray) -> float:
-    """Return the share that scattered radiation adds to the intensity of the deepest shadow."""
+def _scattered_radiation_sentence(model: ScanModel, sizes: FloatArray) -> str:
     around, wide = model.halos
     deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
-    return float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
-
-
-def _scattered_radiation_sentence(model: ScanModel, sizes: FloatArray) -> str:
-    added = _scattered_share(model, sizes)
+    added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
+    if added < 0.0:
+        # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
+        return "scattered radiation, whose amount this scan does not tell from that of the beam hardening"
     return f"scattered radiation, which adds {added:.1%} to the intensity of the deepest shadow"
 
 
@@ -146,7 +144,6 @@ EFFECTS: tuple[Effect, ...] = (
         Adjustment.SCATTERED_RADIATION,
         _terms(Term.SCATTER, Term.SCATTER_WIDE, counts=True),
         _scattered_radiation_sentence,
-        possible=lambda model, sizes: _scattered_share(model, sizes) > 0.0,
     ),
     # The focal spot and the scintillator blur along the detector: a Gaussian.
     Effect(

@@ -21,7 +21,13 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
     without_views,
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
-from sawmill_tomography.calibration.faults.modules import ModuleSearch, effect_of, with_module, with_modules
+from sawmill_tomography.calibration.faults.modules import (
+    FEWEST_CELLS,
+    ModuleSearch,
+    effect_of,
+    with_module,
+    with_modules,
+)
 from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
@@ -57,6 +63,9 @@ TOLERABLE = 25.0
 MOST_SLIPS = 2
 # The largest number of effects that join together.
 MOST_TOGETHER = 6
+# Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
+# of a tenth of a cell in the middle of the shadow makes up 0.0008.
+LEAST_OF_MODULES = 1e-4
 # Borders between modules move in the rounds before this one.
 LATEST_MOVE = 9
 # The largest number of modules that are searched for in addition to the known ones.
@@ -356,6 +365,7 @@ class _JointFitter:
         trials = float(cells.count)
         variance = self._left(system, used) / max(system.samples - len(used), 1.0)
         limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 1)
+        limit = max(limit, system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2)
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
         modules = [DetectorModule(cell) for cell in search.likeliest(limit, most)]
         for module in modules:
@@ -372,7 +382,8 @@ class _JointFitter:
             (cell,) = _first_cells([one])
             modules = {module.first_cell: module for module in self.model.data.cells.modules}
             better, self.border_variance[cell] = search.border(modules[cell], self.variance)
-            if better != cell and better not in modules and self.rounds < LATEST_MOVE:
+            free = all(abs(better - other) >= FEWEST_CELLS for other in modules if other != cell)
+            if better != cell and free and self.rounds < LATEST_MOVE:
                 model = with_modules(self.model, set(modules) - {cell})
                 self.model = with_module(model, replace(modules[cell], first_cell=better))
                 effect = effect_of(DetectorModule(better), self.model.data.cells.width_mm)
