@@ -52,4 +52,4 @@ def test_every_jump_is_found_with_its_time_and_size(errors):
         assert each.finding.kind is DriftKind.JUMP
         assert each.finding.between_days[0] <= 0.2035
         assert each.finding.between_days[1] >= 0.2
-        assert each.finding.change[0] == pytest.approx(0.2, abs=0.06)
+        assert each.finding.change.cor_column_mm == pytest.approx(0.2, abs=0.06)

@@ -11,6 +11,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind, StaysBecause
 from sawmill_contracts.scans import ScanState
+from sawmill_mill.retention import STAYS
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.retention.stocks import KeptBy, Protection, Stock
@@ -86,9 +87,12 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
         yield Protection(StaysBecause.SCHEDULE, or_(*conditions))
 
 
-def events_kept_by(session: Session) -> Iterator[Protection]:
-    """Return what keeps events."""
-    # An alarm knows by it when the newest scan came, deleted or not.
+def _by_the_rule(kind: RetentionKind, kept_by: KeptBy) -> KeptBy:
+    """Return what keeps rows of a kind, for the reasons of the mill's table alone."""
+    return lambda session: [each for each in kept_by(session) if each.because in STAYS[kind]]
+
+
+def _of_events(session: Session) -> Iterator[Protection]:
     if numbers := _newest(session, newest_accepted(EventRow.number)):
         yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))
 
@@ -137,9 +141,11 @@ def _forget_calibrations(session: Session, identifiers: Sequence[str]) -> None:
 def _stock(kind: RetentionKind, job: JobKind, table: type[Any], kept_by: KeptBy | None = None) -> Stock:
     """Return the stock of a table; by default, rows are kept while their jobs have not ended."""
     owner = table.scanner_id, ScannerRow.id
-    return Stock(kind, job, table, owner, kept_by or (lambda _: [_unfinished(table, job)]))
+    return Stock(kind, job, table, owner, _by_the_rule(kind, kept_by or (lambda _: [_unfinished(table, job)])))
 
 
+events_kept_by = _by_the_rule(RetentionKind.EVENTS, _of_events)
+"""What keeps events."""
 _LOGS = _stock(RetentionKind.LOG_SCANS, job_kinds.INGEST, ScanRow, _of_scans)
 _PHANTOM_SCANS = _stock(RetentionKind.PHANTOM_SCANS, job_kinds.INGEST, ScanRow, _of_scans)
 _CALIBRATIONS = _stock(RetentionKind.CALIBRATIONS, job_kinds.CALIBRATE, CalibrationRow, _of_calibrations)
