@@ -314,6 +314,12 @@ class MetalReport(Contract):
     share_of_samples: float = Field(
         description="Share of these line integrals among all of the slices with metal, no unit.", examples=[0.002]
     )
+    untreated_slices: int = Field(
+        0,
+        description="Number of further slices with metal on so many rays that all rays are used as they are; a remark "
+        "tells.",
+        examples=[0],
+    )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(
         description="Name of the method that treats metal, and where it was published.",
