@@ -316,8 +316,8 @@ class MetalReport(Contract):
     )
     untreated_slices: int = Field(
         0,
-        description="Number of further slices with metal on so many rays that all rays are used as they are; a remark "
-        "tells.",
+        description="Number of further slices with metal on more rays than may be taken out: all their rays are used "
+        "as they are, and a remark reports it.",
         examples=[0],
     )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])

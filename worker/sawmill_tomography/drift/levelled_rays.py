@@ -158,7 +158,8 @@ def _interpolation_variance(rays: FloatArray, interpolated: NDArray[np.bool_]) -
         moved[(moved & interpolated).any(axis=1) | (moved.sum(axis=1) < number[:, 0])] = False
         squares += float(np.sum(np.sum(bridged_samples(rays, moved) - rays, axis=1) ** 2))
         numbers += int(np.sum(moved.sum(axis=1) ** 2))
-    return number * squares / max(numbers, 1)
+    variance: FloatArray = number * (squares / max(numbers, 1))
+    return variance
 
 
 def _no_air(sinogram: FloatArray) -> DriftError:

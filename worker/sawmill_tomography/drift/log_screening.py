@@ -48,7 +48,7 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
     Raises
     ------
     DriftError
-        If the samples with metal are so many that the others do not show the log.
+        If more samples see metal than may be left out.
     """
     screening = _screen_ends(sinogram)
     lines = screening.bridged(sinogram).astype(np.float32)

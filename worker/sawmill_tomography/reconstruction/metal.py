@@ -1,4 +1,4 @@
-"""Metal in a log: nails, screws and fragments, found in the shadows that wood cannot make and removed from the sinogram.
+"""Metal in a log: nails, screws and fragments, found by shadows that wood cannot make, and removed from the sinogram.
 
 Rays through metal are starved and hardened: filtering them draws streaks over the whole slice. They are interpolated
 along the detector from neighbouring rays (linear interpolation of projections: Kalender, Hebel and Ebersberger 1987,
@@ -66,7 +66,7 @@ class LogMetal:
 
     @property
     def is_too_much(self) -> bool:
-        """True if so many samples cross metal that the others do not show the log."""
+        """True if metal crosses more samples than may be taken out (`MOST_SAMPLES`)."""
         return float(self.trace.mean()) > MOST_SAMPLES
 
     def on(self, grid: ImageGrid) -> Image:
