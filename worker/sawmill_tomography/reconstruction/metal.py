@@ -2,7 +2,8 @@
 
 Rays through metal are starved and hardened: filtering them draws streaks over the whole slice. They are interpolated
 along the detector from neighbouring rays (linear interpolation of projections: Kalender, Hebel and Ebersberger 1987,
-Radiology 164, 576), or left out by methods that do not need them.
+Radiology 164, 576), or left out by methods that do not need them. Methods that weigh each ray keep those through thin
+metal, less the metal.
 """
 
 import math
@@ -36,6 +37,9 @@ ITERATIONS = 12
 # Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
 # alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55.
 TIMES_WOOD, LEAST_PIECE_MM2 = 3.5, 50.0
+# The line integrals of the metal alone are wrong by this share of them, since steel hardens the beam. A ray with an
+# error above MOST_UNCERTAIN is left out.
+UNCERTAIN, MOST_UNCERTAIN = 0.2, 0.5
 # Cells next to the shadow of metal that are interpolated too.
 MARGIN = 1
 # A larger share of a slice's samples is not taken out.
@@ -54,6 +58,9 @@ class LogMetal:
         Samples whose rays cross metal, with a margin.
     filled : (views, cells) float32
         The sinogram with those samples interpolated: the log without its metal.
+    freed, uncertainty : (views, cells) float32
+        The sinogram less the line integrals of the metal in those samples, and the standard deviation of that: 0 in
+        other samples, infinite where the metal is so thick that the sample is interpolated.
     grid : ImageGrid
     excess : (size, size) float32
         Attenuation above the wood's, 0 where there is no metal.
@@ -61,6 +68,8 @@ class LogMetal:
 
     trace: NDArray[np.bool_]
     filled: Image
+    freed: Image
+    uncertainty: Image
     grid: ImageGrid
     excess: Image
 
@@ -117,9 +126,13 @@ class MetalSearch:
         trace = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
         filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
         # Thin metal has less than its mass in the pixels that are dark enough.
-        lengths = self.fine.forward(excess)
-        mass = float(np.vdot(lengths, sinogram - filled)) / float(np.vdot(lengths, lengths))
-        return LogMetal(trace, filled, self.fine.grid, excess * np.float32(max(mass, 0.0)))
+        alone = self.fine.forward(excess)
+        mass = np.float32(max(float(np.vdot(alone, sinogram - filled)) / float(np.vdot(alone, alone)), 0.0))
+        alone *= trace * mass
+        error = np.where(trace, np.hypot(UNCERTAIN * alone, LEAST_WOOD_MM * shadows.wood_per_mm), 0.0)
+        uncertainty = np.where(error > MOST_UNCERTAIN, math.inf, error).astype(np.float32)
+        freed = np.where(np.isinf(uncertainty), filled, sinogram - alone)
+        return LogMetal(trace, filled, freed, uncertainty, self.fine.grid, excess * mass)
 
     def _excess(self, shadows: "_Shadows") -> Image:
         """Return the attenuation of metal above the wood's, (size, size), 0 where there is no metal.

@@ -1,5 +1,6 @@
 """Metal in a block of slices: removed before a method solves the block, counted, and put back into the images."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from threading import Lock
@@ -18,7 +19,7 @@ Images = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class WithoutMetal:
-    """A block whose rays through metal are interpolated.
+    """A block whose rays through metal are interpolated, or less the metal.
 
     Attributes
     ----------
@@ -27,14 +28,14 @@ class WithoutMetal:
         LogMetal by the slice's index in the block.
     untreated : frozenset of int
         Indices of the slices with so much metal that their rays are used as they are.
-    left_out : (slices, views, detector) bool, optional
-        The rays that the method must leave out; None if there are none.
+    uncertainty : (slices, views, detector) float32, optional
+        Further standard deviation of rays through metal, infinite for rays to be left out; None if there are none.
     """
 
     lines: Images
     metal: Mapping[int, LogMetal] = field(default_factory=dict)
     untreated: frozenset[int] = frozenset()
-    left_out: NDArray[np.bool_] | None = None
+    uncertainty: Images | None = None
 
     def count(self, selected: NDArray[np.bool_] | None = None) -> MetalCount:
         """Count the metal in the block, or in the slices of the mask `selected` (slices,)."""
@@ -61,13 +62,17 @@ class MetalReduction:
         Radius of the disc around the rotation centre that holds the log.
     leave_out : bool
         True if the method leaves out rays through metal rather than using interpolated rays.
+    weigh : bool
+        True if the method keeps rays through thin metal, less the metal, with a small weight.
     enabled : bool
         False returns every block unchanged.
     """
 
-    def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, enabled: bool) -> None:
+    def __init__(
+        self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, weigh: bool, enabled: bool
+    ) -> None:
         self._search = MetalSearch.of(geometry, radius_mm) if enabled else None
-        self._leave_out, self._working = leave_out, Lock()
+        self._leave_out, self._weigh, self._working = leave_out, weigh, Lock()
 
     def __call__(self, lines: Images) -> WithoutMetal:
         """Return a block (slices, views, detector) of any strides without its metal."""
@@ -79,10 +84,11 @@ class MetalReduction:
         untreated = frozenset(index for index, metal in searched.items() if metal is not None and metal.is_too_much)
         if not metals:
             return WithoutMetal(lines, untreated=untreated)
-        filled, trace = lines.copy(), np.zeros(lines.shape, bool)
+        without, uncertainty = lines.copy(), np.zeros(lines.shape, np.float32)
         for index, metal in metals.items():
-            filled[index], trace[index] = metal.filled, metal.trace
-        return WithoutMetal(filled, metals, untreated, trace if self._leave_out else None)
+            without[index] = metal.freed if self._weigh else metal.filled
+            uncertainty[index] = metal.uncertainty if self._weigh else np.where(metal.trace, math.inf, 0.0)
+        return WithoutMetal(without, metals, untreated, uncertainty if self._leave_out else None)
 
     def report(self, count: MetalCount) -> MetalReport | None:
         """Return the report of the counted metal; None if there is none."""
