@@ -1,6 +1,6 @@
 """Nails in logs: what the treatment of metal leaves, by nail, method and number of views.
 
-    python benchmarks/log_metal.py [--logs 3] [--seed 1] [--size 160] [--views 12 20 45 90] [--drift]
+    python benchmarks/log_metal.py [--logs 2] [--seed 1] [--size 160] [--views 12 20 45 90] [--drift]
 
 A row is a nail of steel, in the slice plane or across it, in logs of `nailed_logs.py`. For each method the relative
 error of the slice with the nail, over that of the same slice without it: the mean over the logs, and the largest. The
@@ -139,7 +139,7 @@ def drift_table(logs: int, seed: int, every: list[int]) -> Iterator[str]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--logs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--size", type=int, default=160)
     parser.add_argument("--views", type=int, nargs="+", default=[12, 20, 45, 90])

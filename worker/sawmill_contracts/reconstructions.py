@@ -149,8 +149,9 @@ class ReconstructionOptions(Contract):
     )
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
-        description="Treatment of rays through nails and other metal, where a first image shows any. `auto`: "
-        "`cauchy_map` and `total_variation` leave these rays out, other methods take values interpolated along the "
+        description="Treatment of rays through nails and other metal, where their shadows show any. `auto`: "
+        "`cauchy_map` leaves these rays out, `total_variation` as well, but gives those through thin metal a small "
+        "weight, less the metal; other methods take values interpolated along the "
         "detector; the metal is put back into the slices. `interpolate`: every method takes interpolated values. "
         "`none`: all rays are used as they are.",
         examples=["auto"],
