@@ -39,7 +39,10 @@ MetalTreatment = TypeAliasType(
     "MetalTreatment",
     Annotated[
         Literal["interpolated", "left-out"],
-        Field(description="Rays through metal were interpolated along the detector, or left out of the fit."),
+        Field(
+            description="interpolated: rays through metal were interpolated along the detector. left-out: they were "
+            "left out of the fit; those through thin metal may have a small weight."
+        ),
     ],
 )
 DisturbedPart = TypeAliasType(

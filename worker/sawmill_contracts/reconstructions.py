@@ -149,8 +149,9 @@ class ReconstructionOptions(Contract):
     )
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
-        description="Treatment of rays through nails and other metal, where a first image shows any. `auto`: "
-        "`cauchy_map` and `total_variation` leave these rays out, other methods take values interpolated along the "
+        description="Treatment of rays through nails and other metal, where their shadows show any. `auto`: "
+        "`cauchy_map` leaves these rays out, `total_variation` as well, but gives those through thin metal a small "
+        "weight, less the metal; other methods take values interpolated along the "
         "detector; the metal is put back into the slices. `interpolate`: every method takes interpolated values. "
         "`none`: all rays are used as they are.",
         examples=["auto"],
@@ -313,6 +314,12 @@ class MetalReport(Contract):
     )
     share_of_samples: float = Field(
         description="Share of these line integrals among all of the slices with metal, no unit.", examples=[0.002]
+    )
+    untreated_slices: int = Field(
+        0,
+        description="Number of further slices with metal on more rays than may be taken out: all their rays are used "
+        "as they are, and a remark reports it.",
+        examples=[0],
     )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(

@@ -56,6 +56,8 @@ class FittedMethod(ABC):
         Cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
     leaves_out : bool
         True if rays can be left out. Otherwise all rays have the same weight.
+    weighs : bool
+        True if each ray's own noise gives its weight, whatever the settings.
     shrinks : bool
         True if values are drawn towards 0. In a region, where few rays determine them, they are drawn to larger pixels.
     """
@@ -65,6 +67,7 @@ class FittedMethod(ABC):
     choosing_cost_slices: ClassVar[float] = 0.0
     coupling_cost_slices: ClassVar[float] = 0.0
     leaves_out: ClassVar[bool] = False
+    weighs: ClassVar[bool] = False
     shrinks: ClassVar[bool] = False
 
     @property

@@ -118,6 +118,7 @@ class TotalVariation(CoupledMethod):
     # The choice reconstructs six slices with each candidate.
     coupling_cost_slices: ClassVar[float] = 6.0 * len(COUPLINGS)
     leaves_out: ClassVar[bool] = True
+    weighs: ClassVar[bool] = True
 
     weight: float | None = None
     non_negative: bool = True

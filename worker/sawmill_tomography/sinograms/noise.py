@@ -66,7 +66,7 @@ def noise_of_rays(
     *,
     counts: bool,
     beam: BeamCorrection = NOTHING_FOUND,
-    left_out: NDArray[np.bool_] | None = None,
+    uncertainty: NDArray[np.floating] | None = None,
 ) -> FloatArray:
     """Estimate noise from air and, for counts, photons: (slices, 1, 1), or for each ray (slices, views, detector).
 
@@ -78,8 +78,8 @@ def noise_of_rays(
         True if the line integrals were made from counts; the air's scatter then gives the photons, whatever the unit.
     beam : BeamCorrection, optional
         Correction made to the line integrals: it has multiplied their noise by its slope.
-    left_out : (slices, views, detector) bool, optional
-        True for rays to be given infinite noise, and so no weight.
+    uncertainty : (slices, views, detector), optional
+        Further standard deviation of each ray; infinite for rays without weight.
     """
     air = noise_of_each_ray(None, lines)
     measured: FloatArray = np.asarray(lines, np.float64) if beam == NOTHING_FOUND else _smooth(lines)
@@ -90,7 +90,7 @@ def noise_of_rays(
         primary, measured = measured, with_scatter(beam.scatter, measured)
         slope = slope * np.minimum(np.exp(primary - measured), STEEPEST)
     noise = (photon_noise(measured, 1.0 / air**2) if counts else air) * slope
-    return noise if left_out is None else np.where(left_out, math.inf, noise)
+    return noise if uncertainty is None else np.hypot(noise, uncertainty)
 
 
 def rms_noise(noise: FloatArray) -> float:

@@ -1,5 +1,6 @@
 """Reconstruction methods applied to a log block by block, and the report of the method."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -212,7 +213,7 @@ class _DirectSolver:
             fitting = memory_bytes // cost.block_bytes(views, cells, size, self.step)
             self.concurrent = max(1, min(self.concurrent, fitting))
         self._method, self._projector = method, task.projector
-        self._metal = _metal_reduction(task, leave_out=False)
+        self._metal = _metal_reduction(task)
         self._general, self._report, self._checking = general, report, Lock()
         self._holds_all = task.full_grid()[0].size == size
         self._checked = set(np.linspace(0, task.slices - 1, CHECKED_SLICES).round().astype(int).tolist())
@@ -296,7 +297,7 @@ class _FittedSolver:
         self.halo = method.halo if isinstance(method, CoupledMethod) and task.slices > 1 else 0
         most = COUPLED_TOGETHER if self.halo else FITTED_TOGETHER
         self.step = int(max(min(together, most) - 2 * self.halo, 1))
-        self._metal = _metal_reduction(task, leave_out=method.leaves_out)
+        self._metal = _metal_reduction(task, leave_out=method.leaves_out, weigh=method.weighs)
         if method.is_open or self._outside is not None:
             self._sample = _levelled(task.sample[None], general)
             if not self._sample.any():
@@ -335,7 +336,7 @@ class _FittedSolver:
         )
         if self._outside is not None and self._outside.weight is None:
             sample = self._metal(self._sample)
-            self._outside = self._outside.chosen(sample.lines[0], self._noise(sample.lines, sample.left_out))
+            self._outside = self._outside.chosen(sample.lines[0], self._noise(sample.lines, sample.uncertainty))
         if couples or chooses:
             self._choose_for_the_log(phases)
         if isinstance(self._method, CoupledMethod) and not self._method.halo:
@@ -353,8 +354,8 @@ class _FittedSolver:
             in_part[part] = True
             in_shown: NDArray[np.bool_] = in_part[shown]
             findings.metal = block.count(in_shown)
-            left_out = self._left_out(block, lost.T[shown])
-            estimate = self._solve(block.lines, left_out, numbers, phases.of("reconstruct"))
+            uncertainty = self._uncertainty(block, lost.T[shown])
+            estimate = self._solve(block.lines, uncertainty, numbers, phases.of("reconstruct"))
             findings.add(estimate.part(in_shown))
             findings.curve = self._curve_of(numbers, estimate)
             images_found = estimate.image
@@ -363,19 +364,19 @@ class _FittedSolver:
         findings.add_empty(int((~shown[part]).sum()))
         return Solved(images[part], findings)
 
-    def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-        """Return the rays that the method leaves out: through metal, and of `lost` views (slices, views) of a row."""
+    def _uncertainty(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> Images | None:
+        """Return the rays' uncertainty by metal; infinite for `lost` views (slices, views) of a row."""
         if not (self._method.leaves_out and lost.any()):
-            return block.left_out
-        rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
-        return rays if block.left_out is None else block.left_out | rays
+            return block.uncertainty
+        of_metal = np.zeros(block.lines.shape, np.float32) if block.uncertainty is None else block.uncertainty
+        return np.where(lost[:, :, None], np.float32(math.inf), of_metal)
 
     def _choose_for_the_log(self, phases: Phases) -> None:
         """Choose the parameters from the sample, and the coupling of slices from the sample and its neighbours."""
         chosen = self._method
         if chosen.is_open:
             sample = self._metal(self._sample)
-            noise = self._noise(sample.lines, sample.left_out)
+            noise = self._noise(sample.lines, sample.uncertainty)
             lines, _ = self._taken_out(sample.lines, noise)
             chosen = chosen.chosen(self._projector, lines[0], noise=noise, on_progress=phases.of("choose"))
         if isinstance(chosen, CoupledMethod) and chosen.coupling_is_open:
@@ -383,7 +384,7 @@ class _FittedSolver:
             around = _levelled(around, self._general)
             shown = around.any(axis=(1, 2))
             block = self._metal(around[shown])
-            noise = self._noise(block.lines, block.left_out)
+            noise = self._noise(block.lines, block.uncertainty)
             lines, _ = self._taken_out(block.lines, noise)
             chosen = chosen.with_coupling_chosen(
                 self._projector,
@@ -397,11 +398,11 @@ class _FittedSolver:
         self._task.on_chosen(self.settings)
 
     def _solve(
-        self, lines: Images, left_out: NDArray[np.bool_] | None, numbers: NDArray[np.int64], on_progress: OnProgress
+        self, lines: Images, uncertainty: Images | None, numbers: NDArray[np.int64], on_progress: OnProgress
     ) -> Estimate:
         """Reconstruct slices on the grid from line integrals (slices, views, detector)."""
         method = self._method
-        noise = self._noise(lines, left_out)
+        noise = self._noise(lines, uncertainty)
         lines, below = self._taken_out(lines, noise)
         reconstruct = (
             partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
@@ -415,11 +416,11 @@ class _FittedSolver:
             return lines, None
         return self._outside.taken_out(lines, noise, inside=self._method.shrinks)
 
-    def _noise(self, lines: Images, left_out: NDArray[np.bool_] | None) -> FloatArray:
+    def _noise(self, lines: Images, uncertainty: Images | None) -> FloatArray:
         """Return the noise of the rays; uniform for a method that leaves out no rays."""
         if not self._method.leaves_out:
-            return noise_of_rays(lines, counts=False, left_out=left_out)
-        return noise_of_rays(lines, counts=self._task.counts, beam=self._task.beam, left_out=left_out)
+            return noise_of_rays(lines, counts=False, uncertainty=uncertainty)
+        return noise_of_rays(lines, counts=self._task.counts, beam=self._task.beam, uncertainty=uncertainty)
 
     def _curve_of(self, numbers: NDArray[np.int64], estimate: Estimate) -> CurvePoints | None:
         """Return the curve of the slice nearest to the middle of the log."""
@@ -435,12 +436,13 @@ class _FittedSolver:
         return self._report(gathered([self._general, findings]), self._metal.report(findings.metal))
 
 
-def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
+def _metal_reduction(task: LogTask, *, leave_out: bool = False, weigh: bool = False) -> MetalReduction:
     handling = task.options.metal
     return MetalReduction(
         task.projector.geometry,
         task.radius_mm,
         leave_out=leave_out and handling is MetalHandling.AUTO,
+        weigh=weigh and handling is MetalHandling.AUTO,
         enabled=handling is not MetalHandling.NONE,
     )
 
