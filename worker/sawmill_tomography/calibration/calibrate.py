@@ -10,7 +10,7 @@ from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.adjustments import prepare
-from sawmill_tomography.calibration.faults.finding import EXPLAINED, AdjustedFit, KnownEffect
+from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, KnownEffect
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
@@ -166,7 +166,7 @@ def _with_shown_angles(
     if not ranked or not {Adjustment.PACE, Adjustment.SLIP}.isdisjoint(task.without):
         return task, ranked, ()
     before = _plain(task, ranked[0], on_step).unexplained
-    if before <= EXPLAINED:
+    if before <= WELL_EXPLAINED:
         return task, ranked, ()
     shown = shown_angles(task, ranked[0], None if before < FAR_OFF else seed, on_step)
     if shown is None:

@@ -29,14 +29,16 @@ from sawmill_vocabulary import Adjustment, Rotation
 
 # Factors of the angles, and shares of all views that were lost in one block at each of these places of the scan.
 PACES = np.linspace(0.85, 1.15, 25)
-SHARES, PLACES = np.array([0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15]), np.linspace(0.05, 0.95, 19)
+SHARES, PLACES = np.array([0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15]), np.linspace(0.08, 0.92, 13)
 # The best choices of the table are fitted coarsely, and the best of these fits measure the angles of the views.
 FITTED_COARSELY, MEASURED, ITERATIONS = 12, 3, 20
 # Rounds of measured angles and geometry; Newton steps of the measurement in a round, and the largest.
 ROUNDS, STEPS, LARGEST_STEP_RAD = 4, 4, 0.05
 # Angles are equidistant where no step differs from the median by a larger share.
 EQUIDISTANT = 0.25
-# A view whose measured angle is wrong differs from both neighbours: at most this number in a row.
+# Factors that change the last angle by a smaller part of a step are left to the joint fit.
+LEAST_FACTOR = 0.5
+# At most this number of views in a row have a wrong measured angle; each may have that of a neighbour.
 WRONG_IN_A_ROW = 5
 # A larger share of lost views is no loss of views.
 MOST_LOST = 0.25
@@ -94,7 +96,8 @@ def _choices(angles_rad: FloatArray) -> FloatArray:
     after = np.arange(views) >= np.round(PLACES * views)[:, None]
     spread = [(1.0 - share) * from_first + share * turn * after for share in SHARES]
     counted = [from_first + share / (1.0 - share) * turn * after for share in SHARES]
-    return np.concatenate([PACES[:, None] * from_first, *spread, *counted])
+    choices: FloatArray = angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted])
+    return choices
 
 
 def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tuple[RankedFit, FloatArray]]:
@@ -126,32 +129,49 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
     (handedness, rotation), fit = start
     phantom, data = task.phantoms[handedness], task.full_data(rotation)
     data = replace(data, angles_rad=rotation.apply(angles_rad))
-    from_first = task.angles_rad - task.angles_rad[0]
-    steps = np.diff(from_first)
-    lost, pace = np.zeros(len(from_first)), 1.0
+    first, from_first = float(task.angles_rad[0]), task.angles_rad - task.angles_rad[0]
+    angles, lost, pace = angles_rad, np.zeros(len(from_first)), 1.0
     for _ in range(ROUNDS):
         measured = rotation.apply(_newton(phantom, data, fit))
-        taken = np.diff(measured)
-        in_between = np.round(taken / (float(np.median(taken / steps)) * steps)) - 1.0
+        taken = np.diff(measured) / np.diff(from_first)
+        in_between = np.round(taken / float(np.median(taken))) - 1.0
         # A row that only grows is its own running median.
         lost = scipy.ndimage.median_filter(
             np.concatenate([[0.0], np.cumsum(in_between)]), 2 * WRONG_IN_A_ROW + 1, mode="nearest"
         )
-        counted = from_first + np.concatenate([[0.0], np.cumsum(steps * np.diff(lost))])
+        slope, start_rad = np.polyfit(_counted(from_first, lost), measured, 1).tolist()
+        for _ in range(WRONG_IN_A_ROW if np.ptp(lost) else 0):
+            rows = [lost, np.append(lost[:1], lost[:-1]), np.append(lost[1:], lost[-1:])]
+            turns = [rotation.apply(start_rad + slope * _counted(from_first, row)) for row in rows]
+            misfits = [_misfit_by_view(phantom, replace(data, angles_rad=turn), fit) for turn in turns]
+            lost = np.choose(np.argmin(misfits, axis=0), rows)
+        counted = _counted(from_first, lost)
         pace = float(np.polyfit(counted, measured, 1)[0])
-        if abs(pace - 1.0) * len(steps) < 0.5:  # half a step over the scan
+        if abs(pace - 1.0) * len(taken) < LEAST_FACTOR:
             pace = 1.0
-        data = replace(data, angles_rad=rotation.apply(pace * counted))
+        angles = first + pace * counted
+        data = replace(data, angles_rad=rotation.apply(angles))
         better = refine(phantom, data, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if better is None:
             return None
         fit = better
-    changed = pace != 1.0 or lost.any()
-    if not changed or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
+    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
         return None
-    effects = tuple(_effects(from_first, lost, pace, rotation))
-    angles = task.angles_rad[0] + pace * counted
-    return AnglesOfViews(angles, effects, RankedFit(start.hypothesis, fit))
+    return AnglesOfViews(angles, tuple(_effects(from_first, lost, pace, rotation)), RankedFit(start.hypothesis, fit))
+
+
+def _counted(from_first: FloatArray, lost: FloatArray) -> FloatArray:
+    """Return angles (views,) that go on by as many more steps as views were lost before each view."""
+    counted: FloatArray = from_first + np.append(0.0, np.cumsum(np.diff(from_first) * np.diff(lost)))
+    return counted
+
+
+def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
+    """Return the sum of squares that the model of a fit leaves in each view at the data's angles, (views,)."""
+    terms = [GramTerm.SHADOW, GramTerm.ONE, GramTerm.DATA]
+    shares = np.array([fit.gain, fit.offset, -1.0])
+    misfits: FloatArray = data.gram(phantom, fit.to_vector())[:, terms][:, :, terms] @ shares @ shares
+    return misfits
 
 
 def _newton(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:

@@ -17,7 +17,7 @@ from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import Adjustment
 
 # A fit that leaves less than this share of the sinogram, noise included, explains the scan.
-EXPLAINED = 0.03
+WELL_EXPLAINED = 0.03
 # A sinogram shows nothing when less than this share of the power is above white noise.
 LEAST_SIGNAL = 0.02
 
@@ -81,9 +81,9 @@ class AdjustedFit:
 
     @cached_property
     def unexplained(self) -> float:
-        """Share of the sinogram that the fit leaves, without white noise where the share is above `EXPLAINED`."""
+        """Share of the sinogram that the fit leaves, without white noise where the share is above `WELL_EXPLAINED`."""
         fit = self.fit
-        if fit.relative_residual <= EXPLAINED:  # the share without noise is smaller still
+        if fit.relative_residual <= WELL_EXPLAINED:  # the share without noise is smaller still
             return fit.relative_residual
         # Neighbouring cells share the model's errors; the part that neighbouring cells do not share is noise.
         noise = noise_of_differences(np.diff(self.data.sinogram - self.model, axis=1), 1)
