@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.ndimage
+from numpy.lib.stride_tricks import sliding_window_view
 
 from sawmill_tomography.calibration.alternatives import RankedFit
 from sawmill_tomography.calibration.faults.effects import PACE, Effect
@@ -136,9 +136,8 @@ def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, o
         taken = np.diff(measured) / np.diff(from_first)
         in_between = np.round(taken / float(np.median(taken))) - 1.0
         # A row that only grows is its own running median.
-        lost = scipy.ndimage.median_filter(
-            np.concatenate([[0.0], np.cumsum(in_between)]), 2 * WRONG_IN_A_ROW + 1, mode="nearest"
-        )
+        row = np.pad(np.append(0.0, np.cumsum(in_between)), WRONG_IN_A_ROW, mode="edge")
+        lost = np.median(sliding_window_view(row, 2 * WRONG_IN_A_ROW + 1), axis=1)
         slope, start_rad = np.polyfit(_counted(from_first, lost), measured, 1).tolist()
         for _ in range(WRONG_IN_A_ROW if np.ptp(lost) else 0):
             rows = [lost, np.append(lost[:1], lost[:-1]), np.append(lost[1:], lost[-1:])]
