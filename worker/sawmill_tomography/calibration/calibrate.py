@@ -1,4 +1,4 @@
-"""The default calibration: search -> fit -> angles -> joint fit -> residual -> error bars -> alternatives -> judgement."""
+"""The default calibration: search, fit, angles, joint fit, residual, error bars, alternatives, judgement."""
 
 import time
 from collections.abc import Mapping, Sequence
