@@ -48,9 +48,9 @@ ERROR_BARS = {
 }
 
 
-def judgement_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation=1.0, **changes):
-    """The judgement of a good calibration with these changes."""
-    evidence = {
+def evidence_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation=1.0, **changes):
+    """The evidence of a good calibration with these changes."""
+    return {
         "fit": Fit(**(GOOD_FIT | (fit or {}))),
         "source_distance": SourceDistance(900.0),
         "error_bars": ErrorBars(**(ERROR_BARS | (bars or {}))),
@@ -58,10 +58,13 @@ def judgement_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation
         "residual": ResidualAnalysis(),
         "scale": ScaleUncertainty(1.35, 0.13, 0.0015),
         "theta_in_bounds": True,
-    }
-    return judge(
-        Evidence(**(evidence | changes)), JudgementLimits(tolerance_mm=0.1, scale_percent=0.5, source_to_cor_mm=859.46)
-    )
+    } | changes
+
+
+def judgement_of(**changes):
+    """The judgement of a good calibration with these changes."""
+    limits = JudgementLimits(tolerance_mm=0.1, scale_percent=0.5, source_to_cor_mm=859.46)
+    return judge(Evidence(**evidence_of(**changes)), limits)
 
 
 @pytest.fixture
@@ -207,6 +210,15 @@ def test_a_theta_outside_the_bounds_is_watched(verdict_of):
     found, reasons = verdict_of(theta_in_bounds=False)
     assert found == "watch"
     assert "outside the scanner's bounds" in reasons[0]
+
+
+def test_a_source_shift_beyond_the_bounds_is_named_as_a_phantom_smaller_than_drawn():
+    """R = 900 mm stands for a source shift of 267 mm; at the bound of 150 mm R would be 872.45 mm."""
+    evidence = Evidence(**evidence_of(theta_in_bounds=False))
+    found = judge(evidence, JudgementLimits(0.1, 0.5, source_to_cor_mm=859.46, source_shift_mm=150.0))
+    assert found.verdict == "watch"
+    assert "the source shift would be 267 mm, where the scanner's bounds allow 150 mm" in found.reasons[0]
+    assert "as with a phantom 3.1% smaller than its drawing or more: measure the phantom" in found.reasons[0]
 
 
 def test_a_held_source_distance_is_noted_and_still_passes(verdict_of):

@@ -59,6 +59,14 @@ def test_the_movement_is_reported_in_millimetres_and_degrees(reported):
     assert "changed by +1.146 degrees" in reported(tilt_rad=0.02)
 
 
+def test_a_change_of_the_source_distance_alone_is_given_as_the_size_of_the_phantom(reported):
+    """R of 917.0 mm stands for a source shift of 319.7 mm, R of 926.0 mm for one of 344.6 mm; r_S is 859.46 mm."""
+    sentence = reported(source_distance_mm=9.0)
+    assert "the source shift would be 345 mm, where the active calibration has 320 mm" in sentence
+    assert "as with a phantom 1.0% smaller than its drawing; check which phantom was scanned" in sentence
+    assert "2.2% larger than its drawing" in reported(source_distance_mm=-20.0)
+
+
 def test_without_error_bars_what_hardly_moves_the_rays_is_no_movement(reported):
     assert "and the tilt did not" in reported(deviation=None, cor_column_mm=2.0, tilt_rad=math.radians(0.005))
 

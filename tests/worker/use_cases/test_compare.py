@@ -122,7 +122,8 @@ def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_with_its_cause(cal
     change = compare(*resized(calibration, 0.6, 0.3), watched())
     assert not change.within_tolerance
     assert "where 0.5 % is allowed: the source distance changed" in change.reason
-    assert "phantom's size is not the stated one" in change.reason
+    assert "phantom's size is not the stated one: the source shift would be" in change.reason
+    assert "as with a phantom 0.6% smaller than its drawing" in change.reason
     assert compare(*resized(calibration, 0.6, 0.3), watched(scale_percent=0.7)).within_tolerance
 
 

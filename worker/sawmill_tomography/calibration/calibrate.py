@@ -1,6 +1,5 @@
-"""The default calibration: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
+"""The default calibration: search, fit, angles, joint fit, residual, error bars, alternatives, judgement."""
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,26 +10,29 @@ from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.adjustments import prepare
-from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, KnownEffect
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
-from sawmill_tomography.calibration.refusals import NOT_FOUND, refuse_unfound
+from sawmill_tomography.calibration.lost_views import shown_angles
+from sawmill_tomography.calibration.refusals import refuse_unfound
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search.search import SearchCallback, SearchResult, search
 from sawmill_tomography.calibration.source_distance import with_theta
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
+from sawmill_tomography.phantoms.built_in import BUILT_IN
 from sawmill_tomography.sinograms.hardening import fit_hardening
 from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
-from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
-# A sinogram shows nothing when less than this share of the power is above white noise.
-LEAST_SIGNAL = 0.02
+# The best fit that leaves more than this share of the sinogram is too far off to measure the angles of views from it.
+FAR_OFF = 0.1
+# Other angles than those given explain a scan where they leave less than this share of what the angles given leave.
+FAR_BETTER = 0.5
 
 
 def calibrate(
@@ -64,12 +66,15 @@ def conclude(
 ) -> CalibrationOutcome:
     """Calibrate from the coarse fits; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits, on_step)
+    task, ranked, known = _with_shown_angles(task, ranked, basins.report.seed, on_step)
     screened, metal = _without_metal(task, by_hypothesis(ranked), on_step)
     if screened is not task:
         task, ranked = screened, fit_hypotheses(screened, by_hypothesis(ranked), on_step)
-    best = _best_fit(task, ranked, on_step)
+    best = _best_fit(task, ranked, basins.report.seed, on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
-    prepared, joint, statistics, source_distance = with_theta(task, prepare(best, task.without), on_step)
+    prepared, joint, statistics, source_distance = with_theta(
+        task, replace(prepare(best, task.without), known=known), on_step
+    )
     adjusted = (*task.screening.adjustments, *sentences, *prepared.adjustments)
     task = replace(task, scanner=replace(task.scanner, detector_modules=joint.modules))
     refined = time.perf_counter()
@@ -154,25 +159,51 @@ def _without_metal(
     return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 
-def _best_fit(task: CalibrationTask, ranked: list[RankedFit], on_step: OnStep) -> AdjustedFit:
+def _with_shown_angles(
+    task: CalibrationTask, ranked: list[RankedFit], seed: int, on_step: OnStep
+) -> tuple[CalibrationTask, list[RankedFit], tuple[KnownEffect, ...]]:
+    """Give each view the angle that it shows, where no fit explains the scan and those angles explain it far better."""
+    if not ranked or not {Adjustment.PACE, Adjustment.SLIP}.isdisjoint(task.without):
+        return task, ranked, ()
+    before = _plain(task, ranked[0], on_step).unexplained
+    if before <= WELL_EXPLAINED:
+        return task, ranked, ()
+    shown = shown_angles(task, ranked[0], None if before < FAR_OFF else seed, on_step)
+    if shown is None:
+        return task, ranked, ()
+    shown_task = replace(task, angles_rad=shown.angles_rad)
+    if _plain(shown_task, shown.ranked, on_step).unexplained > min(FAR_BETTER * before, FAR_OFF):
+        return task, ranked, ()
+    return shown_task, fit_hypotheses(shown_task, search(shown_task, seed, None, on_step).fits, on_step), shown.effects
+
+
+def _plain(task: CalibrationTask, ranked: RankedFit, on_step: OnStep) -> AdjustedFit:
+    """Return a fit without adjustments."""
+    (handedness, rotation), fit = ranked
+    return AdjustedFit(task.phantoms[handedness], task.full_data(rotation), fit, task.from_counts, on_step=on_step)
+
+
+def _best_fit(task: CalibrationTask, ranked: list[RankedFit], seed: int, on_step: OnStep) -> AdjustedFit:
     """Return the best fit without adjustments, or refuse the scan if this fit does not explain it as this phantom."""
+
+    def likelier() -> str | None:
+        return _likelier_drawing(task, seed, on_step)
+
     if not ranked:
-        refuse_unfound(task.scanner, task.phantom, None, 1.0)
-    (handedness, rotation), fit = ranked[0]
-    best = AdjustedFit(task.phantoms[handedness], task.full_data(rotation), fit, task.from_counts, on_step=on_step)
-    refuse_unfound(task.scanner, task.phantom, fit, _unexplained(best))
+        refuse_unfound(task.scanner, task.phantom, None, 1.0, likelier)
+    best = _plain(task, ranked[0], on_step)
+    refuse_unfound(task.scanner, task.phantom, best.fit, best.unexplained, likelier)
     return best
 
 
-def _unexplained(best: AdjustedFit) -> float:
-    """Compute the share of the sinogram that the best fit leaves, without white noise where the share is too large."""
-    if best.fit.relative_residual <= NOT_FOUND:  # the share without noise is smaller still
-        return best.fit.relative_residual
-    fit, residual = best.fit, best.data.sinogram - best.model
-    # Neighbouring cells share the model's errors; the part that neighbouring cells do not share is noise.
-    noise = noise_of_differences(np.diff(residual, axis=1), 1)
-    total = fit.residual_rms**2 / fit.relative_residual**2 if fit.relative_residual > 0.0 else math.inf
-    signal = total - noise**2
-    if signal < LEAST_SIGNAL * total:
-        return 1.0
-    return math.sqrt(max(fit.residual_rms**2 - noise**2, 0.0) / signal)
+def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str | None:
+    """Return the name of the first built-in drawing with which the search explains the scan; None without one."""
+    others = (phantom for phantom in BUILT_IN.values() if phantom.shapes != task.phantom.shapes)
+    return next(
+        (
+            phantom.name
+            for phantom in others
+            if search(replace(task, phantom=phantom), seed, None, on_step).report.converged
+        ),
+        None,
+    )

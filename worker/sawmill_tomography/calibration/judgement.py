@@ -10,7 +10,7 @@ from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
-from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty
+from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -74,16 +74,18 @@ class Judgement:
 
 @dataclass(frozen=True)
 class JudgementLimits:
-    """The tolerances of a calibration, and the scanner's known r_S."""
+    """The tolerances of a calibration, the scanner's known r_S, and the largest h_S that its bounds allow, if any."""
 
     tolerance_mm: float
     scale_percent: float
     source_to_cor_mm: float
+    source_shift_mm: float = math.inf
 
     @classmethod
     def of(cls, task: CalibrationTask) -> "JudgementLimits":
         """Return the limits of a task."""
-        return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm)
+        shift_mm = math.inf if task.bounds is None else max(map(abs, task.bounds.source_shift_mm))
+        return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm, shift_mm)
 
 
 @dataclass(frozen=True)
@@ -274,8 +276,20 @@ def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Rem
         )
 
 
-def _bounds(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
-    if not evidence.theta_in_bounds:
+def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check the scanner's bounds of theta; a phantom smaller than its drawing shows as a source shift beyond them."""
+    if evidence.theta_in_bounds:
+        return
+    found_mm, r_s = evidence.fit.frame.source_distance_mm, limits.source_to_cor_mm
+    largest_mm = math.hypot(r_s, limits.source_shift_mm)
+    if found_mm > largest_mm:
+        yield Remark(
+            Degree.WATCH,
+            f"the source shift would be {math.sqrt(found_mm**2 - r_s**2):.0f} mm, where the scanner's bounds allow "
+            f"{limits.source_shift_mm:.0f} mm, as with {size_by_distance(found_mm, largest_mm)} or more: measure the "
+            "phantom and check which one was scanned, then check source_to_cor_mm and the bounds",
+        )
+    else:
         yield Remark(
             Degree.WATCH,
             "theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds",

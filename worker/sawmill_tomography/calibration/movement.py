@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
+from sawmill_tomography.calibration.scale import size_by_distance
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 
@@ -48,8 +49,7 @@ def _stand(change: FloatArray) -> str:
 def _scale(change: FloatArray) -> str:
     return (
         f"the source distance changed by {change[FitParameter.R]:+.2f} mm and nothing else, as it does when the "
-        "phantom's size is not the stated one: check which phantom was scanned and measure it, then look at the "
-        "turntable along the beam"
+        "phantom's size is not the stated one"
     )
 
 
@@ -76,13 +76,14 @@ def _several(change: FloatArray) -> str:
     )
 
 
+_SIZE = _Cause(((1.0, 0.0, 0.0, 0.0),), _scale)
 # The simplest causes come first: one thing that moved before two.
 _CAUSES = (
     (
         _Cause(((0.0, 0.0, 1.0, 0.0),), _cor),
         _Cause(((0.0, 0.0, 0.0, 1.0),), _tilt),
         _Cause(((0.0, 1.0, 0.0, 0.0),), _stand),
-        _Cause(((1.0, 0.0, 0.0, 0.0),), _scale),
+        _SIZE,
         _Cause(((1.0, 1.0, 0.0, 0.0),), _source),
     ),
     (_Cause(((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)), _knocked),),
@@ -116,8 +117,20 @@ def likely_cause(
         remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
         best = int(np.argmin(remaining))
         if remaining[best] < SIGNIFICANT:
-            return causes[best].described(change)
+            described = causes[best].described(change)
+            return f"{described}: {_of_size(scanner, before, after)}" if causes[best] is _SIZE else described
     return _several(change)
+
+
+def _of_size(scanner: Scanner, before: SourceFrame, after: SourceFrame) -> str:
+    """Return which size of the phantom explains a change of R alone, by the source shift, and what to check."""
+    r_s = scanner.source_to_cor_mm
+    shifts = [math.sqrt(max(frame.source_distance_mm**2 - r_s**2, 0.0)) for frame in (after, before)]
+    return (
+        f"the source shift would be {shifts[0]:.0f} mm, where the active calibration has {shifts[1]:.0f} mm, as with "
+        f"{size_by_distance(after.source_distance_mm, before.source_distance_mm)}; check which phantom was scanned and "
+        "measure it, then look at the turntable along the beam"
+    )
 
 
 def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_mm: float) -> FloatArray:

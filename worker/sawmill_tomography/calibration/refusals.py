@@ -1,5 +1,7 @@
 """Refusals of scans that cannot be calibrated, each with the reason and the cure."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sawmill_tomography.calibration.errors import CalibrationError
@@ -61,8 +63,13 @@ def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArr
         )
 
 
-def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexplained: float) -> None:
-    """Refuse a scan that is not of this phantom: the best fit leaves the share `unexplained` of the sinogram."""
+def refuse_unfound(
+    scanner: Scanner, phantom: Phantom, best: Fit | None, unexplained: float, likelier: Callable[[], str | None]
+) -> None:
+    """Refuse a scan that is not of this phantom: the best fit leaves the share `unexplained` of the sinogram.
+
+    `likelier` looks for the name of another drawing, which explains the scan.
+    """
     width = scanner.num_detector_pixels * scanner.detector_pitch_mm
     if unexplained > NOT_FOUND and 2.0 * phantom.radius_mm > width:
         raise CalibrationError(
@@ -71,11 +78,15 @@ def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexpla
             f"and the detector is {width:.4g} mm wide: check the phantom's size or picture width, or use a smaller one",
         )
     if best is None or unexplained > NOT_FOUND:
+        other = likelier()
+        scanned = (
+            f"the built-in drawing {other!r} explains the scan: was that phantom scanned? If not, " if other else ""
+        )
         raise CalibrationError(
             "phantom-not-found",
             f"the phantom {phantom.name!r} was not found: the best geometry leaves {unexplained:.0%} of the "
-            "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
-            "scanner's constants",
+            f"sinogram unexplained; {scanned}check that the scan (and its rows) shows this phantom, its size, the "
+            "angles and the scanner's constants",
         )
 
 

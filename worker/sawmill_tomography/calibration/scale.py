@@ -83,3 +83,9 @@ def scale_uncertainty(
         statistical=0.0 if covariance is None else scale_deviation(scanner, frame, covariance, radius_mm=radius_mm),
         aspect_half=aspect_half,
     )
+
+
+def size_by_distance(found_mm: float, known_mm: float) -> str:
+    """Describe the phantom whose scan puts the source at one distance from the COR where another is known."""
+    by = f"{abs(known_mm / found_mm - 1.0):.1%}"
+    return f"a phantom {by} {'smaller' if found_mm > known_mm else 'larger'} than its drawing"

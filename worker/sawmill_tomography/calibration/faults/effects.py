@@ -133,6 +133,13 @@ DEFORMATION = Effect(
     ),
     "measure both sides of the phantom, and check that it stands square to the axis",
 )
+# The angles run too fast or too slowly.
+PACE = Effect(
+    Adjustment.PACE,
+    lambda model: of_angle([progress(model)]),
+    _pace_sentence,
+    "check the angles' step, the encoder's counts in a turn, and the clamps",
+)
 # The turntable's axis wobbles, as with a worn bearing.
 WOBBLES = tuple(_wobble(order) for order in _TIMES)
 
@@ -186,13 +193,7 @@ EFFECTS: tuple[Effect, ...] = (
         _terms(Term.CORNERS),
         lambda _, sizes: f"corners rounded by {_root(sizes[0]):.1f} mm (radius)",
     ),
-    # The angles run too fast or too slowly.
-    Effect(
-        Adjustment.PACE,
-        lambda model: of_angle([progress(model)]),
-        _pace_sentence,
-        "check the angles' step, the encoder's counts in a turn, and the clamps",
-    ),
+    PACE,
     # The phantom moves steadily during the scan.
     Effect(
         Adjustment.CREEP,

@@ -1,15 +1,33 @@
 """A plain fit, and adjustments to faults of the scan before the effects are fitted with the geometry."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
+from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import Adjustment
+
+# A fit that leaves less than this share of the sinogram, noise included, explains the scan.
+WELL_EXPLAINED = 0.03
+# A sinogram shows nothing when less than this share of the power is above white noise.
+LEAST_SIGNAL = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class KnownEffect:
+    """An effect that the data's angles contain already, with the sizes (columns,) that it has there."""
+
+    effect: Effect
+    sizes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -22,6 +40,8 @@ class AdjustedFit:
         The phantom as the scan shows it.
     from_counts : bool
         True if the line integrals were made from counts.
+    known : tuple of KnownEffect
+        Effects with which the joint fit starts.
     averaging : (views, cells) float64 or None
         Correction added to the sinogram because cells average intensities.
     on_step : callable
@@ -33,6 +53,7 @@ class AdjustedFit:
     fit: Fit
     from_counts: bool = False
     adjustments: tuple[str, ...] = ()
+    known: tuple[KnownEffect, ...] = ()
     averaging: FloatArray | None = None
     on_step: OnStep = ignore_progress
 
@@ -57,6 +78,20 @@ class AdjustedFit:
             rays_per_cell=self.data.rays_per_cell,
         )
         return self.fit.gain * lengths + self.fit.offset
+
+    @cached_property
+    def unexplained(self) -> float:
+        """Share of the sinogram that the fit leaves, without white noise where the share is above `WELL_EXPLAINED`."""
+        fit = self.fit
+        if fit.relative_residual <= WELL_EXPLAINED:  # the share without noise is smaller still
+            return fit.relative_residual
+        # Neighbouring cells share the model's errors; the part that neighbouring cells do not share is noise.
+        noise = noise_of_differences(np.diff(self.data.sinogram - self.model, axis=1), 1)
+        total = fit.residual_rms**2 / fit.relative_residual**2
+        signal = total - noise**2
+        if signal < LEAST_SIGNAL * total:
+            return 1.0
+        return math.sqrt(max(fit.residual_rms**2 - noise**2, 0.0) / signal)
 
 
 @dataclass(frozen=True)

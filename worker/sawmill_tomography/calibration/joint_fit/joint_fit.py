@@ -249,6 +249,10 @@ class _JointFitter:
         self.unneeded: set[int] = set()
         self.border_variance: dict[int, float] = {}
         self.fitted: list[Fitted] = []
+        for known in prepared.known:
+            self.fitted.append(Fitted(known.effect, known.effect.columns(self.model)))
+            self.fitted[-1].sizes = known.sizes
+            self.waiting = [one for one in self.waiting if one.effect.columns is not known.effect.columns]
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.rounds = 0

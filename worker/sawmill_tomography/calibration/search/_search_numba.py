@@ -7,11 +7,11 @@ from numba import njit
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def best_turn(model, sinogram, first, signs, data_sum, data_square, correlation, where):
-    """Find the turn of the model's rotation table that correlates best with the data, for each sense of rotation.
+def best_turn(model, sinogram, first, data_sum, data_square, correlation, where):
+    """Find the turn of the model's rotation table that correlates best with the data, for each choice of angles.
 
-    model (turns, cells): projections at equidistant turns; sinogram (views, cells); first (views,): each view's angle
-    in turns; signs (senses,): +1 or -1. Fills correlation (senses,) and where (senses,).
+    model (turns, cells): projections at equidistant turns; sinogram (views, cells); first (choices, views): each view's
+    angle in turns. Fills correlation (choices,) and where (choices,).
     """
     turns, cells = model.shape
     views = sinogram.shape[0]
@@ -28,13 +28,13 @@ def best_turn(model, sinogram, first, signs, data_sum, data_square, correlation,
             for m in range(cells):
                 dot += sinogram[k, m] * model[j, m]
             products[k, j] = dot
-    for i in range(signs.size):
+    for i in range(first.shape[0]):
         correlation[i] = -2.0
         where[i] = 0
         for turn in range(turns):
             dot, total, square = 0.0, 0.0, 0.0
             for k in range(views):
-                j = (turn + signs[i] * first[k]) % turns
+                j = (turn + first[i, k]) % turns
                 dot += products[k, j]
                 total += sums[j]
                 square += squares[j]

@@ -6,10 +6,12 @@ background drop out of the correlation.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.search._search_numba import best_turn
 from sawmill_tomography.calibration.search.initial_guesses import WIDEST_TILT
@@ -64,31 +66,48 @@ class CoarseMisfit:
     def __post_init__(self) -> None:
         """Prepare the parts that are the same for all candidates."""
         self.table_rad = np.arange(TURNS) * TAU / TURNS
-        self._first = np.round(self.angles_rad * TURNS / TAU).astype(np.int64) % TURNS
+        self._first = self._in_turns([rotation.apply(self.angles_rad) for rotation in self.rotations])
         self._sum = float(self.sinogram.sum())
         self._square = float((self.sinogram**2).sum())
-        self._signs = np.array([1 if rotation is Rotation.AS_GIVEN else -1 for rotation in self.rotations])
-        self._correlation = np.empty(len(self.rotations))
-        self._turn = np.empty(len(self.rotations), np.int64)
 
     def __call__(self, vector: FloatArray) -> dict[PoseHypothesis, Candidate]:
         """Evaluate each hypothesis at (R, ln M, u_c, tau) with the best first angle; empty where no scanner can be."""
+        return {
+            PoseHypothesis(handedness, rotation): candidate
+            for handedness, candidates in self._at(vector, self._first).items()
+            for rotation, candidate in zip(self.rotations, candidates, strict=True)
+        }
+
+    def with_angles(self, vector: FloatArray, choices: FloatArray) -> dict[PoseHypothesis, list[Candidate]]:
+        """Evaluate each hypothesis with each choice of the views' angles, (choices, views), rad."""
+        first = self._in_turns([rotation.apply(choices) for rotation in self.rotations]).reshape(-1, choices.shape[1])
+        return {
+            PoseHypothesis(handedness, rotation): candidates[number * len(choices) : (number + 1) * len(choices)]
+            for handedness, candidates in self._at(vector, first).items()
+            for number, rotation in enumerate(self.rotations)
+        }
+
+    @staticmethod
+    def _in_turns(angles_rad: Sequence[FloatArray]) -> NDArray[np.int64]:
+        return np.round(np.array(angles_rad) * TURNS / TAU).astype(np.int64) % TURNS
+
+    def _at(self, vector: FloatArray, first: NDArray[np.int64]) -> dict[Handedness, list[Candidate]]:
+        """Evaluate each handedness with each choice of the views' angles, (choices, views), in turns of the table."""
         r, log_magnification, u_c, tau = (float(value) for value in vector)
         sdd = r * math.exp(log_magnification)
         self.evaluations += 1
         candidates = {}
+        correlation, turn = np.empty(len(first)), np.empty(len(first), np.int64)
         for handedness, phantom in self.phantoms.items():
             frame = SourceFrame(0.0, r, sdd, u_c, tau)
             if not analytic.clears(phantom.radius_mm, frame):
                 continue
             model = analytic.project(phantom, self.cells, frame, self.table_rad)
-            best_turn(
-                model, self.sinogram, self._first, self._signs, self._sum, self._square, self._correlation, self._turn
-            )
-            for index, rotation in enumerate(self.rotations):
-                misfit = 1.0 - float(self._correlation[index])
-                psi = float(self._turn[index]) * TAU / TURNS
-                candidates[PoseHypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+            best_turn(model, self.sinogram, first, self._sum, self._square, correlation, turn)
+            candidates[handedness] = [
+                Candidate(1.0 - value, SourceFrame(where * TAU / TURNS, r, sdd, u_c, tau))
+                for value, where in zip(correlation.tolist(), turn.tolist(), strict=True)
+            ]
         return candidates
 
 

@@ -76,13 +76,13 @@ def search(
         If the bounds allow no geometry.
     """
     rng = np.random.default_rng(seed)
-    misfit = _coarse_misfit(task)
-    box = _search_box(task)
+    misfit = coarse_misfit(task)
+    box = geometry_box(task)
     fits: dict[PoseHypothesis, Fit] = {}
     history: list[tuple[int, float]] = []
     best, generation = math.inf, 0
     for generation, count in enumerate((0, *RANDOM_GUESSES)):
-        guesses = random_guesses(box, count, rng) if count else _from_the_shadow(misfit, task, box, rng)
+        guesses = random_guesses(box, count, rng) if count else guesses_from_shadow(misfit, task, box, rng)
         _improve(fits, misfit, guesses, history, on_step)
         best = _least(fits.values())
         if on_round is not None:
@@ -101,23 +101,26 @@ def search(
     return SearchResult(_with_ambiguous_poses(fits, misfit, on_step), report)
 
 
-def _coarse_misfit(task: CalibrationTask) -> CoarseMisfit:
+def coarse_misfit(task: CalibrationTask) -> CoarseMisfit:
+    """Return the misfit of a task's coarse sinogram, without views that are not usable."""
     usable = task.screening
     bridged = usable.bridged(task.sinogram)[usable.views]
     sinogram, angles, cells = coarse_data(task.scanner, bridged, task.angles_rad[usable.views])
     return CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
 
 
-def _search_box(task: CalibrationTask) -> FloatArray:
+def geometry_box(task: CalibrationTask) -> FloatArray:
+    """Return the ranges (4, 2) of (R, ln M, u_c, tau) in which a task's geometry is searched."""
     try:
         return search_box(task.scanner, task.bounds, task.phantom)
     except GeometryError as error:
         raise CalibrationError("no-geometry", str(error)) from error
 
 
-def _from_the_shadow(
+def guesses_from_shadow(
     misfit: CoarseMisfit, task: CalibrationTask, box: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
+    """Return guesses (guesses, 4) of (R, ln M, u_c, tau) that cast the measured shadow; none without a shadow."""
     extent = shadow_extent(misfit.sinogram, misfit.cells)
     if extent is None:
         return np.zeros((0, 4))

@@ -1,0 +1,215 @@
+"""Views that were lost: the angles of a scan belong to other views, and each view gets the angle that it shows.
+
+Where views were lost at the end and the angles are spread over a full turn, all angles are too large by one factor. A
+block of lost views makes the angles jump at one view, views lost at random at several. From a fit that explains a scan
+badly the angle of each view is measured; steps of twice the usual size and more count the views lost in between. Where
+the fit is too far off, factors and jumps are first compared with the coarse sinogram.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from sawmill_tomography.calibration.alternatives import RankedFit
+from sawmill_tomography.calibration.faults.effects import PACE, Effect
+from sawmill_tomography.calibration.faults.finding import KnownEffect
+from sawmill_tomography.calibration.faults.motion import of_angle
+from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.fit_parameters import FitParameter, GramTerm
+from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, Candidate
+from sawmill_tomography.calibration.search.search import coarse_misfit, geometry_box, guesses_from_shadow
+from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_vocabulary import Adjustment, Rotation
+
+# Factors of the angles, and shares of all views that were lost in one block at each of these places of the scan.
+PACES = np.linspace(0.85, 1.15, 25)
+SHARES, PLACES = np.array([0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15]), np.linspace(0.08, 0.92, 13)
+# The best choices of the table are fitted coarsely, and the best of these fits measure the angles of the views.
+FITTED_COARSELY, MEASURED, ITERATIONS = 12, 3, 20
+# Rounds of measured angles and geometry; Newton steps of the measurement in a round, and the largest.
+ROUNDS, STEPS, LARGEST_STEP_RAD = 4, 4, 0.05
+# Angles are equidistant where no step differs from the median by a larger share.
+EQUIDISTANT = 0.25
+# Factors that change the last angle by a smaller part of a step are left to the joint fit.
+LEAST_FACTOR = 0.5
+# At most this number of views in a row have a wrong measured angle; each may have that of a neighbour.
+WRONG_IN_A_ROW = 5
+# A larger share of lost views is no loss of views.
+MOST_LOST = 0.25
+# A jump that is farther from whole steps, in steps, is no loss of views.
+NOT_WHOLE = 0.1
+REMEDY = "count the views that the detector sent, look at the drive and its encoder, and repeat the scan with all views"
+
+
+@dataclass(frozen=True)
+class AnglesOfViews:
+    """Angles that a scan shows instead of those given.
+
+    Attributes
+    ----------
+    angles_rad : (views,) float64
+        In the sense in which the angles were given.
+    effects : tuple of KnownEffect
+        What the angles have against those given.
+    """
+
+    angles_rad: FloatArray
+    effects: tuple[KnownEffect, ...]
+    ranked: RankedFit
+
+
+def shown_angles(
+    task: CalibrationTask, plain: RankedFit, seed: int | None, on_step: OnStep = ignore_progress
+) -> AnglesOfViews | None:
+    """Find the angles that the views show, from a plain fit and, with a seed, from factors and jumps of the angles.
+
+    The result is None where the views show the angles given, or where these are not equidistant.
+    """
+    if not _equidistant(task.angles_rad):
+        return None
+    starts = [(plain, task.angles_rad), *([] if seed is None else _coarse_fits(task, seed, on_step))]
+    found = [_measured(task, start, angles, on_step) for start, angles in starts]
+    return min(
+        (one for one in found if one is not None), key=lambda one: one.ranked.fit.relative_residual, default=None
+    )
+
+
+def _equidistant(angles_rad: FloatArray) -> bool:
+    steps = np.diff(angles_rad)
+    usual = float(np.median(steps))
+    return usual != 0.0 and bool((np.abs(steps - usual) < EQUIDISTANT * abs(usual)).all())
+
+
+def _choices(angles_rad: FloatArray) -> FloatArray:
+    """Return the angles (choices, views) under each factor, and under each jump.
+
+    Where a block was lost, the angles given may have been spread over the turn, or counted on from the first view.
+    """
+    views, from_first = len(angles_rad), angles_rad - angles_rad[0]
+    turn = float(from_first[-1]) * views / (views - 1)
+    after = np.arange(views) >= np.round(PLACES * views)[:, None]
+    spread = [(1.0 - share) * from_first + share * turn * after for share in SHARES]
+    counted = [from_first + share / (1.0 - share) * turn * after for share in SHARES]
+    choices: FloatArray = angles_rad[0] + np.concatenate([PACES[:, None] * from_first, *spread, *counted])
+    return choices
+
+
+def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tuple[RankedFit, FloatArray]]:
+    """Fit the best choices of the angles to the coarse sinogram: the best fits, each with its angles (views,)."""
+    misfit, choices = coarse_misfit(task), _choices(task.angles_rad)
+    usable = np.flatnonzero(task.screening.views)
+    coarse = choices[:, usable[:: max(1, len(usable) // COARSE_VIEWS)]]
+    best: dict[tuple[PoseHypothesis, int], Candidate] = {}
+    for guess in guesses_from_shadow(misfit, task, geometry_box(task), np.random.default_rng(seed)):
+        on_step()
+        for hypothesis, candidates in misfit.with_angles(guess, coarse).items():
+            for number, candidate in enumerate(candidates):
+                before = best.get((hypothesis, number))
+                if before is None or candidate.misfit < before.misfit:
+                    best[hypothesis, number] = candidate
+    fits = []
+    for hypothesis, number in sorted(best, key=lambda choice: best[choice].misfit)[:FITTED_COARSELY]:
+        data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(coarse[number]), misfit.cells)
+        start = best[hypothesis, number].frame
+        phantom = task.phantoms[hypothesis.handedness]
+        fit = refine(phantom, data, start, max_iterations=ITERATIONS, on_step=on_step)
+        if fit is not None:
+            fits.append((RankedFit(hypothesis, fit), choices[number]))
+    return sorted(fits, key=lambda one: one[0].fit.relative_residual)[:MEASURED]
+
+
+def _measured(task: CalibrationTask, start: RankedFit, angles_rad: FloatArray, on_step: OnStep) -> AnglesOfViews | None:
+    """Measure the angles from a fit with these angles, and fit again, several times."""
+    (handedness, rotation), fit = start
+    phantom, data = task.phantoms[handedness], task.full_data(rotation)
+    data = replace(data, angles_rad=rotation.apply(angles_rad))
+    first, from_first = float(task.angles_rad[0]), task.angles_rad - task.angles_rad[0]
+    angles, lost, pace = angles_rad, np.zeros(len(from_first)), 1.0
+    for _ in range(ROUNDS):
+        measured = rotation.apply(_newton(phantom, data, fit))
+        taken = np.diff(measured) / np.diff(from_first)
+        in_between = np.round(taken / float(np.median(taken))) - 1.0
+        # A row that only grows is its own running median.
+        row = np.pad(np.append(0.0, np.cumsum(in_between)), WRONG_IN_A_ROW, mode="edge")
+        lost = np.median(sliding_window_view(row, 2 * WRONG_IN_A_ROW + 1), axis=1)
+        slope, start_rad = np.polyfit(_counted(from_first, lost), measured, 1).tolist()
+        for _ in range(WRONG_IN_A_ROW if np.ptp(lost) else 0):
+            rows = [lost, np.append(lost[:1], lost[:-1]), np.append(lost[1:], lost[-1:])]
+            turns = [rotation.apply(start_rad + slope * _counted(from_first, row)) for row in rows]
+            misfits = [_misfit_by_view(phantom, replace(data, angles_rad=turn), fit) for turn in turns]
+            lost = np.choose(np.argmin(misfits, axis=0), rows)
+        counted = _counted(from_first, lost)
+        pace = float(np.polyfit(counted, measured, 1)[0])
+        if abs(pace - 1.0) * len(taken) < LEAST_FACTOR:
+            pace = 1.0
+        angles = first + pace * counted
+        data = replace(data, angles_rad=rotation.apply(angles))
+        better = refine(phantom, data, fit.frame, position_mm=fit.position_mm, on_step=on_step)
+        if better is None:
+            return None
+        fit = better
+    if (pace == 1.0 and not np.ptp(lost)) or (np.diff(lost) < 0.0).any() or np.ptp(lost) > MOST_LOST * len(lost):
+        return None
+    return AnglesOfViews(angles, tuple(_effects(from_first, lost, pace, rotation)), RankedFit(start.hypothesis, fit))
+
+
+def _counted(from_first: FloatArray, lost: FloatArray) -> FloatArray:
+    """Return angles (views,) that go on by as many more steps as views were lost before each view."""
+    counted: FloatArray = from_first + np.append(0.0, np.cumsum(np.diff(from_first) * np.diff(lost)))
+    return counted
+
+
+def _misfit_by_view(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
+    """Return the sum of squares that the model of a fit leaves in each view at the data's angles, (views,)."""
+    terms = [GramTerm.SHADOW, GramTerm.ONE, GramTerm.DATA]
+    shares = np.array([fit.gain, fit.offset, -1.0])
+    misfits: FloatArray = data.gram(phantom, fit.to_vector())[:, terms][:, :, terms] @ shares @ shares
+    return misfits
+
+
+def _newton(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
+    """Return the angle of each view at the geometry of a fit, (views,), by Newton's steps from the data's angles."""
+    x = fit.to_vector()
+    for _ in range(STEPS):
+        of_turn = data.gram(phantom, x)[:, FitParameter.PSI]
+        score = (
+            of_turn[:, GramTerm.DATA] - fit.gain * of_turn[:, GramTerm.SHADOW] - fit.offset * of_turn[:, GramTerm.ONE]
+        )
+        information = fit.gain * of_turn[:, FitParameter.PSI]
+        step = score / np.maximum(information, 1e-9 * information.max())
+        data = replace(data, angles_rad=data.angles_rad + np.clip(step, -LARGEST_STEP_RAD, LARGEST_STEP_RAD))
+    return data.angles_rad
+
+
+def _effects(from_first: FloatArray, lost: FloatArray, pace: float, rotation: Rotation) -> Iterator[KnownEffect]:
+    """Yield what the angles have against those given: a factor, and views that were lost in between."""
+    views, places = len(lost), np.flatnonzero(np.diff(lost)) + 1
+    count, step = int(np.ptp(lost)), pace * float(from_first[-1]) / (views - 1)
+    if pace != 1.0:
+        where = "" if pace > 1.0 else ": were views lost?" if count else ": were views lost at the end?"
+        turned = float(from_first[-1])
+
+        def turns(_: object, sizes: FloatArray) -> str:
+            factor = 1.0 + rotation.apply(float(sizes[0])) / turned
+            return f"the turntable turns {factor:.4f} times as far as the angles say{where}"
+
+        sizes = np.array([rotation.apply((pace - 1.0) * turned)])
+        yield KnownEffect(replace(PACE, sentence=turns, remedy=REMEDY if where else PACE.remedy), sizes)
+    if not count:
+        return
+    shape = rotation.apply(lost * step)
+
+    def jumps(_: object, sizes: FloatArray) -> str:
+        if len(places) > 1:
+            return f"{count} views seem to be lost at random, at {len(places)} places"
+        steps = count * float(sizes[0])
+        jump = f"the angles jump by {abs(math.degrees(steps * step)):.2g} degrees at view {places[0]}"
+        return f"{jump}: were {count} views lost?" if abs(steps - count) < NOT_WHOLE else jump
+
+    yield KnownEffect(Effect(Adjustment.SLIP, lambda _: of_angle([shape]), jumps, REMEDY), np.ones(1))
