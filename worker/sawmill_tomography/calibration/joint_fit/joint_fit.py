@@ -13,7 +13,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
-from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, Effect
+from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
@@ -183,10 +183,16 @@ class JointFit:
 def fit_jointly(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> JointFit:
-    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted."""
-    fitter = _JointFitter(prepared, frozenset(without))
-    while fitter.rounds < ROUNDS and not fitter.round():
-        on_step()
+    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
+
+    Where effects of real wood are beyond chance next to this fit, the fit is repeated with them from the start: other
+    effects may have joined in their place.
+    """
+    fitter = _JointFitter(prepared, frozenset(without), EFFECTS)
+    fitter.fit(on_step)
+    if fitter.shows(OF_WOOD):
+        fitter = _JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD))
+        fitter.fit(on_step)
     return fitter.result()
 
 
@@ -214,7 +220,7 @@ def fit_consistent_views(
 class _JointFitter:
     """The current model, the effects in the model and the effects that may still join."""
 
-    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
+    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], effects: Sequence[Effect]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
         self.without = without
         self.model = ScanModel(
@@ -228,11 +234,8 @@ class _JointFitter:
         )
         held = {Term(p) for p in start.covariance.held}
         self.base = [Column.of(term) for term in Term if term <= Term.OFFSET and term not in held]
-        self.waiting = [
-            Fitted(effect, columns, declined=effect.adjustment in without)
-            for effect in EFFECTS
-            if (columns := effect.columns(self.model))
-        ]
+        self.waiting = self._of_effects(effects)
+        self.of_wood = effects is not EFFECTS
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
@@ -243,15 +246,43 @@ class _JointFitter:
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.rounds = 0
 
+    def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
+        return [
+            Fitted(effect, columns, declined=effect.adjustment in self.without)
+            for effect in effects
+            if (columns := effect.columns(self.model))
+        ]
+
+    def fit(self, on_step: OnStep) -> None:
+        """Take steps until the fit has ended."""
+        while self.rounds < ROUNDS and not self.round():
+            on_step()
+
+    def shows(self, effects: Sequence[Effect]) -> bool:
+        """Return whether the residual of a fit that has ended shows one of the effects of wood."""
+        if self.last[0].structured == 0.0:
+            return False
+        grams, free = self._linearised(of_wood=True)
+        base = [*free, *(column for one in self.fitted for column in one.columns)]
+        tried = [one.columns for one in self._of_effects(effects)]
+        tester = EffectTester(
+            grams.system([*base, *(column for columns in tried for column in columns)]), range(len(base))
+        )
+        ends = len(base) + np.cumsum([len(columns) for columns in tried])
+        return any(
+            tester.tested(range(end - len(columns), end)).is_beyond_chance()
+            for columns, end in zip(tried, ends.tolist(), strict=True)
+        )
+
     def round(self) -> bool:
         """Let significant effects join, and take one step; return whether the fit has ended."""
         self.rounds += 1
-        grams, free = self._linearised()
+        grams, free = self._linearised(of_wood=self.of_wood)
         system, tried, used = self._system(grams, free)
         further = self._further_modules(grams, system, used)
         if further:
             self.waiting += further
-            grams, free = self._linearised()
+            grams, free = self._linearised(of_wood=self.of_wood)
             system, tried, used = self._system(grams, free)
         joined, tests = self._join(system, tried, used)
         if not joined:
@@ -304,12 +335,12 @@ class _JointFitter:
             rounds=self.rounds,
         )
 
-    def _linearised(self) -> tuple[ViewGrams, list[Column]]:
+    def _linearised(self, *, of_wood: bool) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
-        grams = ViewGrams(self.model)
+        grams = ViewGrams(self.model, of_wood=of_wood)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
-            grams = ViewGrams(self.model)
+            grams = ViewGrams(self.model, of_wood=of_wood)
         if self.angle_variance > 0.0:
             grams.project_out([Term.PSI], self.variance / self.angle_variance)
         if self.model.view_gain:

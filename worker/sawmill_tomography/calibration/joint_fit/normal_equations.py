@@ -17,7 +17,13 @@ from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
-from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import (
+    ALWAYS_DIFFERENTIATED,
+    OF_WOOD,
+    POSE,
+    ScanModel,
+    Term,
+)
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 
@@ -61,6 +67,8 @@ class Column:
 class ViewGrams:
     """Inner products, view by view, of the derivatives by all terms with each other and with the residual.
 
+    The derivatives by the terms of `OF_WOOD` are among them only if `of_wood` is true.
+
     Attributes
     ----------
     grams : (views, terms, terms) float64
@@ -75,7 +83,7 @@ class ViewGrams:
         The part of `power` that neighbouring cells share.
     """
 
-    def __init__(self, model: ScanModel) -> None:
+    def __init__(self, model: ScanModel, *, of_wood: bool = False) -> None:
         data, residual = model.data, model.residual
         noise = sample_noise(data, residual, model.prediction)
         self.weights = noise.weights
@@ -87,10 +95,11 @@ class ViewGrams:
         squares, products = self._squares(residual)
         self._stripes(squares, products)
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
-        (views, cells), terms = residual.shape, len(Term)
-        by_column = model.module_rows
-        rows = terms + len(by_column)
-        self._rows = {term: terms + number for number, term in enumerate(model.module_terms)}
+        views, cells = residual.shape
+        by_column, by_wood = model.module_rows, model.by_wood if of_wood else np.empty((0, views, cells))
+        further = (*model.module_terms, *(OF_WOOD if of_wood else ()))
+        rows = ALWAYS_DIFFERENTIATED + len(further)
+        self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
         self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((rows, len(KEPT), views))
@@ -111,6 +120,7 @@ class ViewGrams:
             self.stripes,
             np.array(KEPT),
             by_column,
+            by_wood,
             (self.grams, self.scores, sums, of_column, self._weighted, neighbours),
         )
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)

@@ -6,7 +6,7 @@ integrals were made from counts, and on the line integrals themselves elsewhere.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
@@ -16,9 +16,10 @@ import scipy
 
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
+from sawmill_tomography.calibration.joint_fit.skins import skin
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
-from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.phantoms.phantom import Phantom, Shape
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.sinograms.scattered_radiation import halo
 
@@ -56,7 +57,17 @@ class Term(IntEnum):
     SCATTER = 20
     SCATTER_WIDE = 21
     LAG = 22
+    # Bows: x moves by this number of mm where y is the drawing's radius, by the square of y; and y by x.
+    BOW_X = 23
+    BOW_Y = 24
+    # Shares by which the wood is denser within 3 mm and within 12 mm of its surface.
+    THIN_SKIN = 25
+    THICK_SKIN = 26
 
+
+# Terms that are differentiated only where something else is left in the residual.
+OF_WOOD = (Term.BOW_X, Term.BOW_Y, Term.THIN_SKIN, Term.THICK_SKIN)
+ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
 # Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
 MODULE_TERMS = len(Term)
@@ -92,6 +103,9 @@ LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
+# The step in a bow, mm, over which its effect is differentiated.
+BOW_STEP_MM = 0.2
+SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +148,25 @@ class ScanModel:
 
     @cached_property
     def phantom(self) -> Phantom:
-        """The drawing with the model's rounded corners and deformation."""
+        """The drawing with the model's rounded corners, skins and deformations."""
+        return self._bent(self._straight, self.size(Term.BOW_X), self.size(Term.BOW_Y))
+
+    @cached_property
+    def _straight(self) -> tuple[Shape, ...]:
+        """Shapes of the drawing with rounded corners and skins, before deformations."""
         rounded = with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS)))
-        return rounded.deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        skins = [
+            replace(shape, density=shape.density * self.size(term))
+            for term, depth_mm in SKIN_DEPTHS_MM.items()
+            if self.size(term)
+            for shape in skin(self.drawing, depth_mm)
+        ]
+        return (*rounded.shapes, *skins)
+
+    def _bent(self, shapes: Sequence[Shape], bow_x_mm: float, bow_y_mm: float) -> Phantom:
+        """Return a body of these shapes with the model's aspect and shear, and these bows."""
+        deformed = replace(self.drawing, shapes=tuple(shapes)).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        return deformed.bowed(bow_x_mm, bow_y_mm, self.drawing.radius_mm)
 
     @cached_property
     def clears(self) -> bool:
@@ -203,10 +233,10 @@ class ScanModel:
         factor: FloatArray = from_foot / (sdd * math.cos(frame.tilt_rad))
         return u, factor
 
-    def project(self, *, turned: float = 0.0) -> FloatArray:
-        """Compute the line integrals of the phantom alone, in mm."""
+    def project(self, body: Phantom, *, turned: float = 0.0) -> FloatArray:
+        """Compute the line integrals of a body in the phantom's pose, in mm."""
         return analytic.project(
-            self.phantom,
+            body,
             self.data.cells,
             self.frame,
             self.data.angles_rad + self.pose[:, 0] + turned,
@@ -242,7 +272,7 @@ class ScanModel:
     @cached_property
     def lengths(self) -> FloatArray:
         """Line integrals of the phantom in the poses of the views, (views, cells), mm."""
-        return self.project()
+        return self.project(self.phantom)
 
     @cached_property
     def sharp(self) -> FloatArray:
@@ -252,7 +282,10 @@ class ScanModel:
     @cached_property
     def exposure(self) -> FloatArray:
         """Change of the line integrals by an exposure over a whole step, (views, cells)."""
-        start, end = (self._line_integrals(self.project(turned=way * self.exposure_angle_rad)) for way in (-1.0, 1.0))
+        start, end = (
+            self._line_integrals(self.project(self.phantom, turned=way * self.exposure_angle_rad))
+            for way in (-1.0, 1.0)
+        )
         if self.from_counts:
             np.exp(np.negative(start, out=start), out=start)
             np.exp(np.negative(end, out=end), out=end)
@@ -350,8 +383,36 @@ class ScanModel:
         )
         if not pieces:
             return np.empty((0, 5))
-        cut_off = replace(self.drawing, shapes=pieces).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        cut_off = self._bent(pieces, self.size(Term.BOW_X), self.size(Term.BOW_Y))
         return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+
+    def has_skin(self, term: Term) -> bool:
+        """Return whether the wood is thicker than this term's skin."""
+        return bool(skin(self.drawing, SKIN_DEPTHS_MM[term]))
+
+    def _change_of_body(self, term: Term) -> Phantom | None:
+        """Return a body whose line integrals are the derivative of the phantom's by a term of `OF_WOOD`."""
+        bow_x, bow_y = self.size(Term.BOW_X), self.size(Term.BOW_Y)
+        if term in SKIN_DEPTHS_MM:
+            shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
+            return self._bent(shapes, bow_x, bow_y) if shapes else None
+        half = 0.5 * BOW_STEP_MM
+        along_x, along_y = (half, 0.0) if term is Term.BOW_X else (0.0, half)
+        more, less = (self._bent(self._straight, bow_x + way * along_x, bow_y + way * along_y) for way in (1.0, -1.0))
+        shapes = (*more.of_density(1.0 / BOW_STEP_MM).shapes, *less.of_density(-1.0 / BOW_STEP_MM).shapes)
+        return replace(self.drawing, shapes=shapes)
+
+    @property
+    def by_wood(self) -> FloatArray:
+        """Derivatives of the prediction by the terms of `OF_WOOD`, (4, views, cells); 0 for a skin of thinner wood."""
+        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
+        chain = self.gain * (1.0 + 2.0 * square * self.lengths + 3.0 * cubic * self.lengths**2)
+        bodies = [self._change_of_body(term) for term in OF_WOOD]
+        rows = np.stack([np.zeros_like(chain) if body is None else chain * self.project(body) for body in bodies])
+        if self.taps.size:
+            before, after = (np.exp(-self.exposed), np.exp(self.blurred)) if self.from_counts else (1.0, 1.0)
+            rows = scipy.ndimage.correlate1d(before * rows, self.taps, axis=2, mode="reflect") * after
+        return rows / (1.0 + self.added) if self.from_counts else rows
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
         """Return the model with each view's gain and offset from weighted linear regression of the sinogram."""
