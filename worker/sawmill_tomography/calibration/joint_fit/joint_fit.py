@@ -8,6 +8,7 @@ bias to the covariance.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
@@ -55,6 +56,9 @@ JOINING, MOST_AT_ONCE = 6, 2
 # this many standard deviations, squared.
 TOLERABLE = 25.0
 MOST_SLIPS = 2
+# Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
+# products whose mean is within this number of standard deviations of 0.
+SCREENED_VIEWS, UNCORRELATED = 20, 1.0
 # The largest number of effects that join together.
 MOST_TOGETHER = 6
 # Borders between modules move in the rounds before this one.
@@ -244,6 +248,7 @@ class _JointFitter:
         self.fitted: list[Fitted] = []
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
+        self.correlation = 0.0
         self.rounds = 0
 
     def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
@@ -259,30 +264,30 @@ class _JointFitter:
             on_step()
 
     def shows(self, effects: Sequence[Effect]) -> bool:
-        """Return whether the residual of a fit that has ended shows one of the effects of wood."""
-        if self.last[0].structured == 0.0:
+        """Return whether some of the views show one of these effects next to a fit that has ended.
+
+        Only a fit with effects, or with a residual whose neighbouring cells resemble each other, is looked at: the
+        effects may have joined in place of these.
+        """
+        if not self.fitted and self.correlation <= UNCORRELATED:
             return False
-        grams, free = self._linearised(of_wood=True)
-        base = [*free, *(column for one in self.fitted for column in one.columns)]
+        step = max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
+        grams = ViewGrams(self.model.every(step), of_wood=True)
+        base = [*self._project_out(grams), *(column.every(step) for one in self.fitted for column in one.columns)]
         tried = [one.columns for one in self._of_effects(effects)]
-        tester = EffectTester(
-            grams.system([*base, *(column for columns in tried for column in columns)]), range(len(base))
-        )
-        ends = len(base) + np.cumsum([len(columns) for columns in tried])
-        return any(
-            tester.tested(range(end - len(columns), end)).is_beyond_chance()
-            for columns, end in zip(tried, ends.tolist(), strict=True)
-        )
+        tester = EffectTester(grams.system([*base, *chain.from_iterable(tried)]), range(len(base)))
+        ends = accumulate(map(len, tried), initial=len(base))
+        return any(tester.tested(range(start, end)).is_beyond_chance() for start, end in pairwise(ends))
 
     def round(self) -> bool:
         """Let significant effects join, and take one step; return whether the fit has ended."""
         self.rounds += 1
-        grams, free = self._linearised(of_wood=self.of_wood)
+        grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
         further = self._further_modules(grams, system, used)
         if further:
             self.waiting += further
-            grams, free = self._linearised(of_wood=self.of_wood)
+            grams, free = self._linearised()
             system, tried, used = self._system(grams, free)
         joined, tests = self._join(system, tried, used)
         if not joined:
@@ -335,21 +340,26 @@ class _JointFitter:
             rounds=self.rounds,
         )
 
-    def _linearised(self, *, of_wood: bool) -> tuple[ViewGrams, list[Column]]:
+    def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
-        grams = ViewGrams(self.model, of_wood=of_wood)
+        grams = ViewGrams(self.model, of_wood=self.of_wood)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
-            grams = ViewGrams(self.model, of_wood=of_wood)
+            grams = ViewGrams(self.model, of_wood=self.of_wood)
+        self.correlation = grams.correlation
+        return grams, self._project_out(grams)
+
+    def _project_out(self, grams: ViewGrams) -> list[Column]:
+        """Project out the views' random effects, and return the columns always fitted."""
         if self.angle_variance > 0.0:
             grams.project_out([Term.PSI], self.variance / self.angle_variance)
         if self.model.view_gain:
             grams.project_out([Term.GAIN, Term.OFFSET], 0.0)
-            return grams, [column for column in self.base if column.term not in (Term.GAIN, Term.OFFSET)]
+            return [column for column in self.base if column.term not in (Term.GAIN, Term.OFFSET)]
         of_offset, of_sample = grams.offset_variance()
         if of_offset > 0.0:
             grams.project_out([Term.OFFSET], of_sample / of_offset)
-        return grams, self.base
+        return self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
         """Return the normal equations of all columns, the effects to be tested, and the indices of the fitted columns.

@@ -52,6 +52,10 @@ class Column:
         """Make a column of a term that is the same in all views."""
         return cls(((term, None),))
 
+    def every(self, step: int) -> "Column":
+        """Return the column of every `step`-th view."""
+        return Column(tuple((term, None if shape is None else shape[::step]) for term, shape in self.parts))
+
     @property
     def term(self) -> int | None:
         """The column's term, if it is the same in all views; None for a change of the pose from view to view."""
@@ -81,6 +85,8 @@ class ViewGrams:
         `objective` of the model's residual.
     structured : float
         The part of `power` that neighbouring cells share.
+    correlation : float
+        The mean of products of neighbouring cells' residuals, in its standard deviations.
     """
 
     def __init__(self, model: ScanModel, *, of_wood: bool = False) -> None:
@@ -126,7 +132,9 @@ class ViewGrams:
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
-        self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
+        deviation = math.sqrt(max(square - mean * mean, 0.0))
+        self.structured = beyond_chance(mean, deviation, count) * count
+        self.correlation = mean * math.sqrt(count) / deviation if deviation > 0.0 else 0.0
 
     def _unbiased(self, residual: FloatArray) -> FloatArray:
         return residual if self.log_bias is None else residual - self.log_bias

@@ -414,6 +414,20 @@ class ScanModel:
             rows = scipy.ndimage.correlate1d(before * rows, self.taps, axis=2, mode="reflect") * after
         return rows / (1.0 + self.added) if self.from_counts else rows
 
+    def every(self, step: int) -> "ScanModel":
+        """Return the model of every `step`-th view, with the same residual there."""
+        if step == 1:
+            return self
+        few = replace(
+            self,
+            data=self.data.every(step),
+            gain=self.gain[::step],
+            offset=self.offset[::step],
+            pose=self.pose[::step],
+        )
+        # The views between, which are left out, determine lag and exposure.
+        return replace(few, data=replace(few.data, sinogram=few.prediction + self.residual[::step]))
+
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
         """Return the model with each view's gain and offset from weighted linear regression of the sinogram."""
         # All parts of the model other than gain and offset stay the same.
