@@ -24,7 +24,7 @@ CAUSES: Mapping[str, str] = {
     "aspect": r"aspect|shear|longer in|\bwet\b|not square",
     "drawing": r"drawing that is not its shape|coarse picture",
     "corners": r"corner",
-    "bow": r"bent in its plane",
+    "bow": r"bent in its plane|wider at one end",
     "wood": r"\bknot|not uniform|moisture|\brings?\b|\bgrain\b|of the surface is",
     "density slope": r"density slopes",
     "metal": r"metal|steel|screw|nail",

@@ -30,6 +30,8 @@ EFFECTS = {
     Term.CURVATURE: 0.02,
     Term.BOW_X: 0.7,
     Term.BOW_Y: -0.4,
+    Term.TAPER_X: 0.3,
+    Term.TAPER_Y: -0.6,
     Term.THIN_SKIN: 0.1,
     Term.THICK_SKIN: -0.05,
 }

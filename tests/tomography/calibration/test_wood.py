@@ -8,7 +8,7 @@ import pytest
 from tests.support.exact_chords import Detector, counted, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, WARPS, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.skins import skin
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -44,11 +44,15 @@ def full_turn(views):
     return np.linspace(0.0, 2.0 * np.pi, views, endpoint=False)
 
 
-def bent(corners, x_mm, y_mm):
-    """The corners with 30 to an edge, x moved by the square of y and y by the square of x."""
+def bent(corners, x_mm, y_mm, *, turned=False):
+    """The corners with 30 to an edge, x moved by the square of y and y by the square of x.
+
+    With `turned` cross-sections stay at right angles to the middle of a plank along y.
+    """
     ends = np.roll(corners, -1, axis=0)
     x, y = np.concatenate([np.linspace(a, b, 30, endpoint=False) for a, b in zip(corners, ends, strict=True)]).T
-    return np.stack([x + x_mm * (y / RADIUS_MM) ** 2, y + y_mm * (x / RADIUS_MM) ** 2], -1)
+    turn = 2.0 * x_mm * y / RADIUS_MM**2 if turned else 0.0
+    return np.stack([x + x_mm * (y / RADIUS_MM) ** 2, y + y_mm * (x / RADIUS_MM) ** 2 - x * turn], -1)
 
 
 def polygon(corners, density):
@@ -64,7 +68,10 @@ def calibrated(shapes, views=20, seed=1, **options):
 @pytest.mark.parametrize(
     ("shapes", "reported"),
     [
-        ([polygon(bent(CORNERS, 2.0, 0.0), WOOD)], ["bent in its plane by 2"]),
+        (
+            [polygon(bent(CORNERS, 2.0, 0.0, turned=True), WOOD)],
+            ["bent in its plane by 2", "wider at one end than its drawing and narrower at the other, by 2"],
+        ),
         (
             [polygon(bent(CORNERS, 0.0, -3.0), 1.1 * WOOD), polygon(bent(CORE, 0.0, -3.0), -0.1 * WOOD)],
             ["bent in its plane by 3", "within 12 mm of the surface is 10.", "denser"],
@@ -97,18 +104,18 @@ def test_derivatives_by_wood_are_those_of_the_prediction(phantom, counts):
     """Central differences, of a body that is bent already, with hardening and blur."""
     cells, angles = DetectorCells(-300.0, 3.0, 200), full_turn(9)
     data = SinogramData(np.zeros((9, 200)), angles, cells)
-    sizes = {Term.BOW_X: 1.5, Term.BOW_Y: -0.5, Term.THICK_SKIN: 0.1, Term.HARDENING: -1e-4, Term.BLUR: 1.3}
+    sizes = {Term.BOW_X: 1.5, Term.TAPER_Y: -0.5, Term.THICK_SKIN: 0.1, Term.HARDENING: -1e-4, Term.BLUR: 1.3}
     x = np.concatenate([to_vector(FRAME), [1.0, -2.0]])
     x[3] = -9.0
     model = ScanModel(phantom, data, counts, x, np.full((9, 1), 0.01), np.zeros((9, 1)), np.zeros((9, 3)), sizes)
     for term, slope in zip(OF_WOOD, model.by_wood, strict=True):
-        step = 0.05 if term in (Term.BOW_X, Term.BOW_Y) else 1e-3
+        step = 0.05 if term in WARPS else 1e-3
         more, less = (model.moved({term: way * step}, model.pose).prediction for way in (1.0, -1.0))
         assert np.abs((more - less) / (2.0 * step) - slope).max() < 0.01 * np.abs(slope).max()
 
 
 def test_a_bowed_body_lies_on_parabolas():
-    body = L_SHAPE.bowed(3.0, 0.0, RADIUS_MM)
+    body = L_SHAPE.warped((3.0, 0.0), (0.0, 0.0), RADIUS_MM)
     corners = np.array(body.shapes[0].vertices_mm)
     # The left and the right side, of which every corner has moved by 3 mm (y / radius)^2.
     x, y = corners.T

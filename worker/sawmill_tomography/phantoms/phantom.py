@@ -95,18 +95,21 @@ class Phantom:
 
         return replace(self, shapes=tuple(_map_shape(shape, move) for shape in shapes))
 
-    def bowed(self, x_mm: float, y_mm: float, radius_mm: float) -> "Phantom":
-        """Return the phantom bent in its plane: x moves by x_mm (y / radius)^2, and y by y_mm (x / radius)^2.
+    def warped(self, bow_mm: tuple[float, float], taper_mm: tuple[float, float], radius_mm: float) -> "Phantom":
+        """Return the phantom bent in its plane, and wider at one end.
 
-        Discs become polygons of the same area. Edges are divided, since they become parabolas.
+        With lengths in units of `radius_mm`, x moves by the first bow times y^2 and the first taper times 2 x y, and y
+        by the second bow times x^2 and the second taper times 2 x y. Discs become polygons of the same area. Edges are
+        divided, since they become parabolas.
         """
-        if x_mm == 0.0 and y_mm == 0.0:
+        if not any((*bow_mm, *taper_mm)):
             return self
         shapes = []
         for shape in map(cornered, self.shapes):
-            x, y = _divided(np.array(shape.vertices_mm, np.float64), radius_mm / EDGES_PER_RADIUS).T
-            bowed = np.stack([x + x_mm * (y / radius_mm) ** 2, y + y_mm * (x / radius_mm) ** 2], -1)
-            shapes.append(Polygon(tuple(map(tuple, bowed.tolist())), shape.density))
+            corners = _divided(np.array(shape.vertices_mm, np.float64), radius_mm / EDGES_PER_RADIUS)
+            x, y = (corners / radius_mm).T
+            warped = corners + np.stack([y * y, x * x], -1) * bow_mm + (2.0 * x * y)[:, None] * taper_mm
+            shapes.append(Polygon(tuple(map(tuple, warped.tolist())), shape.density))
         return replace(self, shapes=tuple(shapes))
 
     def rotated(self, angle_rad: float) -> "Phantom":

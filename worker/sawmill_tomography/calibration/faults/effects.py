@@ -29,6 +29,7 @@ DEEPEST = 0.98
 FEWEST_VIEWS = 60
 # A skin whose density differs by a larger share is something else.
 LARGEST_SKIN = 0.5
+STRAIGHT = "use straight, dry wood for the phantom, or draw it as it is"
 _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 
 
@@ -238,7 +239,17 @@ OF_WOOD: tuple[Effect, ...] = (
         Adjustment.BOW,
         _terms(Term.BOW_X, Term.BOW_Y),
         lambda _, sizes: f"the phantom is bent in its plane by {math.hypot(*sizes):.2g} mm",
-        "use straight, dry wood for the phantom, or draw it as it is",
+        STRAIGHT,
+    ),
+    # A plank that is bent is also longer along the outside of the bend than along the inside.
+    Effect(
+        Adjustment.BOW,
+        _terms(Term.TAPER_X, Term.TAPER_Y),
+        lambda _, sizes: (
+            "the phantom is wider at one end than its drawing and narrower at the other, by "
+            f"{math.hypot(*sizes):.2g} mm at its corners"
+        ),
+        STRAIGHT,
     ),
     *map(_skin, SKIN_DEPTHS_MM),
 )

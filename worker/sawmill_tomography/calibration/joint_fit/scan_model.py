@@ -60,13 +60,17 @@ class Term(IntEnum):
     # Bows: x moves by this number of mm where y is the drawing's radius, by the square of y; and y by x.
     BOW_X = 23
     BOW_Y = 24
+    # Tapers, mm: x, and y, move by the product of x and y.
+    TAPER_X = 25
+    TAPER_Y = 26
     # Shares by which the wood is denser within 3 mm and within 12 mm of its surface.
-    THIN_SKIN = 25
-    THICK_SKIN = 26
+    THIN_SKIN = 27
+    THICK_SKIN = 28
 
 
 # Terms that are differentiated only where something else is left in the residual.
-OF_WOOD = (Term.BOW_X, Term.BOW_Y, Term.THIN_SKIN, Term.THICK_SKIN)
+WARPS = (Term.BOW_X, Term.BOW_Y, Term.TAPER_X, Term.TAPER_Y)
+OF_WOOD = (*WARPS, Term.THIN_SKIN, Term.THICK_SKIN)
 ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
 # Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
@@ -103,8 +107,8 @@ LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
-# The step in a bow, mm, over which its effect is differentiated.
-BOW_STEP_MM = 0.2
+# The step in a bow or a taper, mm, over which its effect is differentiated.
+WARP_STEP_MM = 0.1
 SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 
@@ -149,7 +153,7 @@ class ScanModel:
     @cached_property
     def phantom(self) -> Phantom:
         """The drawing with the model's rounded corners, skins and deformations."""
-        return self._bent(self._straight, self.size(Term.BOW_X), self.size(Term.BOW_Y))
+        return self._warped(self._straight)
 
     @cached_property
     def _straight(self) -> tuple[Shape, ...]:
@@ -163,10 +167,11 @@ class ScanModel:
         ]
         return (*rounded.shapes, *skins)
 
-    def _bent(self, shapes: Sequence[Shape], bow_x_mm: float, bow_y_mm: float) -> Phantom:
-        """Return a body of these shapes with the model's aspect and shear, and these bows."""
+    def _warped(self, shapes: Sequence[Shape], more: Term | None = None, by_mm: float = 0.0) -> Phantom:
+        """Return a body of these shapes with the model's deformations, one of `WARPS` being larger by `by_mm`."""
+        *bow, taper_x, taper_y = (self.size(term) + (by_mm if term is more else 0.0) for term in WARPS)
         deformed = replace(self.drawing, shapes=tuple(shapes)).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
-        return deformed.bowed(bow_x_mm, bow_y_mm, self.drawing.radius_mm)
+        return deformed.warped((bow[0], bow[1]), (taper_x, taper_y), self.drawing.radius_mm)
 
     @cached_property
     def clears(self) -> bool:
@@ -383,7 +388,7 @@ class ScanModel:
         )
         if not pieces:
             return np.empty((0, 5))
-        cut_off = self._bent(pieces, self.size(Term.BOW_X), self.size(Term.BOW_Y))
+        cut_off = self._warped(pieces)
         return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
 
     def has_skin(self, term: Term) -> bool:
@@ -392,19 +397,19 @@ class ScanModel:
 
     def _change_of_body(self, term: Term) -> Phantom | None:
         """Return a body whose line integrals are the derivative of the phantom's by a term of `OF_WOOD`."""
-        bow_x, bow_y = self.size(Term.BOW_X), self.size(Term.BOW_Y)
         if term in SKIN_DEPTHS_MM:
             shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
-            return self._bent(shapes, bow_x, bow_y) if shapes else None
-        half = 0.5 * BOW_STEP_MM
-        along_x, along_y = (half, 0.0) if term is Term.BOW_X else (0.0, half)
-        more, less = (self._bent(self._straight, bow_x + way * along_x, bow_y + way * along_y) for way in (1.0, -1.0))
-        shapes = (*more.of_density(1.0 / BOW_STEP_MM).shapes, *less.of_density(-1.0 / BOW_STEP_MM).shapes)
+            return self._warped(shapes) if shapes else None
+        step = WARP_STEP_MM
+        more, less = (
+            self._warped(self._straight, term, way * step).of_density(0.5 / (way * step)) for way in (1.0, -1.0)
+        )
+        shapes = (*more.shapes, *less.shapes)
         return replace(self.drawing, shapes=shapes)
 
     @property
     def by_wood(self) -> FloatArray:
-        """Derivatives of the prediction by the terms of `OF_WOOD`, (4, views, cells); 0 for a skin of thinner wood."""
+        """Derivatives of the prediction by the terms of `OF_WOOD`, (6, views, cells); 0 for a skin of thinner wood."""
         square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
         chain = self.gain * (1.0 + 2.0 * square * self.lengths + 3.0 * cubic * self.lengths**2)
         bodies = [self._change_of_body(term) for term in OF_WOOD]

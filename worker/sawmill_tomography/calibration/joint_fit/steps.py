@@ -52,6 +52,8 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
         Term.SHEAR: 0.5 * radius,
         Term.BOW_X: 1.0,
         Term.BOW_Y: 1.0,
+        Term.TAPER_X: 1.0,
+        Term.TAPER_Y: 1.0,
     }
     half_mm = 0.5 * model.data.cells.count * model.data.cells.width_mm
     for term in model.module_terms:
