@@ -34,6 +34,7 @@ PARTIAL = {
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
+    "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
     "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
     "worker/sawmill_worker/use_cases/scans/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",

@@ -99,6 +99,8 @@ class Adjustment(StrEnum):
     FLAT_FIELD = "flat-field"
     MODULES = "modules"
     DEFORMATION = "deformation"
+    BOW = "bow"
+    SURFACE_DENSITY = "surface-density"
     CORNERS = "corners"
     PACE = "pace"
     CREEP = "creep"

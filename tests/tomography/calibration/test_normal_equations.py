@@ -28,6 +28,12 @@ EFFECTS = {
     Term.EXPOSURE: 0.7,
     Term.SLOPE: 0.01,
     Term.CURVATURE: 0.02,
+    Term.BOW_X: 0.7,
+    Term.BOW_Y: -0.4,
+    Term.TAPER_X: 0.3,
+    Term.TAPER_Y: -0.6,
+    Term.THIN_SKIN: 0.1,
+    Term.THICK_SKIN: -0.05,
 }
 
 
@@ -69,6 +75,7 @@ def derivatives(model):
         across,
         across**2,
         *(np.zeros((3, *length.shape))),
+        *model.by_wood,
     ]
     intensity = np.exp(-model.exposed) if model.from_counts else np.ones_like(length)
     if model.taps.size:
@@ -77,7 +84,7 @@ def derivatives(model):
             rows[term] = correlate1d(rows[term] * intensity, model.taps, axis=1) / soft
     if model.from_counts:
         rows[: Term.SLOPE] = [row / (1.0 + model.added) for row in rows[: Term.SLOPE]]
-        rows[Term.SCATTER :] = [-row / (1.0 + model.added) for row in (*model.halos, model.lagging)]
+        rows[Term.SCATTER : Term.BOW_X] = [-row / (1.0 + model.added) for row in (*model.halos, model.lagging)]
     return np.stack(rows)
 
 
@@ -86,7 +93,7 @@ def derivatives(model):
 @pytest.mark.parametrize("phantom", [L_SHAPE, RECTANGLE_WITH_HOLE])
 def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     model = scan(counts=counts, effects=effects, phantom=phantom)
-    grams, rows = ViewGrams(model), derivatives(model)
+    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)
     weighted = rows * grams.weights
     rest = model.residual - (0.0 if grams.log_bias is None else grams.log_bias) - grams.stripes
     # By Cauchy and Schwarz: products that are small by cancellation keep the rounding of their terms.
@@ -109,7 +116,7 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
 @pytest.mark.parametrize("terms", [[Term.PSI], [Term.OFFSET], [Term.GAIN, Term.OFFSET]])
 def test_what_is_taken_out_of_each_view_is_taken_out_of_all_its_rows(terms):
     model, precision = scan(counts=False, effects=True), 3.0
-    grams, rows = ViewGrams(model), derivatives(model)
+    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)
     wave = np.cos(model.data.angles_rad)
     columns = [Column.of(Term.R), Column.of(Term.PSI), Column(((Term.T_X, wave), (Term.T_Y, -wave)))]
     grams.project_out(terms, precision)

@@ -16,6 +16,8 @@ __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 # A polygon of this number of corners is a disc to 0.05 % of the radius.
 CORNERS_PER_DISC = 96
+# A parabola that bows by 1 mm differs from edges of this share of the phantom's radius by at most 0.0017 mm.
+EDGES_PER_RADIUS = 12
 # An outline is a circle if its distance from the centre changes by less than this share of the phantom's radius: more
 # than the error of a traced picture, and far less than a hole off the centre.
 ROUND = 1e-3
@@ -92,6 +94,23 @@ class Phantom:
             return x + 0.5 * (aspect * x + shear * y), y + 0.5 * (shear * x - aspect * y)
 
         return replace(self, shapes=tuple(_map_shape(shape, move) for shape in shapes))
+
+    def warped(self, bow_mm: tuple[float, float], taper_mm: tuple[float, float], radius_mm: float) -> "Phantom":
+        """Return the phantom bent in its plane, and wider at one end.
+
+        With lengths in units of `radius_mm`, x moves by the first bow times y^2 and the first taper times 2 x y, and y
+        by the second bow times x^2 and the second taper times 2 x y. Discs become polygons of the same area. Edges are
+        divided, since they become parabolas.
+        """
+        if not any((*bow_mm, *taper_mm)):
+            return self
+        shapes = []
+        for shape in map(cornered, self.shapes):
+            corners = _divided(np.array(shape.vertices_mm, np.float64), radius_mm / EDGES_PER_RADIUS)
+            x, y = (corners / radius_mm).T
+            warped = corners + np.stack([y * y, x * x], -1) * bow_mm + (2.0 * x * y)[:, None] * taper_mm
+            shapes.append(Polygon(tuple(map(tuple, warped.tolist())), shape.density))
+        return replace(self, shapes=tuple(shapes))
 
     def rotated(self, angle_rad: float) -> "Phantom":
         """Return the phantom turned counter-clockwise about the origin."""
@@ -196,6 +215,17 @@ def _refuse_without_inside(shape: Shape) -> None:
         raise PhantomError("a polygon needs at least three corners with finite coordinates in mm")
     elif shape.area_mm2 < 1e-6:
         raise PhantomError("a polygon's corners must enclose an area; these lie on one line")
+
+
+def _divided(corners: FloatArray, longest_mm: float) -> FloatArray:
+    """Return a polygon's corners (corners, 2) with further corners on the edges, none longer than `longest_mm`."""
+    along = np.roll(corners, -1, axis=0) - corners
+    parts = np.maximum(np.ceil(np.hypot(*along.T) / longest_mm).astype(int), 1)
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    divided: FloatArray = (
+        np.repeat(corners, parts, axis=0) + np.repeat(along / parts[:, None], parts, axis=0) * (number[:, None])
+    )
+    return divided
 
 
 def _map_shape(shape: Shape, move: MovePoint) -> Shape:

@@ -19,7 +19,7 @@ from sawmill_tomography.calibration.faults.motion import (
     progress,
 )
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
-from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import SKIN_DEPTHS_MM, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
@@ -27,6 +27,9 @@ from sawmill_vocabulary import Adjustment
 DEEPEST = 0.98
 # With fewer views a step is so large that two points do not represent an exposure.
 FEWEST_VIEWS = 60
+# A skin whose density differs by a larger share is something else.
+LARGEST_SKIN = 0.5
+STRAIGHT = "use straight, dry wood for the phantom, or draw it as it is"
 _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 
 
@@ -211,6 +214,42 @@ EFFECTS: tuple[Effect, ...] = (
     _encoder((1, 2)),
     _encoder((3, 4)),
     *WOBBLES,
+)
+
+
+def _skin(term: Term) -> Effect:
+    """Return the effect of wood that is wetter or drier within some depth of its surface."""
+    depth_mm = SKIN_DEPTHS_MM[term]
+    return Effect(
+        Adjustment.SURFACE_DENSITY,
+        lambda model: (Column.of(term),) if model.has_skin(term) else (),
+        lambda _, sizes: (
+            f"the wood within {depth_mm:g} mm of the surface is {abs(sizes[0]):.1%} "
+            f"{'denser' if sizes[0] > 0.0 else 'less dense'}"
+        ),
+        possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_SKIN,
+    )
+
+
+# Effects of real wood, which are looked for where the ones above leave something: their derivatives cost more.
+OF_WOOD: tuple[Effect, ...] = (
+    Effect(
+        Adjustment.BOW,
+        _terms(Term.BOW_X, Term.BOW_Y),
+        lambda _, sizes: f"the phantom is bent in its plane by {math.hypot(*sizes):.2g} mm",
+        STRAIGHT,
+    ),
+    # A plank that is bent is also longer along the outside of the bend than along the inside.
+    Effect(
+        Adjustment.BOW,
+        _terms(Term.TAPER_X, Term.TAPER_Y),
+        lambda _, sizes: (
+            "the phantom is wider at one end than its drawing and narrower at the other, by "
+            f"{math.hypot(*sizes):.2g} mm at its corners"
+        ),
+        STRAIGHT,
+    ),
+    *map(_skin, SKIN_DEPTHS_MM),
 )
 # A body that comes nearer to the source twice a turn casts the shadow of one that is longer in one direction. Only the
 # lengths of the rays in the body differ, and a gain of each view hides that.

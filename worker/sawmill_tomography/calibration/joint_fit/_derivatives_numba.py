@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from sawmill_tomography.calibration.joint_fit.scan_model import Term
+from sawmill_tomography.calibration.joint_fit.scan_model import ALWAYS_DIFFERENTIATED, Term
 from sawmill_tomography.projection._analytic_numba import (
     _FAST,
     PARAMETERS,
@@ -21,7 +21,7 @@ from sawmill_tomography.projection._analytic_numba import (
 # One thread takes the views of a block one after another, so the sums do not depend on the number of threads.
 BLOCK = 16
 
-TERMS, _U_C = len(Term), int(Term.U_C)
+TERMS, _U_C = ALWAYS_DIFFERENTIATED, int(Term.U_C)
 _GAIN, _OFFSET = int(Term.GAIN), int(Term.OFFSET)
 _HARDENING, _CUBIC = int(Term.HARDENING), int(Term.HARDENING_CUBIC)
 _GRADIENT_X, _GRADIENT_Y = int(Term.GRADIENT_X), int(Term.GRADIENT_Y)
@@ -157,6 +157,7 @@ def inner_products(
     stripes,
     kept_terms,
     by_column,
+    by_wood,
     products,
 ):
     """Fill the views' inner products, and the sums over views.
@@ -172,17 +173,18 @@ def inner_products(
     weights, residual : (views, cells); stripes : (cells,) the part of the residual that all views share
     kept_terms : terms whose weighted rows are kept
     by_column : (rows, cells) factors of the derivative by u_c that give the rows of the detector's modules
+    by_wood : (rows, views, cells) derivatives by further terms
     products : grams (views, rows, rows), scores (views, rows), sums (blocks, rows, cells) of the weighted rows,
         of_column (blocks, rows + 1, cells) products of the weighted rows and of the residual with the derivative by
         u_c, kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbouring cells'
-        products; the rows of the detector's modules follow those of the terms
+        products; the rows of the detector's modules, then those of the further terms, follow those of the terms
     """
     edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays = geometry
     grams, scores, sums, of_column, kept, neighbours = products
     views, cells = residual.shape
     around, wide, lagging, added = intensities
     from_counts = len(added) > 0
-    extra = by_column.shape[0]
+    of_modules, extra = by_column.shape[0], by_column.shape[0] + by_wood.shape[0]
     count = TERMS + extra if from_counts or extra else _SCATTER
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + extra + ROWS_AT_ONCE, cells))
@@ -212,9 +214,12 @@ def inner_products(
                 row[_CURVATURE, m] = across * across
             if from_counts:
                 _of_intensities(around[k], wide[k], lagging[k], added[k], row)
-            for n in range(extra):
+            for n in range(of_modules):
                 for m in range(cells):
                     row[TERMS + n, m] = by_column[n, m] * row[_U_C, m]
+            for n in range(of_modules, extra):
+                for m in range(cells):
+                    row[TERMS + n, m] = by_wood[n - of_modules, k, m]
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])

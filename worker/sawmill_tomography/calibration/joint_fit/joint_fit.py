@@ -8,12 +8,13 @@ bias to the covariance.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
-from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, Effect
+from sawmill_tomography.calibration.faults.effects import ALIKE, DEFORMATION, EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
@@ -61,6 +62,9 @@ JOINING, MOST_AT_ONCE = 6, 2
 # this many standard deviations, squared.
 TOLERABLE = 25.0
 MOST_SLIPS = 2
+# Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
+# products whose mean is within this number of standard deviations of 0.
+SCREENED_VIEWS, UNCORRELATED = 20, 1.0
 # The largest number of effects that join together.
 MOST_TOGETHER = 6
 # Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
@@ -192,10 +196,16 @@ class JointFit:
 def fit_jointly(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> JointFit:
-    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted."""
-    fitter = _JointFitter(prepared, frozenset(without))
-    while fitter.rounds < ROUNDS and not fitter.round():
-        on_step()
+    """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
+
+    Where effects of real wood are beyond chance next to this fit, the fit is repeated with them from the start: other
+    effects may have joined in their place.
+    """
+    fitter = _JointFitter(prepared, frozenset(without), EFFECTS)
+    fitter.fit(on_step)
+    if fitter.shows(OF_WOOD):
+        fitter = _JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD))
+        fitter.fit(on_step)
     return fitter.result()
 
 
@@ -224,7 +234,7 @@ def fit_consistent_views(
 class _JointFitter:
     """The current model, the effects in the model and the effects that may still join."""
 
-    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
+    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], effects: Sequence[Effect]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
         self.without = without
         self.model = ScanModel(
@@ -238,11 +248,8 @@ class _JointFitter:
         )
         held = {Term(p) for p in start.covariance.held}
         self.base = [Column.of(term) for term in Term if term <= Term.OFFSET and term not in held]
-        self.waiting = [
-            Fitted(effect, columns, declined=effect.adjustment in without)
-            for effect in EFFECTS
-            if (columns := effect.columns(self.model))
-        ]
+        self.waiting = self._of_effects(effects)
+        self.of_wood = effects is not EFFECTS
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
@@ -255,7 +262,36 @@ class _JointFitter:
             self.waiting = [one for one in self.waiting if one.effect.columns is not known.effect.columns]
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
+        self.correlation = 0.0
         self.rounds = 0
+
+    def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
+        return [
+            Fitted(effect, columns, declined=effect.adjustment in self.without)
+            for effect in effects
+            if (columns := effect.columns(self.model))
+        ]
+
+    def fit(self, on_step: OnStep) -> None:
+        """Take steps until the fit has ended."""
+        while self.rounds < ROUNDS and not self.round():
+            on_step()
+
+    def shows(self, effects: Sequence[Effect]) -> bool:
+        """Return whether some of the views show one of these effects next to a fit that has ended.
+
+        Only a fit with effects, or with a residual whose neighbouring cells resemble each other, is looked at: the
+        effects may have joined in place of these.
+        """
+        if not self.fitted and self.correlation <= UNCORRELATED:
+            return False
+        step = max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
+        grams = ViewGrams(self.model.every(step), of_wood=True)
+        base = [*self._project_out(grams), *(column.every(step) for one in self.fitted for column in one.columns)]
+        tried = [one.columns for one in self._of_effects(effects)]
+        tester = EffectTester(grams.system([*base, *chain.from_iterable(tried)]), range(len(base)))
+        ends = accumulate(map(len, tried), initial=len(base))
+        return any(tester.tested(range(start, end)).is_beyond_chance() for start, end in pairwise(ends))
 
     def round(self) -> bool:
         """Let significant effects join, and take one step; return whether the fit has ended."""
@@ -320,19 +356,24 @@ class _JointFitter:
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
-        grams = ViewGrams(self.model)
+        grams = ViewGrams(self.model, of_wood=self.of_wood)
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
-            grams = ViewGrams(self.model)
+            grams = ViewGrams(self.model, of_wood=self.of_wood)
+        self.correlation = grams.correlation
+        return grams, self._project_out(grams)
+
+    def _project_out(self, grams: ViewGrams) -> list[Column]:
+        """Project out the views' random effects, and return the columns always fitted."""
         if self.angle_variance > 0.0:
             grams.project_out([Term.PSI], self.variance / self.angle_variance)
         if self.model.view_gain:
             grams.project_out([Term.GAIN, Term.OFFSET], 0.0)
-            return grams, [column for column in self.base if column.term not in (Term.GAIN, Term.OFFSET)]
+            return [column for column in self.base if column.term not in (Term.GAIN, Term.OFFSET)]
         of_offset, of_sample = grams.offset_variance()
         if of_offset > 0.0:
             grams.project_out([Term.OFFSET], of_sample / of_offset)
-        return grams, self.base
+        return self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
         """Return the normal equations of all columns, the effects to be tested, and the indices of the fitted columns.

@@ -17,7 +17,13 @@ from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
-from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import (
+    ALWAYS_DIFFERENTIATED,
+    OF_WOOD,
+    POSE,
+    ScanModel,
+    Term,
+)
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 
@@ -46,6 +52,10 @@ class Column:
         """Make a column of a term that is the same in all views."""
         return cls(((term, None),))
 
+    def every(self, step: int) -> "Column":
+        """Return the column of every `step`-th view."""
+        return Column(tuple((term, None if shape is None else shape[::step]) for term, shape in self.parts))
+
     @property
     def term(self) -> int | None:
         """The column's term, if it is the same in all views; None for a change of the pose from view to view."""
@@ -61,6 +71,8 @@ class Column:
 class ViewGrams:
     """Inner products, view by view, of the derivatives by all terms with each other and with the residual.
 
+    The derivatives by the terms of `OF_WOOD` are among them only if `of_wood` is true.
+
     Attributes
     ----------
     grams : (views, terms, terms) float64
@@ -73,9 +85,11 @@ class ViewGrams:
         `objective` of the model's residual.
     structured : float
         The part of `power` that neighbouring cells share.
+    correlation : float
+        The mean of products of neighbouring cells' residuals, in its standard deviations.
     """
 
-    def __init__(self, model: ScanModel) -> None:
+    def __init__(self, model: ScanModel, *, of_wood: bool = False) -> None:
         data, residual = model.data, model.residual
         noise = sample_noise(data, residual, model.prediction)
         self.weights = noise.weights
@@ -87,10 +101,11 @@ class ViewGrams:
         squares, products = self._squares(residual)
         self._stripes(squares, products)
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
-        (views, cells), terms = residual.shape, len(Term)
-        by_column = model.module_rows
-        rows = terms + len(by_column)
-        self._rows = {term: terms + number for number, term in enumerate(model.module_terms)}
+        views, cells = residual.shape
+        by_column, by_wood = model.module_rows, model.by_wood if of_wood else np.empty((0, views, cells))
+        further = (*model.module_terms, *(OF_WOOD if of_wood else ()))
+        rows = ALWAYS_DIFFERENTIATED + len(further)
+        self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
         self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((rows, len(KEPT), views))
@@ -111,12 +126,15 @@ class ViewGrams:
             self.stripes,
             np.array(KEPT),
             by_column,
+            by_wood,
             (self.grams, self.scores, sums, of_column, self._weighted, neighbours),
         )
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
-        self.structured = beyond_chance(mean, math.sqrt(max(square - mean * mean, 0.0)), count) * count
+        deviation = math.sqrt(max(square - mean * mean, 0.0))
+        self.structured = beyond_chance(mean, deviation, count) * count
+        self.correlation = mean * math.sqrt(count) / deviation if deviation > 0.0 else 0.0
 
     def _unbiased(self, residual: FloatArray) -> FloatArray:
         return residual if self.log_bias is None else residual - self.log_bias

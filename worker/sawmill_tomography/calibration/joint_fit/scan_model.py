@@ -6,7 +6,7 @@ integrals were made from counts, and on the line integrals themselves elsewhere.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
@@ -16,9 +16,10 @@ import scipy
 
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
+from sawmill_tomography.calibration.joint_fit.skins import skin
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
-from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.phantoms.phantom import Phantom, Shape
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.sinograms.scattered_radiation import halo
 
@@ -56,7 +57,21 @@ class Term(IntEnum):
     SCATTER = 20
     SCATTER_WIDE = 21
     LAG = 22
+    # Bows: x moves by this number of mm where y is the drawing's radius, by the square of y; and y by x.
+    BOW_X = 23
+    BOW_Y = 24
+    # Tapers, mm: x, and y, move by the product of x and y.
+    TAPER_X = 25
+    TAPER_Y = 26
+    # Shares by which the wood is denser within 3 mm and within 12 mm of its surface.
+    THIN_SKIN = 27
+    THICK_SKIN = 28
 
+
+# Terms that are differentiated only where something else is left in the residual.
+WARPS = (Term.BOW_X, Term.BOW_Y, Term.TAPER_X, Term.TAPER_Y)
+OF_WOOD = (*WARPS, Term.THIN_SKIN, Term.THICK_SKIN)
+ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
 # Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
 MODULE_TERMS = len(Term)
@@ -92,6 +107,9 @@ LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
+# The step in a bow or a taper, mm, over which its effect is differentiated.
+WARP_STEP_MM = 0.1
+SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +152,26 @@ class ScanModel:
 
     @cached_property
     def phantom(self) -> Phantom:
-        """The drawing with the model's rounded corners and deformation."""
+        """The drawing with the model's rounded corners, skins and deformations."""
+        return self._warped(self._straight)
+
+    @cached_property
+    def _straight(self) -> tuple[Shape, ...]:
+        """Shapes of the drawing with rounded corners and skins, before deformations."""
         rounded = with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS)))
-        return rounded.deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        skins = [
+            replace(shape, density=shape.density * self.size(term))
+            for term, depth_mm in SKIN_DEPTHS_MM.items()
+            if self.size(term)
+            for shape in skin(self.drawing, depth_mm)
+        ]
+        return (*rounded.shapes, *skins)
+
+    def _warped(self, shapes: Sequence[Shape], more: Term | None = None, by_mm: float = 0.0) -> Phantom:
+        """Return a body of these shapes with the model's deformations, one of `WARPS` being larger by `by_mm`."""
+        *bow, taper_x, taper_y = (self.size(term) + (by_mm if term is more else 0.0) for term in WARPS)
+        deformed = replace(self.drawing, shapes=tuple(shapes)).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        return deformed.warped((bow[0], bow[1]), (taper_x, taper_y), self.drawing.radius_mm)
 
     @cached_property
     def clears(self) -> bool:
@@ -203,10 +238,10 @@ class ScanModel:
         factor: FloatArray = from_foot / (sdd * math.cos(frame.tilt_rad))
         return u, factor
 
-    def project(self, *, turned: float = 0.0) -> FloatArray:
-        """Compute the line integrals of the phantom alone, in mm."""
+    def project(self, body: Phantom, *, turned: float = 0.0) -> FloatArray:
+        """Compute the line integrals of a body in the phantom's pose, in mm."""
         return analytic.project(
-            self.phantom,
+            body,
             self.data.cells,
             self.frame,
             self.data.angles_rad + self.pose[:, 0] + turned,
@@ -242,7 +277,7 @@ class ScanModel:
     @cached_property
     def lengths(self) -> FloatArray:
         """Line integrals of the phantom in the poses of the views, (views, cells), mm."""
-        return self.project()
+        return self.project(self.phantom)
 
     @cached_property
     def sharp(self) -> FloatArray:
@@ -252,7 +287,10 @@ class ScanModel:
     @cached_property
     def exposure(self) -> FloatArray:
         """Change of the line integrals by an exposure over a whole step, (views, cells)."""
-        start, end = (self._line_integrals(self.project(turned=way * self.exposure_angle_rad)) for way in (-1.0, 1.0))
+        start, end = (
+            self._line_integrals(self.project(self.phantom, turned=way * self.exposure_angle_rad))
+            for way in (-1.0, 1.0)
+        )
         if self.from_counts:
             np.exp(np.negative(start, out=start), out=start)
             np.exp(np.negative(end, out=end), out=end)
@@ -350,8 +388,50 @@ class ScanModel:
         )
         if not pieces:
             return np.empty((0, 5))
-        cut_off = replace(self.drawing, shapes=pieces).deformed(self.size(Term.ASPECT), self.size(Term.SHEAR))
+        cut_off = self._warped(pieces)
         return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+
+    def has_skin(self, term: Term) -> bool:
+        """Return whether the wood is thicker than this term's skin."""
+        return bool(skin(self.drawing, SKIN_DEPTHS_MM[term]))
+
+    def _change_of_body(self, term: Term) -> Phantom | None:
+        """Return a body whose line integrals are the derivative of the phantom's by a term of `OF_WOOD`."""
+        if term in SKIN_DEPTHS_MM:
+            shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
+            return self._warped(shapes) if shapes else None
+        step = WARP_STEP_MM
+        more, less = (
+            self._warped(self._straight, term, way * step).of_density(0.5 / (way * step)) for way in (1.0, -1.0)
+        )
+        shapes = (*more.shapes, *less.shapes)
+        return replace(self.drawing, shapes=shapes)
+
+    @property
+    def by_wood(self) -> FloatArray:
+        """Derivatives of the prediction by the terms of `OF_WOOD`, (6, views, cells); 0 for a skin of thinner wood."""
+        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
+        chain = self.gain * (1.0 + 2.0 * square * self.lengths + 3.0 * cubic * self.lengths**2)
+        bodies = [self._change_of_body(term) for term in OF_WOOD]
+        rows = np.stack([np.zeros_like(chain) if body is None else chain * self.project(body) for body in bodies])
+        if self.taps.size:
+            before, after = (np.exp(-self.exposed), np.exp(self.blurred)) if self.from_counts else (1.0, 1.0)
+            rows = scipy.ndimage.correlate1d(before * rows, self.taps, axis=2, mode="reflect") * after
+        return rows / (1.0 + self.added) if self.from_counts else rows
+
+    def every(self, step: int) -> "ScanModel":
+        """Return the model of every `step`-th view, with the same residual there."""
+        if step == 1:
+            return self
+        few = replace(
+            self,
+            data=self.data.every(step),
+            gain=self.gain[::step],
+            offset=self.offset[::step],
+            pose=self.pose[::step],
+        )
+        # The views between, which are left out, determine lag and exposure.
+        return replace(few, data=replace(few.data, sinogram=few.prediction + self.residual[::step]))
 
     def with_view_gains(self, weights: FloatArray) -> "ScanModel":
         """Return the model with each view's gain and offset from weighted linear regression of the sinogram."""

@@ -50,6 +50,10 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
         Term.T_Y: 1.0,
         Term.ASPECT: 0.5 * radius,
         Term.SHEAR: 0.5 * radius,
+        Term.BOW_X: 1.0,
+        Term.BOW_Y: 1.0,
+        Term.TAPER_X: 1.0,
+        Term.TAPER_Y: 1.0,
     }
     half_mm = 0.5 * model.data.cells.count * model.data.cells.width_mm
     for term in model.module_terms:
