@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -61,6 +62,7 @@ class ModuleSearch:
         self, model: ScanModel, grams: ViewGrams, system: System, used: list[int], avoided: Collection[int]
     ) -> None:
         places = [place for place in used if system.columns[place].term is not None]
+        self._terms = [system.columns[place].term for place in places]
         self._with_columns, self._own, self._score = grams.by_cell([system.columns[place] for place in places])
         self._normal, self._of_base = system.normal[np.ix_(places, places)], system.score[places]
         cells, (self._u, self._turn) = model.data.cells, model.by_kink
@@ -81,6 +83,22 @@ class ModuleSearch:
         for number in range(len(found) if len(found) > 1 else 0):
             found[number], _ = self._best(found[:number] + found[number + 1 :])
         return sorted(set(found))
+
+    def relocated(self, module: DetectorModule, least_power: float) -> int:
+        """Return the cell before which a module explains more than this power more, or the module's first cell."""
+        power = self._without(module)._powers([])  # noqa: SLF001 - its own class
+        best = int(power.argmax())
+        return best if power[best] > power[module.first_cell] + least_power else module.first_cell
+
+    def _without(self, module: DetectorModule) -> "ModuleSearch":
+        """Return, to first order, the search without a module that the fit found."""
+        rest, cell = copy(self), module.first_cell
+        kept = [n for n, term in enumerate(self._terms) if term not in {gap_term(cell), kink_term(cell)}]
+        shape = np.array([-module.gap_mm, module.kink_rad]) @ self._shapes(cell)
+        rest._with_columns, rest._normal = self._with_columns[kept], self._normal[np.ix_(kept, kept)]  # noqa: SLF001
+        rest._score, rest._of_base = self._score + self._own * shape, (self._of_base + self._with_columns @ shape)[kept]  # noqa: SLF001
+        rest._taken = [taken for taken in self._taken if taken != cell]  # noqa: SLF001
+        return rest
 
     def border(self, module: DetectorModule, variance: float) -> tuple[int, float]:
         """Return the likeliest cell before which a module begins, and the variance of the place, cells squared.
@@ -106,6 +124,12 @@ class ModuleSearch:
 
     def _best(self, found: Sequence[int]) -> tuple[int, float]:
         """Return the cell of the largest power next to the gaps and kinks before the cells found, and the power."""
+        power = self._powers(found)
+        place = int(power.argmax())
+        return place, float(power[place])
+
+    def _powers(self, found: Sequence[int]) -> FloatArray:
+        """Compute the power of a gap and a kink together before each cell (cells,), 0 where no module may begin."""
         shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
         with_columns = np.concatenate([self._with_columns, shapes * self._own])
         crossed = self._with_columns @ shapes.T
@@ -113,25 +137,30 @@ class ModuleSearch:
         inverse = scaled_inverse(normal)
         score = self._score - (inverse @ np.concatenate([self._of_base, shapes @ self._score])) @ with_columns
         turn, border = self._turn, self._border
-        turned = turn * self._u
-        of_kink = _behind(score * turned) - border * _behind(score * turn)
-        square = _behind(self._own * turned**2) - 2.0 * border * _behind(self._own * turn * turned)
-        kinks = square + border**2 * _behind(self._own * turn**2)
-        crossed_kinks = _behind(with_columns * turned) - border * _behind(with_columns * turn)
-        powers = []
-        for one, information, crossed in (
-            (_behind(score), _behind(self._own), _behind(with_columns)),
-            (of_kink, kinks, crossed_kinks),
-        ):
-            left = information - np.einsum("bm,bc,cm->m", crossed, inverse, crossed)
-            seen = left > LEAST_SEEN * information[0]
-            powers.append(np.where(seen, one**2 / np.where(seen, left, 1.0), 0.0))
-        power = np.maximum(*powers)
+
+        def of_kink(values: FloatArray) -> FloatArray:
+            return _behind(values * turn * self._u) - border * _behind(values * turn)
+
+        by_gap, by_kink = _behind(with_columns), of_kink(with_columns)
+        gaps, turned = _behind(self._own), self._own * turn**2
+        kinks = _behind(turned * self._u**2) - 2.0 * border * _behind(turned * self._u) + border**2 * _behind(turned)
+        both = [
+            (whole - np.einsum("bm,bc,cm->m", crossed, inverse, crossed), whole)
+            for whole, crossed in ((gaps, by_gap), (kinks, by_kink))
+        ]
+        between = of_kink(self._own) - np.einsum("bm,bc,cm->m", by_gap, inverse, by_kink)
+        gap, kink = (np.where(left > LEAST_SEEN * whole[0], left, np.inf) for left, whole in both)
+        score_of_gap, score_of_kink = _behind(score), of_kink(score)
+        share = between**2 / (gap * kink)
+        apart = np.isfinite(gap) & np.isfinite(kink) & (share < 1.0 - LEAST_SEEN)
+        # The part of the kink that the gap leaves.
+        left_of_kink = np.where(apart, kink * (1.0 - share), np.inf)
+        together = score_of_gap**2 / gap + (score_of_kink - between / gap * score_of_gap) ** 2 / left_of_kink
+        power: FloatArray = np.where(apart, together, np.maximum(score_of_gap**2 / gap, score_of_kink**2 / kink))
         power[:FEWEST_CELLS] = power[power.size - FEWEST_CELLS + 1 :] = 0.0
         for cell in (*self._taken, *found):
             power[max(cell - FEWEST_CELLS, 0) : cell + FEWEST_CELLS + 1] = 0.0
-        place = int(power.argmax())
-        return place, float(power[place])
+        return power
 
 
 def _behind(values: FloatArray) -> FloatArray:

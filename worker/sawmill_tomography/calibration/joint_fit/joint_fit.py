@@ -248,6 +248,9 @@ class _JointFitter:
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
+        if self._relocated_modules(grams, system, used):
+            grams, free = self._linearised()
+            system, tried, used = self._system(grams, free)
         further = self._further_modules(grams, system, used)
         if further:
             self.waiting += further
@@ -354,12 +357,36 @@ class _JointFitter:
             return []
         trials = float(cells.count)
         variance = self._left(system, used) / max(system.samples - len(used), 1.0)
-        limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 1)
+        limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 2)
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
         modules = [DetectorModule(cell) for cell in search.likeliest(limit, most)]
         for module in modules:
             self.model = with_module(self.model, module)
         return [self._of_module(module, trials) for module in modules]
+
+    def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
+        """Move a found module to where it explains more next to all else; return whether one has moved.
+
+        A module that is found first stands in for others, and for effects that join later.
+        """
+        search = ModuleSearch(self.model, grams, system, used, self.unneeded)
+        modules = {module.first_cell: module for module in self.model.data.cells.modules}
+        for one in self.fitted if self.rounds <= JOINING else ():
+            for cell in _first_cells([one]) - self.known_modules:
+                better = search.relocated(modules[cell], self.variance * chance_limit(BEYOND_CHANCE, 1))
+                if better != cell:
+                    self._move(one, modules[cell], better)
+                    return True
+        return False
+
+    def _move(self, one: Fitted, module: DetectorModule, first_cell: int) -> None:
+        """Let a found module begin at another cell."""
+        modules = {other.first_cell for other in self.model.data.cells.modules} - {module.first_cell}
+        self.model = with_module(with_modules(self.model, modules), replace(module, first_cell=first_cell))
+        effect = effect_of(DetectorModule(first_cell), self.model.data.cells.width_mm)
+        moved_one = Fitted(effect, effect.columns(self.model), one.trials)
+        moved_one.sizes = one.sizes
+        self.fitted[self.fitted.index(one)] = moved_one
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Locate the borders of the modules that were found; return whether one has moved."""
@@ -372,12 +399,8 @@ class _JointFitter:
             modules = {module.first_cell: module for module in self.model.data.cells.modules}
             better, self.border_variance[cell] = search.border(modules[cell], self.variance)
             if better != cell and better not in modules and self.rounds < LATEST_MOVE:
-                model = with_modules(self.model, set(modules) - {cell})
-                self.model = with_module(model, replace(modules[cell], first_cell=better))
-                effect = effect_of(DetectorModule(better), self.model.data.cells.width_mm)
-                again = Fitted(effect, effect.columns(self.model), one.trials)
-                again.sizes = one.sizes
-                self.fitted[self.fitted.index(one)], moved = again, True
+                self._move(one, modules[cell], better)
+                moved = True
         return moved
 
     @staticmethod
@@ -461,11 +484,7 @@ class _JointFitter:
 
         Where something is missing, the model is changed and the fit continues.
         """
-        dropped = [
-            one
-            for one in self.fitted
-            if not (_needed(system, used, one) and one.effect.possible(self.model, one.sizes))
-        ]
+        dropped = self._unneeded(system, used)
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
@@ -484,6 +503,18 @@ class _JointFitter:
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
+    def _unneeded(self, system: System, used: list[int]) -> list[Fitted]:
+        """Return the effects that are not possible, and those that the others explain, the least needed first."""
+        dropped = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        while len(dropped) < len(self.fitted):
+            kept = [one for one in self.fitted if one not in dropped]
+            needed = [(_need(system, used, one, dropped), one) for one in kept]
+            least, weakest = min(needed, key=lambda pair: pair[0])
+            if least > 1.0:
+                break
+            dropped.append(weakest)
+        return dropped
+
 
 def _first_cells(effects: Sequence[Fitted]) -> set[int]:
     """Return the first cells of the modules whose gaps and kinks are among the effects."""
@@ -500,10 +531,13 @@ def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
 
 
-def _needed(system: System, used: list[int], one: Fitted) -> bool:
-    """Return whether an effect is still far beyond chance next to the rest of the fit."""
-    rest = [i for i in used if i not in one.places]
-    return EffectTester(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+def _need(system: System, used: list[int], one: Fitted, dropped: Sequence[Fitted]) -> float:
+    """Return the significance of an effect next to the rest of the fit, without dropped effects, against its limit."""
+    out = [*dropped, one]
+    places = [place for each in out for place in each.places]
+    without = system.without(places, np.concatenate([each.sizes for each in out]))
+    test = EffectTester(without, [i for i in used if i not in places]).tested(one.places)
+    return test.significance / chance_limit(FITTED / one.trials, max(test.degrees, 1)) if test.degrees else 0.0
 
 
 def _other_reading(
