@@ -20,8 +20,12 @@ FEWEST_CELLS = 8
 LARGEST_GAP_CELLS, LARGEST_KINK_RAD = 4.0, 0.07
 # A border is looked for this number of cells away from where it was found.
 REACH = 4
+# A module that stands in for another may begin this number of cells away from it.
+NEAR = 16
 # The information about a gap or a kink that the other unknowns must leave, as a share of the whole detector's.
 LEAST_SEEN = 1e-3
+# The share of all information about u_c that cells on either side of a border must have.
+LEAST_BESIDE = 0.01
 
 
 def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
@@ -72,23 +76,28 @@ class ModuleSearch:
     def likeliest(self, least_power: float, most: int) -> list[int]:
         """Find the cells before which a gap or a kink explains more than this power.
 
-        The cells are found one after another, each next to the ones before; then each again next to the others.
+        The cells are found one after another, each next to the ones before; then each again next to the others. A gap
+        and a kink before one cell each explain more than this power.
         """
         found: list[int] = []
         while len(found) < most:
-            cell, power = self._best(found)
+            cell, power = self._best(found, least_power)
             if power < least_power:
                 break
             found.append(cell)
         for number in range(len(found) if len(found) > 1 else 0):
-            found[number], _ = self._best(found[:number] + found[number + 1 :])
+            found[number], _ = self._best(found[:number] + found[number + 1 :], least_power)
         return sorted(set(found))
 
     def relocated(self, module: DetectorModule, least_power: float) -> int:
-        """Return the cell before which a module explains more than this power more, or the module's first cell."""
-        power = self._without(module)._powers([])  # noqa: SLF001 - its own class
-        best = int(power.argmax())
-        return best if power[best] > power[module.first_cell] + least_power else module.first_cell
+        """Return the cell near a module's first cell before which the module explains more by more than this power.
+
+        It is the first cell where there is none. What a module far away explains is not known to first order.
+        """
+        power, cell = self._without(module)._powers([], least_power), module.first_cell  # noqa: SLF001 - its own class
+        first = max(cell - NEAR, 0)
+        best = first + int(power[first : cell + NEAR + 1].argmax())
+        return best if power[best] > power[cell] + least_power else cell
 
     def _without(self, module: DetectorModule) -> "ModuleSearch":
         """Return, to first order, the search without a module that the fit found."""
@@ -122,14 +131,17 @@ class ModuleSearch:
         behind = np.arange(self._u.size) >= cell
         return np.stack([behind, behind * (self._u - self._border[cell]) * self._turn])
 
-    def _best(self, found: Sequence[int]) -> tuple[int, float]:
+    def _best(self, found: Sequence[int], least_power: float) -> tuple[int, float]:
         """Return the cell of the largest power next to the gaps and kinks before the cells found, and the power."""
-        power = self._powers(found)
+        power = self._powers(found, least_power)
         place = int(power.argmax())
         return place, float(power[place])
 
-    def _powers(self, found: Sequence[int]) -> FloatArray:
-        """Compute the power of a gap and a kink together before each cell (cells,), 0 where no module may begin."""
+    def _powers(self, found: Sequence[int], least_power: float) -> FloatArray:
+        """Compute the power of a module before each cell (cells,), 0 where none may begin.
+
+        The power is that of a gap or of a kink, or of both less `least_power`, which the second explains by chance.
+        """
         shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
         with_columns = np.concatenate([self._with_columns, shapes * self._own])
         crossed = self._with_columns @ shapes.T
@@ -152,11 +164,13 @@ class ModuleSearch:
         gap, kink = (np.where(left > LEAST_SEEN * whole[0], left, np.inf) for left, whole in both)
         score_of_gap, score_of_kink = _behind(score), of_kink(score)
         share = between**2 / (gap * kink)
-        apart = np.isfinite(gap) & np.isfinite(kink) & (share < 1.0 - LEAST_SEEN)
         # The part of the kink that the gap leaves.
+        apart = np.isfinite(gap) & np.isfinite(kink) & (share < 1.0 - LEAST_SEEN)
         left_of_kink = np.where(apart, kink * (1.0 - share), np.inf)
-        together = score_of_gap**2 / gap + (score_of_kink - between / gap * score_of_gap) ** 2 / left_of_kink
-        power: FloatArray = np.where(apart, together, np.maximum(score_of_gap**2 / gap, score_of_kink**2 / kink))
+        of_both = (score_of_kink - between / gap * score_of_gap) ** 2 / left_of_kink - least_power
+        power: FloatArray = np.maximum(score_of_gap**2 / gap + np.maximum(of_both, 0.0), score_of_kink**2 / kink)
+        beside = np.minimum(gaps, gaps[0] - gaps)
+        power[beside < LEAST_BESIDE * gaps[0]] = 0.0
         power[:FEWEST_CELLS] = power[power.size - FEWEST_CELLS + 1 :] = 0.0
         for cell in (*self._taken, *found):
             power[max(cell - FEWEST_CELLS, 0) : cell + FEWEST_CELLS + 1] = 0.0

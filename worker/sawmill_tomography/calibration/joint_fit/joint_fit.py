@@ -21,7 +21,13 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
     without_views,
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
-from sawmill_tomography.calibration.faults.modules import ModuleSearch, effect_of, with_module, with_modules
+from sawmill_tomography.calibration.faults.modules import (
+    FEWEST_CELLS,
+    ModuleSearch,
+    effect_of,
+    with_module,
+    with_modules,
+)
 from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
@@ -126,8 +132,8 @@ class JointFit:
         Effects in the fit.
     system : System
         Normal equations of all columns at the end; `used` are the fitted columns, `change` is the last step.
-    beyond_chance : tuple of (Fitted, EffectTest)
-        Effects that are beyond chance and not fitted, with the test of each.
+    not_fitted : tuple of (Fitted, EffectTest)
+        Effects that are not fitted, with the test of each.
     other_reading : OtherReading or None
         None where no other effect explains the scan as well as a fitted one.
     other_motions : tuple of OtherReading
@@ -144,7 +150,7 @@ class JointFit:
     used: list[int]
     change: FloatArray
     variance: float
-    beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
+    not_fitted: tuple[tuple[Fitted, EffectTest], ...]
     other_reading: OtherReading | None
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
@@ -155,9 +161,15 @@ class JointFit:
     @property
     def biases(self) -> list[FloatArray]:
         """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
-        beyond_chance = [test.bias for _, test in self.beyond_chance]
+        weights = [(test.weight(one.trials), test.bias) for one, test in self.not_fitted]
         readings = (*self.other_motions, *(() if self.other_reading is None else (self.other_reading,)))
-        return [*beyond_chance, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
+        unfitted = [math.sqrt(weight) * bias for weight, bias in weights if weight > LEAST_WEIGHT]
+        return [*unfitted, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
+
+    @property
+    def beyond_chance(self) -> list[tuple[Fitted, EffectTest]]:
+        """Effects that are beyond chance and not fitted, with the test of each."""
+        return [(one, test) for one, test in self.not_fitted if test.is_beyond_chance(one.trials)]
 
     @property
     def modules(self) -> tuple[DetectorModule, ...]:
@@ -285,11 +297,7 @@ class _JointFitter:
         system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
-        beyond_chance = tuple(
-            (one, test)
-            for one, test in tests
-            if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
-        )
+        not_fitted = tuple((one, test) for one, test in tests if other is None or one is not other.other)
         bent = _first_cells(self.fitted)
         return JointFit(
             with_modules(self.model, self.known_modules | bent),
@@ -298,7 +306,7 @@ class _JointFitter:
             used,
             change,
             self.variance,
-            beyond_chance,
+            not_fitted,
             other,
             tuple(_other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
@@ -355,14 +363,22 @@ class _JointFitter:
         most = MOST_MODULES - len(cells.modules)
         if Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
             return []
-        trials = float(cells.count)
-        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
-        limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 2)
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
-        modules = [DetectorModule(cell) for cell in search.likeliest(limit, most)]
+        modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
         for module in modules:
             self.model = with_module(self.model, module)
-        return [self._of_module(module, trials) for module in modules]
+        return [self._of_module(module, self._places_of_modules) for module in modules]
+
+    @property
+    def _places_of_modules(self) -> float:
+        """Number of places at which a module may begin: borders less than a module apart look alike."""
+        return self.model.data.cells.count / FEWEST_CELLS
+
+    def _module_by_chance(self, system: System, used: list[int]) -> float:
+        """Return the power that a gap or a kink explains by chance, at most, at its likeliest place."""
+        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
+        structured = UNTRUSTED * system.structured / ON_DETECTOR
+        return max(variance, structured) * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1)
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
@@ -371,9 +387,10 @@ class _JointFitter:
         """
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
         modules = {module.first_cell: module for module in self.model.data.cells.modules}
+        by_chance = self._module_by_chance(system, used)
         for one in self.fitted if self.rounds <= JOINING else ():
             for cell in _first_cells([one]) - self.known_modules:
-                better = search.relocated(modules[cell], self.variance * chance_limit(BEYOND_CHANCE, 1))
+                better = search.relocated(modules[cell], by_chance)
                 if better != cell:
                     self._move(one, modules[cell], better)
                     return True
