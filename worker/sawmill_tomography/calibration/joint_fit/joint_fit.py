@@ -132,8 +132,8 @@ class JointFit:
         Effects in the fit.
     system : System
         Normal equations of all columns at the end; `used` are the fitted columns, `change` is the last step.
-    not_fitted : tuple of (Fitted, EffectTest)
-        Effects that are not fitted, with the test of each.
+    beyond_chance : tuple of (Fitted, EffectTest)
+        Effects that are beyond chance and not fitted, with the test of each.
     other_reading : OtherReading or None
         None where no other effect explains the scan as well as a fitted one.
     other_motions : tuple of OtherReading
@@ -150,7 +150,7 @@ class JointFit:
     used: list[int]
     change: FloatArray
     variance: float
-    not_fitted: tuple[tuple[Fitted, EffectTest], ...]
+    beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
     other_reading: OtherReading | None
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
@@ -161,15 +161,9 @@ class JointFit:
     @property
     def biases(self) -> list[FloatArray]:
         """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
-        weights = [(test.weight(one.trials), test.bias) for one, test in self.not_fitted]
+        beyond_chance = [test.bias for _, test in self.beyond_chance]
         readings = (*self.other_motions, *(() if self.other_reading is None else (self.other_reading,)))
-        unfitted = [math.sqrt(weight) * bias for weight, bias in weights if weight > LEAST_WEIGHT]
-        return [*unfitted, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
-
-    @property
-    def beyond_chance(self) -> list[tuple[Fitted, EffectTest]]:
-        """Effects that are beyond chance and not fitted, with the test of each."""
-        return [(one, test) for one, test in self.not_fitted if test.is_beyond_chance(one.trials)]
+        return [*beyond_chance, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
 
     @property
     def modules(self) -> tuple[DetectorModule, ...]:
@@ -297,7 +291,11 @@ class _JointFitter:
         system, tried, used, change, tests = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = _other_reading(system, used, self.fitted, allowed)
-        not_fitted = tuple((one, test) for one, test in tests if other is None or one is not other.other)
+        beyond_chance = tuple(
+            (one, test)
+            for one, test in tests
+            if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
+        )
         bent = _first_cells(self.fitted)
         return JointFit(
             with_modules(self.model, self.known_modules | bent),
@@ -306,7 +304,7 @@ class _JointFitter:
             used,
             change,
             self.variance,
-            not_fitted,
+            beyond_chance,
             other,
             tuple(_other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
@@ -385,15 +383,17 @@ class _JointFitter:
 
         A module that is found first stands in for others, and for effects that join later.
         """
+        found = [(one, cell) for one in self.fitted for cell in _first_cells([one]) - self.known_modules]
+        if not found or self.rounds > JOINING:
+            return False
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
         modules = {module.first_cell: module for module in self.model.data.cells.modules}
         by_chance = self._module_by_chance(system, used)
-        for one in self.fitted if self.rounds <= JOINING else ():
-            for cell in _first_cells([one]) - self.known_modules:
-                better = search.relocated(modules[cell], by_chance)
-                if better != cell:
-                    self._move(one, modules[cell], better)
-                    return True
+        for one, cell in found:
+            better = search.relocated(modules[cell], by_chance)
+            if better != cell:
+                self._move(one, modules[cell], better)
+                return True
         return False
 
     def _move(self, one: Fitted, module: DetectorModule, first_cell: int) -> None:
@@ -401,9 +401,9 @@ class _JointFitter:
         modules = {other.first_cell for other in self.model.data.cells.modules} - {module.first_cell}
         self.model = with_module(with_modules(self.model, modules), replace(module, first_cell=first_cell))
         effect = effect_of(DetectorModule(first_cell), self.model.data.cells.width_mm)
-        moved_one = Fitted(effect, effect.columns(self.model), one.trials)
-        moved_one.sizes = one.sizes
-        self.fitted[self.fitted.index(one)] = moved_one
+        again = Fitted(effect, effect.columns(self.model), one.trials)
+        again.sizes = one.sizes
+        self.fitted[self.fitted.index(one)] = again
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Locate the borders of the modules that were found; return whether one has moved."""
@@ -501,7 +501,7 @@ class _JointFitter:
 
         Where something is missing, the model is changed and the fit continues.
         """
-        dropped = self._unneeded(system, used)
+        dropped = self._explained(system, used)
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
@@ -520,7 +520,7 @@ class _JointFitter:
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
-    def _unneeded(self, system: System, used: list[int]) -> list[Fitted]:
+    def _explained(self, system: System, used: list[int]) -> list[Fitted]:
         """Return the effects that are not possible, and those that the others explain, the least needed first."""
         dropped = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
         while len(dropped) < len(self.fitted):

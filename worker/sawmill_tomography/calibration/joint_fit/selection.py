@@ -1,6 +1,5 @@
 """The selection of effects that a scan shows: each effect is judged by its own pattern, whatever the residual is."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -13,8 +12,8 @@ from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 
-# Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its whole bias
-# is added to the covariance (benchmarks/mill.py, benchmarks/families.py).
+# Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
+# added to the covariance (benchmarks/mill.py).
 FITTED, BEYOND_CHANCE = 1e-5, 0.01
 # Numbers of blocks of neighbouring views whose scores are compared: errors of a model continue from view to view.
 BLOCKS = (64, 32, 16, 8)
@@ -51,8 +50,6 @@ class EffectTest:
         Sizes of the effect's columns, if the effect were fitted.
     bias : (base,) float64
         Bias of the fitted columns, if the effect is real and not fitted.
-    against_structure : bool
-        True if the share of the structured residual is the largest of the three variances.
     """
 
     significance: float
@@ -60,7 +57,6 @@ class EffectTest:
     degrees: int
     sizes: FloatArray
     bias: FloatArray
-    against_structure: bool = False
 
     def is_fitted(self, trials: float = 1.0) -> bool:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
@@ -69,19 +65,6 @@ class EffectTest:
     def is_beyond_chance(self, trials: float = 1.0) -> bool:
         """Return whether chance alone would hardly show an effect of this size."""
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
-
-    def weight(self, trials: float = 1.0) -> float:
-        """Return the weight of the effect's bias: 1 beyond chance, else the likelihood against an effect that is.
-
-        Where structure in the residual is the largest variance, the structure itself inflates the covariance, and the
-        weight is 0 or 1.
-        """
-        if self.degrees == 0:
-            return 0.0
-        missing = chance_limit(BEYOND_CHANCE / trials, self.degrees) - self.significance
-        if missing <= 0.0:
-            return 1.0
-        return 0.0 if self.against_structure else math.exp(-0.5 * missing)
 
 
 class EffectTester:
@@ -143,8 +126,7 @@ class EffectTester:
         scatter = _scatter(scores, information, variance)
         on_detector = all(is_of_module(system.columns[place].term) for place in tried)
         shares = ON_DETECTOR if on_detector else STRUCTURES
-        chance, of_structure = variance * scatter, structured / shares
-        return EffectTest(power / max(chance, of_structure), power, degrees, sizes, bias, of_structure > chance)
+        return EffectTest(power / max(variance * scatter, structured / shares), power, degrees, sizes, bias)
 
 
 def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> float:
