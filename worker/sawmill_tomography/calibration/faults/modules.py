@@ -77,16 +77,16 @@ class ModuleSearch:
         """Find the cells before which a gap or a kink explains more than this power.
 
         The cells are found one after another, each next to the ones before; then each again next to the others. A gap
-        and a kink before one cell each explain more than this power.
+        and a kink together would stand in for the modules that are not found yet.
         """
         found: list[int] = []
         while len(found) < most:
-            cell, power = self._best(found, least_power)
+            cell, power = self._best(found)
             if power < least_power:
                 break
             found.append(cell)
         for number in range(len(found) if len(found) > 1 else 0):
-            found[number], _ = self._best(found[:number] + found[number + 1 :], least_power)
+            found[number], _ = self._best(found[:number] + found[number + 1 :])
         return sorted(set(found))
 
     def relocated(self, module: DetectorModule, least_power: float) -> int:
@@ -131,16 +131,16 @@ class ModuleSearch:
         behind = np.arange(self._u.size) >= cell
         return np.stack([behind, behind * (self._u - self._border[cell]) * self._turn])
 
-    def _best(self, found: Sequence[int], least_power: float) -> tuple[int, float]:
-        """Return the cell of the largest power next to the gaps and kinks before the cells found, and the power."""
-        power = self._powers(found, least_power)
+    def _best(self, found: Sequence[int]) -> tuple[int, float]:
+        """Return the cell where a gap or a kink has the largest power next to those before the cells found, and it."""
+        power = self._powers(found)
         place = int(power.argmax())
         return place, float(power[place])
 
-    def _powers(self, found: Sequence[int], least_power: float) -> FloatArray:
+    def _powers(self, found: Sequence[int], least_power: float = math.inf) -> FloatArray:
         """Compute the power of a module before each cell (cells,), 0 where none may begin.
 
-        The power is that of a gap or of a kink, or of both less `least_power`, which the second explains by chance.
+        The power is that of a gap or of a kink, or of both less `least_power`, which the second must explain.
         """
         shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
         with_columns = np.concatenate([self._with_columns, shapes * self._own])

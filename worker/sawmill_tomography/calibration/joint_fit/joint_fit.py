@@ -430,7 +430,8 @@ class _JointFitter:
     ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
         """Let effects join, each time the one that explains most; return the new effects, and the tests of the rest.
 
-        The columns of the new effects are appended to `used`.
+        The columns of the new effects are appended to `used`. Modules join no fit together with other effects: before
+        those are fitted, the likeliest module is often where there is none.
         """
         joined: list[Fitted] = []
         while True:
@@ -439,7 +440,9 @@ class _JointFitter:
             worth = [
                 (test.power, one)
                 for one, test in tests
-                if test.is_fitted(one.trials) and one.may_join(self.model, test)
+                if test.is_fitted(one.trials)
+                and one.may_join(self.model, test)
+                and all(_is_module(one) == _is_module(other) for other in joined)
             ]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
@@ -531,6 +534,10 @@ class _JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _is_module(one: Fitted) -> bool:
+    return one.effect.adjustment is Adjustment.MODULES
 
 
 def _first_cells(effects: Sequence[Fitted]) -> set[int]:
