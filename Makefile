@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -136,6 +136,11 @@ bench-misspecified: install-dev
 # Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE.
 bench-mill: install-dev
 	@$(BIN)/python benchmarks/mill.py $(OPTIONS)
+
+# Do the bounds hold in each family of faults? Scans by exact chords; hours; goes on where it stopped.
+# OPTIONS: --scans N, --family NAME, --jobs N, --out FILE.
+study-mill: install-dev
+	@$(BIN)/python benchmarks/families.py $(OPTIONS)
 
 # Do the intervals of one drift look hold? OPTIONS: --logs, --views, --rows, --encoder, --nails.
 study-drift: install-dev

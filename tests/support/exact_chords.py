@@ -4,7 +4,7 @@ Cells are points in the plane: a detector may be made of modules, the phantom ma
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +56,11 @@ def _turned(vector: Array, angle_rad: float) -> Array:
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
+def monochromatic(paths: Array) -> Array:
+    """Return the transmission of a beam of one energy along paths of these attenuations."""
+    return np.exp(-paths)
+
+
 def scan(
     shapes: Sequence[Shape],
     detector: Detector,
@@ -64,6 +69,8 @@ def scan(
     *,
     moved_mm: Array | float = 0.0,
     turned_rad: Array | float = 0.0,
+    slope_per_mm: tuple[float, float] = (0.0, 0.0),
+    beam: Callable[[Array], Array] = monochromatic,
     rays: int = 8,
 ) -> Array:
     """Compute the mean transmission of each cell, (views, cells).
@@ -74,6 +81,10 @@ def scan(
         Displacement of the phantom in the laboratory: across the beam, and along the beam.
     turned_rad : (views,) float64
         Turn of the phantom beyond the angles.
+    slope_per_mm : tuple of float
+        Relative change of all densities per mm in x and in y of the drawing; 0 at the drawing's origin.
+    beam : callable
+        Transmission of each ray along its attenuation.
     """
     ends = detector.points(frame, rays).reshape(-1, 2)
     towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]
@@ -84,15 +95,21 @@ def scan(
     for view in range(views):
         beta = angles_rad[view] + frame.psi_rad + turn[view]
         paths = np.zeros(len(ends))
+        # The density is 1 + slope . (point - origin), and a ray's point is its distance from the source times towards.
+        c, s = math.cos(beta), math.sin(beta)
+        slope = np.array([c * slope_per_mm[0] + s * slope_per_mm[1], c * slope_per_mm[1] - s * slope_per_mm[0]])
+        at_source = 1.0 - slope @ _placed(np.zeros((1, 2)), beta, frame, offset[view])[0]
         for shape in shapes:
             if isinstance(shape, Polygon):
                 corners = _placed(np.array(shape.vertices_mm, float), beta, frame, offset[view])
-                paths += shape.density * _polygon_chords(corners, towards)
+                lengths, moments = _polygon_chords(corners, towards)
             else:
                 centre = _placed(np.array([shape.center_mm], float), beta, frame, offset[view])[0]
                 across = towards[:, 0] * centre[1] - towards[:, 1] * centre[0]
-                paths += shape.density * 2.0 * np.sqrt(np.maximum(shape.radius_mm**2 - across**2, 0.0))
-        out[view] = np.exp(-paths).reshape(detector.cells, rays).mean(axis=1)
+                lengths = 2.0 * np.sqrt(np.maximum(shape.radius_mm**2 - across**2, 0.0))
+                moments = lengths * (towards @ centre)
+            paths += shape.density * (at_source * lengths + (towards @ slope) * moments)
+        out[view] = beam(paths).reshape(detector.cells, rays).mean(axis=1)
     return out
 
 
@@ -102,8 +119,8 @@ def _placed(points: Array, beta: float, frame: SourceFrame, offset: Array) -> Ar
     return np.stack([c * x + s * y + offset[0], c * y - s * x + frame.source_distance_mm + offset[1]], -1)
 
 
-def _polygon_chords(corners: Array, towards: Array) -> Array:
-    """Return the length of each ray from 0 inside a polygon: exits less entries."""
+def _polygon_chords(corners: Array, towards: Array) -> tuple[Array, Array]:
+    """Return the length of each ray from 0 inside a polygon, exits less entries, and its integral of the distance."""
     before, after = corners, np.roll(corners, -1, axis=0)
     side = towards[:, :1] * before[:, 1] - towards[:, 1:] * before[:, 0]
     side_after = towards[:, :1] * after[:, 1] - towards[:, 1:] * after[:, 0]
@@ -113,8 +130,9 @@ def _polygon_chords(corners: Array, towards: Array) -> Array:
     y = before[:, 1] + share * (after[:, 1] - before[:, 1])
     distance = x * towards[:, :1] + y * towards[:, 1:]
     signs = np.where(side > side_after, 1.0, -1.0) * crossing
-    lengths: Array = np.abs((signs * distance).sum(axis=1))
-    return lengths
+    lengths = (signs * distance).sum(axis=1)
+    way = np.sign(lengths)
+    return way * lengths, way * 0.5 * (signs * distance**2).sum(axis=1)
 
 
 def counted(transmission: Array, *, photons: float = 30_000.0, flats: int = 10, seed: int, gain: float = 0.1) -> Array:

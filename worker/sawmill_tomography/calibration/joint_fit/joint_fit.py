@@ -298,6 +298,9 @@ class _JointFitter:
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
+        if self._relocated_modules(grams, system, used):
+            grams, free = self._linearised()
+            system, tried, used = self._system(grams, free)
         further = self._further_modules(grams, system, used)
         if further:
             self.waiting += further
@@ -407,15 +410,50 @@ class _JointFitter:
         most = MOST_MODULES - len(cells.modules)
         if Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
             return []
-        trials = float(cells.count)
-        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
-        limit = max(variance, UNTRUSTED * system.structured / ON_DETECTOR) * chance_limit(BEYOND_CHANCE / trials, 1)
-        limit = max(limit, system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2)
         search = ModuleSearch(self.model, grams, system, used, self.unneeded)
-        modules = [DetectorModule(cell) for cell in search.likeliest(limit, most)]
+        modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
         for module in modules:
             self.model = with_module(self.model, module)
-        return [self._of_module(module, trials) for module in modules]
+        return [self._of_module(module, self._places_of_modules) for module in modules]
+
+    @property
+    def _places_of_modules(self) -> float:
+        """Number of places at which a module may begin: borders less than a module apart look alike."""
+        return self.model.data.cells.count / FEWEST_CELLS
+
+    def _module_by_chance(self, system: System, used: list[int]) -> float:
+        """Return the power that a gap or a kink explains by chance, or by rounding errors, at its likeliest place."""
+        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
+        structured = UNTRUSTED * system.structured / ON_DETECTOR
+        rounding = system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2
+        return max(max(variance, structured) * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
+
+    def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
+        """Move a found module to where it explains more next to all else; return whether one has moved.
+
+        A module that is found first stands in for others, and for effects that join later.
+        """
+        found = [(one, cell) for one in self.fitted for cell in _first_cells([one]) - self.known_modules]
+        if not found or self.rounds > JOINING:
+            return False
+        search = ModuleSearch(self.model, grams, system, used, self.unneeded)
+        modules = {module.first_cell: module for module in self.model.data.cells.modules}
+        by_chance = self._module_by_chance(system, used)
+        for one, cell in found:
+            better = search.relocated(modules[cell], by_chance)
+            if better != cell:
+                self._move(one, modules[cell], better)
+                return True
+        return False
+
+    def _move(self, one: Fitted, module: DetectorModule, first_cell: int) -> None:
+        """Let a found module begin at another cell."""
+        modules = {other.first_cell for other in self.model.data.cells.modules} - {module.first_cell}
+        self.model = with_module(with_modules(self.model, modules), replace(module, first_cell=first_cell))
+        effect = effect_of(DetectorModule(first_cell), self.model.data.cells.width_mm)
+        again = Fitted(effect, effect.columns(self.model), one.trials)
+        again.sizes = one.sizes
+        self.fitted[self.fitted.index(one)] = again
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Locate the borders of the modules that were found; return whether one has moved."""
@@ -429,12 +467,8 @@ class _JointFitter:
             better, self.border_variance[cell] = search.border(modules[cell], self.variance)
             free = all(abs(better - other) >= FEWEST_CELLS for other in modules if other != cell)
             if better != cell and free and self.rounds < LATEST_MOVE:
-                model = with_modules(self.model, set(modules) - {cell})
-                self.model = with_module(model, replace(modules[cell], first_cell=better))
-                effect = effect_of(DetectorModule(better), self.model.data.cells.width_mm)
-                again = Fitted(effect, effect.columns(self.model), one.trials)
-                again.sizes = one.sizes
-                self.fitted[self.fitted.index(one)], moved = again, True
+                self._move(one, modules[cell], better)
+                moved = True
         return moved
 
     @staticmethod
@@ -447,7 +481,8 @@ class _JointFitter:
     ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
         """Let effects join, each time the one that explains most; return the new effects, and the tests of the rest.
 
-        The columns of the new effects are appended to `used`.
+        The columns of the new effects are appended to `used`. Modules join no fit together with other effects: before
+        those are fitted, the likeliest module is often where there is none.
         """
         joined: list[Fitted] = []
         while True:
@@ -456,7 +491,9 @@ class _JointFitter:
             worth = [
                 (test.power, one)
                 for one, test in tests
-                if test.is_fitted(one.trials) and one.may_join(self.model, test)
+                if test.is_fitted(one.trials)
+                and one.may_join(self.model, test)
+                and all(_is_module(one) == _is_module(other) for other in joined)
             ]
             if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
                 break
@@ -518,11 +555,7 @@ class _JointFitter:
 
         Where something is missing, the model is changed and the fit continues.
         """
-        dropped = [
-            one
-            for one in self.fitted
-            if not (_needed(system, used, one) and one.effect.possible(self.model, one.sizes))
-        ]
+        dropped = self._explained(system, used)
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
@@ -541,6 +574,22 @@ class _JointFitter:
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
+    def _explained(self, system: System, used: list[int]) -> list[Fitted]:
+        """Return the effects that are not possible, and those that the others explain, the least needed first."""
+        dropped = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        while len(dropped) < len(self.fitted):
+            kept = [one for one in self.fitted if one not in dropped]
+            needed = [(_need(system, used, one, dropped), one) for one in kept]
+            least, weakest = min(needed, key=lambda pair: pair[0])
+            if least > 1.0:
+                break
+            dropped.append(weakest)
+        return dropped
+
+
+def _is_module(one: Fitted) -> bool:
+    return one.effect.adjustment is Adjustment.MODULES
+
 
 def _first_cells(effects: Sequence[Fitted]) -> set[int]:
     """Return the first cells of the modules whose gaps and kinks are among the effects."""
@@ -557,10 +606,13 @@ def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
 
 
-def _needed(system: System, used: list[int], one: Fitted) -> bool:
-    """Return whether an effect is still far beyond chance next to the rest of the fit."""
-    rest = [i for i in used if i not in one.places]
-    return EffectTester(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
+def _need(system: System, used: list[int], one: Fitted, dropped: Sequence[Fitted]) -> float:
+    """Return the significance of an effect next to the rest of the fit, without dropped effects, against its limit."""
+    out = [*dropped, one]
+    places = [place for each in out for place in each.places]
+    without = system.without(places, np.concatenate([each.sizes for each in out]))
+    test = EffectTester(without, [i for i in used if i not in places]).tested(one.places)
+    return test.significance / chance_limit(FITTED / one.trials, max(test.degrees, 1)) if test.degrees else 0.0
 
 
 def _other_reading(
