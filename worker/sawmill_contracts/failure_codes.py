@@ -50,6 +50,7 @@ ASKS = frozenset(
         "geometry",
         "log-cut-off",
         "log-not-found",
+        "metal-in-log",
         "moved-too-far",
         "no-active-calibration",
         "no-geometry",

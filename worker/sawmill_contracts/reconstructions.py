@@ -314,6 +314,12 @@ class MetalReport(Contract):
     share_of_samples: float = Field(
         description="Share of these line integrals among all of the slices with metal, no unit.", examples=[0.002]
     )
+    untreated_slices: int = Field(
+        0,
+        description="Number of further slices with metal on more rays than may be taken out: all their rays are used "
+        "as they are, and a remark reports it.",
+        examples=[0],
+    )
     treatment: MetalTreatment = Field(description="Treatment of these rays.", examples=["interpolated"])
     source: str = Field(
         description="Name of the method that treats metal, and where it was published.",

@@ -8,6 +8,7 @@ from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.simulate import simulate_rows
+from sawmill_tomography.reconstruction import metal
 from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=160, detector_pitch_mm=3.0)
@@ -77,3 +78,12 @@ def test_a_log_without_metal_is_what_it_was(method):
     found, report = images([WOOD], method=method)
     assert np.array_equal(found, images([WOOD], method=method, metal="none")[0])
     assert report.metal is None
+
+
+def test_a_slice_full_of_metal_is_left_as_it_is(monkeypatch):
+    monkeypatch.setattr(metal, "MOST_SAMPLES", 0.01)
+    found, report = images([NAILED, WOOD], method="fbp")
+    assert np.array_equal(found, images([NAILED, WOOD], method="fbp", metal="none")[0])
+    assert (report.metal.slices, report.metal.untreated_slices, report.metal.share_of_samples) == (0, 1, 0.0)
+    (remark,) = report.remarks
+    assert remark.startswith("metal covers more than")

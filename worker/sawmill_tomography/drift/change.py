@@ -55,7 +55,8 @@ class DriftError(ValueError):
     Attributes
     ----------
     code : str
-        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far.
+        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far,
+        metal-in-log.
     """
 
     def __init__(self, code: str, message: str) -> None:

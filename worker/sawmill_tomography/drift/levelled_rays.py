@@ -10,6 +10,7 @@ from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.flat_structure import flat_structure
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.air import find_air
+from sawmill_tomography.sinograms.bridging import bridged_samples
 from sawmill_tomography.statistics.robust import noise_of_differences
 
 # Lower bound of a ray's noise in air, as a share of the largest line integral: for noise-free data.
@@ -96,7 +97,9 @@ def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit 
     return AirFit(air.cells, patterns, amplitudes, levels, np.block([[of_levels, crossed.T], [crossed, of_patterns]]))
 
 
-def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
+def levelled_rays(
+    sinogram: FloatArray, deviations: FloatArray | None = None, interpolated: NDArray[np.bool_] | None = None
+) -> LevelledRays:
     """Subtract each view's level and the common patterns, fitted to the air on both sides, from the log's rays.
 
     Parameters
@@ -105,6 +108,8 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
         Line integrals without faulty cells and corrupt views.
     deviations : (views, detector) float64, optional
         Standard deviations of the line integrals. Where it is 0 the standard deviation is estimated; None: everywhere.
+    interpolated : (views, detector) bool, optional
+        True for samples that were interpolated along the detector.
 
     Raises
     ------
@@ -132,7 +137,29 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
         if all_known
         else np.maximum(_variance(rays, noise), known_deviations[:, log] ** 2)
     )
+    if interpolated is not None:
+        own = interpolated[:, log]
+        variance = np.maximum(variance, np.where(own, _interpolation_variance(rays, own), 0.0))
     return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
+
+
+def _interpolation_variance(rays: FloatArray, interpolated: NDArray[np.bool_]) -> FloatArray:
+    """Return the variance (views, 1) of interpolated samples that gives their sum in a view its error.
+
+    The same samples, shifted along the detector, are interpolated where the rays are known. The error of a view's sum
+    grows with the number n of its samples: its square is kappa n^2, which is a variance of kappa n for each of them.
+    """
+    number = interpolated.sum(axis=1, keepdims=True)
+    step = int(number.max()) + 1
+    squares, numbers = 0.0, 0
+    for shift in step * np.array([-3, -2, -1, 1, 2, 3]):
+        moved = np.roll(interpolated, shift, axis=1)
+        moved[:, slice(0, shift) if shift > 0 else slice(shift, None)] = False
+        moved[(moved & interpolated).any(axis=1) | (moved.sum(axis=1) < number[:, 0])] = False
+        squares += float(np.sum(np.sum(bridged_samples(rays, moved) - rays, axis=1) ** 2))
+        numbers += int(np.sum(moved.sum(axis=1) ** 2))
+    variance: FloatArray = number * (squares / max(numbers, 1))
+    return variance
 
 
 def _no_air(sinogram: FloatArray) -> DriftError:

@@ -1,12 +1,15 @@
-"""Cells and views of a log's scan without a usable signal, those at the detector's ends included."""
+"""Cells and views of a log's scan without a usable signal, those at the detector's ends included, and its metal."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.screening import Screening, screen
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_tomography.reconstruction.metal import MOST_SAMPLES, MetalSearch
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 
 # Cells at either end of the detector are compared with this number of the next ones: `screen` compares a cell with its
 # neighbours on both sides, which an end does not have.
@@ -16,7 +19,58 @@ END_CELLS, BESIDE = 4, 8
 DEPARTS, SHARE = 4.0, 0.003
 
 
-def screen_log(sinogram: FloatArray) -> Screening:
+@dataclass(frozen=True)
+class LogScreening(Screening):
+    """The usable parts of a log's sinogram; `hidden` samples see metal."""
+
+    @property
+    def adjustments(self) -> tuple[str, ...]:
+        """Sentences on cells, views and samples that were left out."""
+        if self.hidden is None:
+            return super().adjustments
+        return (*super().adjustments, f"metal in the log: {self.hidden.mean():.1%} of the samples were left out")
+
+
+def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame) -> LogScreening:
+    """Screen a log's scan for metal, then for cells and views without a usable signal.
+
+    Rays through nails are starved and hardened, and differently from either side.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float64
+        Line integrals.
+    angles_rad : (views,) float64
+        View angles in the calibrated sense of rotation.
+    start : SourceFrame
+        A geometry near the scan's.
+
+    Raises
+    ------
+    DriftError
+        If more samples see metal than may be left out.
+    """
+    screening = _screen_ends(sinogram)
+    lines = screening.bridged(sinogram).astype(np.float32)
+    # Any R gives a usable image: where the metal's shadow lies on the detector does not depend on R.
+    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
+    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
+    search = MetalSearch.of(fan, object_radius_mm(fan, lines))
+    metal = None if search is None else search.find(lines)
+    if metal is None:
+        return LogScreening(screening.cells, screening.views)
+    if metal.is_too_much:
+        raise DriftError(
+            "metal-in-log",
+            f"metal in the log covers {metal.trace.mean():.0%} of the samples, and {MOST_SAMPLES:.0%} may be left out: "
+            "take rows without metal, or another log",
+        )
+    # A view across a long nail looks corrupt.
+    again = _screen_ends(replace(screening, hidden=metal.trace).bridged(sinogram))
+    return LogScreening(screening.cells, again.views, metal.trace)
+
+
+def _screen_ends(sinogram: FloatArray) -> Screening:
     """Screen a log's scan (`screen`), including faulty cells at the detector's ends that look like a cut-off log."""
     screening = screen(sinogram)
     lines = screening.bridged(sinogram)[screening.views]

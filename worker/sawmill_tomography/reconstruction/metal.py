@@ -1,4 +1,4 @@
-"""Metal in a log: nails, screws and fragments, found in a first image and removed from the sinogram.
+"""Metal in a log: nails, screws and fragments, found by shadows that wood cannot make, and removed from the sinogram.
 
 Rays through metal are starved and hardened: filtering them draws streaks over the whole slice. They are interpolated
 along the detector from neighbouring rays (linear interpolation of projections: Kalender, Hebel and Ebersberger 1987,
@@ -12,30 +12,36 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, all_round
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
-from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.noise import estimated_noise
 
 INTERPOLATION = "linear interpolation of projections (Kalender, Hebel and Ebersberger 1987)"
 WITHOUT_RAYS = "no weight for rays through metal (metal found as by Kalender, Hebel and Ebersberger 1987)"
 
 # The constants of this file were measured with benchmarks/log_metal.py.
-# Metal attenuates this number of times more than the wood, in an image as sharp as the detector. Knots, edges, noise
-# and the streaks of wood from 12 views stay below 4.
-TIMES_WOOD = 6.0
-# A piece of metal is the set of pixels above this share of the largest value within this number of millimetres.
-SHARE_OF_PEAK, PEAK_REACH_MM = 0.35, 8.0
-# The streaks of metal are weaker than this share of its largest value; pieces as weak as streaks are found after the
-# stronger ones have been removed.
-SHARE_OF_LARGEST, ROUNDS = 0.5, 8
-# Views of the coarse image that shows whether there is metal at all.
-COARSE_VIEWS = 45
-# Pixels of the first image along each side.
-SMALLEST_SIZE, LARGEST_SIZE = 16, 512
+# Fewer views do not show a body by its shadows; of more than MOST_VIEWS, every second and so on makes the image.
+FEWEST_VIEWS, MOST_VIEWS = 8, 45
+# Pixels of the image: their side, and their number along each side.
+PIXEL_MM, SMALLEST_SIZE, LARGEST_SIZE = 2.0, 16, 512
+# A shadow is narrower than that of LONGEST_MM at the COR, and attenuates more than the shadows on either side of it: by
+# as much as LEAST_WOOD_MM of wood, and by LEAST_NOISE standard deviations of a sample. Line integrals are averaged over
+# SMOOTHED cells.
+LONGEST_MM, LEAST_WOOD_MM, LEAST_NOISE, SMOOTHED = 40.0, 5.0, 3.0, 3
+# A body has such a shadow in more than this share of the views. Knots and rings on its rays hide it in some of them.
+SHARE_OF_VIEWS = 0.4
+ITERATIONS = 12
+# Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
+# alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55.
+TIMES_WOOD, LEAST_PIECE_MM2 = 3.5, 50.0
 # Cells next to the shadow of metal that are interpolated too.
-MARGIN = 2
+MARGIN = 1
+# A larger share of a slice's samples is not taken out.
+MOST_SAMPLES = 0.2
+
+ALONG_DETECTOR = np.ones((1, 2 * MARGIN + 1), bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,11 @@ class LogMetal:
     grid: ImageGrid
     excess: Image
 
+    @property
+    def is_too_much(self) -> bool:
+        """True if metal crosses more samples than may be taken out (`MOST_SAMPLES`)."""
+        return float(self.trace.mean()) > MOST_SAMPLES
+
     def on(self, grid: ImageGrid) -> Image:
         """Return the excess as the mean over each pixel of another grid, (size, size)."""
         x, y = (_overlaps(self.grid, grid, axis) for axis in (0, 1))
@@ -66,86 +77,112 @@ class LogMetal:
 
 @dataclass(frozen=True)
 class MetalSearch:
-    """The search for metal in an image of the whole log, with pixels as fine as the detector's cells.
+    """The search for metal: bodies that are narrow and dark in most views, in an image of the whole log.
 
     Attributes
     ----------
     fine, coarse : Projector
         Projectors of all views, and of every `step`-th view.
+    seen : (size, size) float32
+        Length of the coarse rays in each pixel.
     """
 
     fine: Projector
     coarse: Projector
+    seen: Image
     step: int
 
     @classmethod
     def of(cls, geometry: FanBeamGeometry, radius_mm: float) -> "MetalSearch | None":
-        """Search the disc of a radius around the COR; None if the views do not cover a full turn or show nothing."""
-        frame, step = geometry.frame, max(1, geometry.angles_rad.size // COARSE_VIEWS)
-        few = geometry.with_angles(geometry.angles_rad[::step])
+        """Search the disc of a radius around the COR; None if there are too few views, or nothing is seen."""
+        frame, step = geometry.frame, max(1, geometry.angles_rad.size // MOST_VIEWS)
         # A field whose corners reach the source has no rays.
         radius = min(radius_mm, 0.7 * frame.source_distance_mm * math.cos(frame.tilt_rad))
-        if radius <= 0.0 or not (all_round(geometry.angles_rad) and all_round(few.angles_rad)):
+        if radius <= 0.0 or geometry.angles_rad.size < FEWEST_VIEWS:
             return None
-        size = math.ceil(2.0 * radius * frame.magnification / geometry.scanner.detector_pitch_mm)
+        size = math.ceil(2.0 * radius / max(PIXEL_MM, _cell_mm(geometry)))
         grid = ImageGrid(min(max(size, SMALLEST_SIZE), LARGEST_SIZE), 2.0 * radius)
-        return cls(Projector(geometry, grid), Projector(few, grid), step)
-
-    def suspects(self, lines: Image) -> NDArray[np.bool_]:
-        """Return which slices of a block (slices, views, detector) show metal in a coarse image."""
-        few = lines[:, :: self.step]
-        # A single slice is computed faster than as a block.
-        images = fbp(self.coarse, few).image if len(few) > 1 else fbp(self.coarse, few[0]).image[None]
-        suspected: NDArray[np.bool_] = images.max(axis=(1, 2)) > TIMES_WOOD * np.array(
-            [_wood(image) for image in images]
-        )
-        return suspected
+        coarse = Projector(geometry.with_angles(geometry.angles_rad[::step]), grid)
+        seen = coarse.adjoint(np.ones(coarse.geometry.sinogram_shape, np.float32))
+        return cls(Projector(geometry, grid), coarse, seen, step)
 
     def find(self, sinogram: Image) -> LogMetal | None:
-        """Find the metal of a slice (views, detector); None if there is no metal.
-
-        The strongest pieces come first: the image without them shows weaker pieces.
-        """
-        metal = np.zeros((self.fine.grid.size,) * 2, bool)
-        trace, filled = np.zeros(sinogram.shape, bool), sinogram
-        for _ in range(ROUNDS):
-            pieces = self._pieces(fbp(self.fine, filled).image) & ~metal
-            if not pieces.any():
-                break
-            metal |= pieces
-            shadow = self.fine.forward(metal) > 0.0
-            trace = scipy.ndimage.binary_dilation(shadow, np.ones((1, 2 * MARGIN + 1), bool))
-            filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
-        if not metal.any():
+        """Find the metal of a slice (views, detector); None if there is no metal."""
+        excess = self._excess(_Shadows.of(self.coarse.geometry, sinogram[:: self.step]))
+        if not excess.any():
             return None
-        return LogMetal(trace, filled, self.fine.grid, self._excess(metal, sinogram - filled))
+        shadows = _Shadows.of(self.fine.geometry, sinogram)
+        near = scipy.ndimage.binary_dilation(excess > 0.0, np.ones((3, 3), bool))
+        covered = shadows.dark & (self.fine.forward(near) > 0.0)
+        trace = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
+        filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
+        # Thin metal has less than its mass in the pixels that are dark enough.
+        lengths = self.fine.forward(excess)
+        mass = float(np.vdot(lengths, sinogram - filled)) / float(np.vdot(lengths, lengths))
+        return LogMetal(trace, filled, self.fine.grid, excess * np.float32(max(mass, 0.0)))
 
-    def _pieces(self, image: Image) -> NDArray[np.bool_]:
-        near = scipy.ndimage.maximum_filter(image, 2 * round(PEAK_REACH_MM / self.fine.grid.pixel_mm) + 1)
-        beyond_wood = TIMES_WOOD * _wood(image)
-        least = max(beyond_wood, SHARE_OF_LARGEST * float(image.max()))
-        strong = image > np.maximum(SHARE_OF_PEAK * near, beyond_wood)
-        pieces, count = scipy.ndimage.label(strong)
-        keep = np.zeros(count + 1, bool)
-        keep[pieces[image > least]] = True
-        keep[0] = False
-        strongest: NDArray[np.bool_] = keep[pieces]
-        return strongest
+    def _excess(self, shadows: "_Shadows") -> Image:
+        """Return the attenuation of metal above the wood's, (size, size), 0 where there is no metal.
 
-    def _excess(self, metal: NDArray[np.bool_], samples: Image) -> Image:
-        """Estimate the metal's attenuation above the wood's by least squares of the samples above interpolated ones.
-
-        All pieces get one value: few views determine no more.
+        It explains the shadows by expectation maximisation (Shepp and Vardi 1982, IEEE Trans. Med. Imaging 1, 113),
+        where enough views are dark. Rays that cross little of that count little: they see knots at its border.
         """
-        lengths = self.fine.forward(metal).ravel().astype(np.float64)
-        value = max(float(lengths @ samples.ravel()) / float(lengths @ lengths), 0.0)
-        return np.where(metal, np.float32(value), np.float32(0.0))
+        body = self.coarse.adjoint(shadows.dark) >= SHARE_OF_VIEWS * self.seen
+        excess = (body & (self.seen > 0.0)).astype(np.float32)
+        if not excess.any():
+            return excess
+        lengths = self.coarse.forward(excess)
+        weights = np.minimum(lengths / (2.0 * self.coarse.grid.pixel_mm), 1.0)
+        of_weights = np.maximum(self.coarse.adjoint(weights), np.float32(1e-6))
+        for _ in range(ITERATIONS):
+            ratio = np.divide(weights * shadows.excess, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+            excess *= self.coarse.adjoint(ratio) / of_weights
+            lengths = self.coarse.forward(excess)
+        pieces, count = scipy.ndimage.label(excess > TIMES_WOOD * shadows.wood_per_mm)
+        least = LEAST_PIECE_MM2 * shadows.wood_per_mm / self.coarse.grid.pixel_mm**2
+        keep = scipy.ndimage.sum_labels(excess, pieces, np.arange(count + 1)) >= least
+        keep[0] = False
+        return np.where(keep[pieces], excess, np.float32(0.0))
 
 
-def _wood(image: Image) -> float:
-    """Return the attenuation of the wood: the median of pixels that are not air."""
-    values = image[::3, ::3]
-    return float(np.median(values[values >= 0.5 * np.quantile(values, 0.9)]))
+@dataclass(frozen=True, eq=False)
+class _Shadows:
+    """The narrow shadows in a sinogram.
+
+    Attributes
+    ----------
+    excess : (views, cells) float32
+        Line integrals above those on either side of a narrow shadow; 0 elsewhere.
+    dark : (views, cells) bool
+        True where the excess is more than that of thin wood, and of noise.
+    wood_per_mm : float
+        Mean attenuation of the wood.
+    """
+
+    excess: Image
+    dark: NDArray[np.bool_]
+    wood_per_mm: float
+
+    @classmethod
+    def of(cls, geometry: FanBeamGeometry, sinogram: Image) -> "_Shadows":
+        """Find the shadows by a grey opening along the detector: it removes what is narrower than its window."""
+        cell_mm = _cell_mm(geometry)
+        smooth = scipy.ndimage.uniform_filter1d(sinogram, SMOOTHED, axis=1)
+        wide = scipy.ndimage.grey_opening(smooth, size=(1, max(round(LONGEST_MM / cell_mm), 1)))
+        wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
+        excess = smooth - wide
+        return cls(excess, excess > max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
+
+
+def _cell_mm(geometry: FanBeamGeometry) -> float:
+    return geometry.scanner.detector_pitch_mm / geometry.frame.magnification
+
+
+def _wood_per_mm(lines: Image, cell_mm: float) -> float:
+    """Return the mean attenuation of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2."""
+    widths = (lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1)
+    width_mm = float(np.median(widths)) * cell_mm
+    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / max(width_mm, cell_mm) ** 2
 
 
 def _overlaps(source: ImageGrid, target: ImageGrid, axis: int) -> FloatArray:

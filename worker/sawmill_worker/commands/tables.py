@@ -106,7 +106,7 @@ def report_method(done: MethodReport) -> None:
     # FBP fits no data: its misfit does not measure a fit, and a remark reports a misfit that shows a wrong geometry.
     if done.data_misfit is not None and done.name is not ReconstructionMethod.FBP:
         say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
-    if done.metal is not None:
+    if done.metal is not None and done.metal.slices:
         slices = "1 slice" if done.metal.slices == 1 else f"{done.metal.slices} slices"
         say(
             f"metal in {slices}: {done.metal.share_of_samples:.1%} of their rays were {done.metal.treatment} "

@@ -30,9 +30,7 @@ from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
-from sawmill_tomography.reconstruction.metal import MetalSearch
-from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_vocabulary import Rotation
 
 # Lowest ratio of the residuals from which the other sense of rotation is ruled out.
@@ -75,10 +73,8 @@ def conjugate_fit(
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     check_full_turn(sinogram, angles_rad)
-    screening = screen_log(sinogram)
-    lines, metal, without_metal = _without_metal(
-        scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
-    )
+    screening = screen_log(scanner, sinogram, rotation.apply(angles_rad), start)
+    lines = screening.bridged(sinogram)
     # Opposite rays cancel a flat field that slopes, but the gains of the views would follow it.
     air = fitted_air(lines[screening.views])
     scan = _Scan(
@@ -87,8 +83,8 @@ def conjugate_fit(
         angles_rad,
         screening.views,
         ~screening.cells,
-        metal,
-        (*screening.adjustments, *without_metal),
+        np.zeros(sinogram.shape, bool) if screening.hidden is None else screening.hidden,
+        screening.adjustments,
     )
     fit = steady = _fit_without_odd_views(scan, start, rotation)
     harmonics = Harmonics.none()
@@ -124,25 +120,6 @@ def conjugate_fit(
         adjustments=(*used.done, remark) if disagreeing else used.done,
         disturbances=harmonics.amplitudes(start.source_distance_mm),
     )
-
-
-def _without_metal(
-    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame
-) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """Return the sinogram with its rays through metal interpolated, the mask of these rays, and a sentence if any.
-
-    Rays through nails are starved and hardened, and differently from either side.
-    """
-    lines = sinogram.astype(np.float32)
-    # Any R gives a usable image: where the metal's shadow lies on the detector does not depend on R.
-    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
-    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
-    search = MetalSearch.of(fan, object_radius_mm(fan, lines))
-    metal = search.find(lines) if search is not None and search.suspects(lines[None])[0] else None
-    if metal is None:
-        return sinogram, np.zeros(sinogram.shape, bool), ()
-    done = f"metal in the log: {metal.trace.mean():.1%} of the samples were left out"
-    return np.where(metal.trace, metal.filled, sinogram), metal.trace, (done,)
 
 
 @dataclass(frozen=True, eq=False)

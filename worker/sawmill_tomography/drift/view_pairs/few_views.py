@@ -145,6 +145,7 @@ def _opposite_rays(
     compared_all = angles.size <= MOST_VIEWS
     levelled = pairs.lines if compared_all else levelled_rays(screening.bridged(sinogram)[screening.views])
     rays = np.zeros((angles.size, scanner.num_detector_pixels))
+    left_out = np.zeros(rays.shape, bool) if screening.hidden is None else screening.hidden[screening.views]
     rays[:, levelled.cells] = levelled.rays
     every = np.ones(angles.size, bool)
     even, first_rad = even_views(rays, angles, every)
@@ -153,9 +154,7 @@ def _opposite_rays(
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:
         even = gain.removed(even)
-    turn = FullTurn.of(
-        even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=np.zeros(rays.shape, bool)
-    )
+    turn = FullTurn.of(even, first_rad, angles, usable=every, bridged=~screening.cells, left_out=left_out)
     solution = Pairs(scanner, turn.read(pairs.rotation), vector, BLUR).solve(
         vector, *reach(scanner, start), free=WITHOUT_DISTANCE, corrected=True
     )

@@ -18,10 +18,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from sawmill_tomography.calibration.faults.screening import Screening
 from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
-from sawmill_tomography.drift.log_screening import screen_log
+from sawmill_tomography.drift.log_screening import LogScreening, screen_log
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
@@ -65,8 +64,8 @@ class PairFit(DetectorFit):
         Variance of the differences that no gain explains, divided by the variance of the rays' noise.
     hardened : bool
         True if `unrest` is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
-    screening : Screening
-        Views and cells that may be used.
+    screening : LogScreening
+        Views, cells and samples that may be used.
     lines : LevelledRays
         Rays of the views that were compared: all usable views, or `MOST_VIEWS` of them.
     """
@@ -74,7 +73,7 @@ class PairFit(DetectorFit):
     settled: bool
     unrest: float
     hardened: bool
-    screening: Screening
+    screening: LogScreening
     lines: LevelledRays
 
 
@@ -105,7 +104,7 @@ def view_pair_fit(
         If the deviations have another shape than the sinogram, or are negative or not finite.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
-    screening = screen_log(sinogram)
+    screening = screen_log(scanner, sinogram, rotation.apply(angles_rad), start)
     usable = int(screening.views.sum())
     if usable < FEWEST_PAIRED_VIEWS:
         raise DriftError(
@@ -119,7 +118,8 @@ def view_pair_fit(
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
-    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations)
+    hidden = None if screening.hidden is None else screening.hidden[compared]
+    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations, hidden)
     vector = seen_vector(start)
     sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}

@@ -25,18 +25,26 @@ class WithoutMetal:
     lines : (slices, views, detector) float32
     metal : mapping of int to LogMetal
         LogMetal by the slice's index in the block.
+    untreated : frozenset of int
+        Indices of the slices with so much metal that their rays are used as they are.
     left_out : (slices, views, detector) bool, optional
         The rays that the method must leave out; None if there are none.
     """
 
     lines: Images
     metal: Mapping[int, LogMetal] = field(default_factory=dict)
+    untreated: frozenset[int] = frozenset()
     left_out: NDArray[np.bool_] | None = None
 
     def count(self, selected: NDArray[np.bool_] | None = None) -> MetalCount:
         """Count the metal in the block, or in the slices of the mask `selected` (slices,)."""
         traces = [metal.trace for index, metal in self.metal.items() if selected is None or selected[index]]
-        return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
+        return MetalCount(
+            len(traces),
+            sum(int(trace.sum()) for trace in traces),
+            sum(trace.size for trace in traces),
+            sum(selected is None or bool(selected[index]) for index in self.untreated),
+        )
 
     def put_back(self, images: Images, grid: ImageGrid) -> None:
         """Add the metal to images (slices, size, size), in place."""
@@ -66,24 +74,25 @@ class MetalReduction:
         if self._search is None:
             return WithoutMetal(lines)
         with self._working:
-            suspects = np.flatnonzero(self._search.suspects(lines)).tolist()
-            searched = {index: self._search.find(np.ascontiguousarray(lines[index])) for index in suspects}
-        metals = {index: metal for index, metal in searched.items() if metal is not None}
+            searched = {index: self._search.find(np.ascontiguousarray(line)) for index, line in enumerate(lines)}
+        metals = {index: metal for index, metal in searched.items() if metal is not None and not metal.is_too_much}
+        untreated = frozenset(index for index, metal in searched.items() if metal is not None and metal.is_too_much)
         if not metals:
-            return WithoutMetal(lines)
+            return WithoutMetal(lines, untreated=untreated)
         filled, trace = lines.copy(), np.zeros(lines.shape, bool)
         for index, metal in metals.items():
             filled[index], trace[index] = metal.filled, metal.trace
-        return WithoutMetal(filled, metals, trace if self._leave_out else None)
+        return WithoutMetal(filled, metals, untreated, trace if self._leave_out else None)
 
     def report(self, count: MetalCount) -> MetalReport | None:
         """Return the report of the counted metal; None if there is none."""
-        if not count.slices:
+        if not (count.slices or count.untreated_slices):
             return None
         return MetalReport(
             slices=count.slices,
             samples=count.samples,
-            share_of_samples=count.samples / count.all_samples,
+            share_of_samples=count.samples / max(count.all_samples, 1),
+            untreated_slices=count.untreated_slices,
             treatment="left-out" if self._leave_out else "interpolated",
             source=WITHOUT_RAYS if self._leave_out else INTERPOLATION,
         )

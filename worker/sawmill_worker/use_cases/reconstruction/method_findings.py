@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sawmill_contracts.reconstructions import MetalReport, MethodReport
 from sawmill_tomography.reconstruction.choosing import Recommendation
 from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.metal import MOST_SAMPLES
 from sawmill_vocabulary import ReconstructionMethod
 
 
@@ -22,11 +23,14 @@ class MetalCount:
         Number of slices that show metal.
     samples, all_samples : int
         Number of line integrals of these slices through or next to metal, and number of all their line integrals.
+    untreated_slices : int
+        Number of further slices, with so much metal that their rays are used as they are.
     """
 
     slices: int = 0
     samples: int = 0
     all_samples: int = 0
+    untreated_slices: int = 0
 
 
 @dataclass
@@ -97,6 +101,7 @@ def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
         every.metal.slices += block.metal.slices
         every.metal.samples += block.metal.samples
         every.metal.all_samples += block.metal.all_samples
+        every.metal.untreated_slices += block.metal.untreated_slices
         nearest = every.curve is None or (
             block.curve is not None and block.curve.slices_from_middle < every.curve.slices_from_middle
         )
@@ -108,6 +113,11 @@ def report_of(
     method: ReconstructionMethod, recommended: Recommendation | None, findings: BlockFindings, metal: MetalReport | None
 ) -> MethodReport:
     """Summarise the findings: medians over the slices, the worst misfit, and the metal."""
+    if metal is not None and metal.untreated_slices:
+        findings.remark(
+            f"metal covers more than {MOST_SAMPLES:.0%} of the rays of {metal.untreated_slices} slices: they were "
+            "reconstructed from all rays, and streaks are to be expected"
+        )
     return MethodReport(
         name=method,
         reason=None if recommended is None else recommended.reason,
