@@ -64,6 +64,7 @@ def scan(
     *,
     moved_mm: Array | float = 0.0,
     turned_rad: Array | float = 0.0,
+    hardened: float = 0.0,
     rays: int = 8,
 ) -> Array:
     """Compute the mean transmission of each cell, (views, cells).
@@ -74,9 +75,12 @@ def scan(
         Displacement of the phantom in the laboratory: across the beam, and along the beam.
     turned_rad : (views,) float64
         Turn of the phantom beyond the angles.
+    hardened : float
+        A line integral p attenuates as p - hardened p^2, and where that would fall again, as its largest value.
     """
     ends = detector.points(frame, rays).reshape(-1, 2)
     towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]
+    slopes = towards[:, 0] / towards[:, 1]
     views = len(angles_rad)
     offset = np.broadcast_to(moved_mm, (views, 2))
     turn = np.broadcast_to(turned_rad, (views,))
@@ -87,11 +91,17 @@ def scan(
         for shape in shapes:
             if isinstance(shape, Polygon):
                 corners = _placed(np.array(shape.vertices_mm, float), beta, frame, offset[view])
-                paths += shape.density * _polygon_chords(corners, towards)
+                # The rays run from left to right.
+                across = corners[:, 0] / corners[:, 1]
+                met = slice(*np.searchsorted(slopes, [across.min(), across.max()]))
+                paths[met] += shape.density * _polygon_chords(corners, towards[met])
             else:
                 centre = _placed(np.array([shape.center_mm], float), beta, frame, offset[view])[0]
                 across = towards[:, 0] * centre[1] - towards[:, 1] * centre[0]
                 paths += shape.density * 2.0 * np.sqrt(np.maximum(shape.radius_mm**2 - across**2, 0.0))
+        if hardened:
+            paths = np.minimum(paths, 0.5 / hardened)
+            paths -= hardened * paths**2
         out[view] = np.exp(-paths).reshape(detector.cells, rays).mean(axis=1)
     return out
 

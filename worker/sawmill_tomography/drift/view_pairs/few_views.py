@@ -21,14 +21,14 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.levelled_rays import levelled_rays
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import reach
-from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, undetected_covariance
+from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, shifted, undetected_covariance
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
-from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG
-from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, view_pair_fit
+from sawmill_tomography.drift.view_pairs.scan_motions import ENCODER_DEG, ScanMotions
+from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_vocabulary import Rotation
 
@@ -93,7 +93,9 @@ def few_view_fit(
             "moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
-    fit = pairs if opposite is None else _combined(pairs, opposite, start)
+    # Opposite rays do not know how certain the motion is that they were corrected for.
+    alone = opposite is None or (pairs.settled and pairs.motion is not None)
+    fit = pairs if alone else _combined(pairs, opposite, start)
     _refuse_unseen(scanner, fit)
     return fit
 
@@ -148,8 +150,10 @@ def _opposite_rays(
     left_out = np.zeros(rays.shape, bool) if screening.hidden is None else screening.hidden[screening.views]
     rays[:, levelled.cells] = levelled.rays
     every = np.ones(angles.size, bool)
-    even, first_rad = even_views(rays, angles, every)
     vector = seen_vector(pairs if pairs.settled else start)
+    if pairs.motion is not None:
+        angles, rays = _without_motion(scanner, vector, rays, angles, scan_times(len(sinogram))[screening.views], start, pairs)
+    even, first_rad = even_views(rays, angles, every)
     fan, _ = fan_angles(scanner, vector)
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:
@@ -161,6 +165,15 @@ def _opposite_rays(
     if not (solution.settled and np.isfinite(solution.free_covariance).all()):
         return None
     return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,))
+
+
+def _without_motion(scanner, vector, rays, angles_rad, times, start, pairs):
+    """Correct rays (views, cells) and angles (views,) for the motion that the pairs show."""
+    applied = pairs.rotation.apply(angles_rad)
+    motions = ScanMotions.of_scan(applied, times)
+    swing = -(motions.moved_mm[0] @ pairs.motion) / start.source_distance_mm
+    applied = applied + motions.turned_rad @ pairs.motion + swing
+    return pairs.rotation.apply(applied), shifted(scanner, vector, rays, swing)
 
 
 def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:

@@ -12,6 +12,7 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 """
 
 import math
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sens
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
 from sawmill_tomography.drift.log_screening import LogScreening, screen_log
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
+from sawmill_tomography.drift.view_pairs.scan_motions import MotionSizes, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 
@@ -35,6 +37,10 @@ SMALL_STEP = 1e-2
 RANK = 1e-6
 # A pattern below this share of the noise cannot be seen.
 SHOWN = 0.3
+# Bends and the encoder's error are in every fit: this number of patterns.
+ALWAYS = 4
+# A turn is fitted again with corrected angles, at most this number of times, until corrections are small.
+TURNS, SMALL_TURN_RAD = 3, 1e-3
 # A pattern larger than this number of its assumed standard deviations is rejected.
 LARGEST = 4.0
 # Views with a larger variance ratio are not explained by noise and gains. They are hardened by more than `BENT` if that
@@ -68,6 +74,8 @@ class PairFit(DetectorFit):
         Views, cells and samples that may be used.
     lines : LevelledRays
         Rays of the views that were compared: all usable views, or `MOST_VIEWS` of them.
+    motion : (motions,) float64 or None
+        Amplitudes of the motions of `ScanMotions.of_scan` if such motions are far more likely than none.
     """
 
     settled: bool
@@ -75,6 +83,7 @@ class PairFit(DetectorFit):
     hardened: bool
     screening: LogScreening
     lines: LevelledRays
+    motion: FloatArray | None
 
 
 def view_pair_fit(
@@ -120,20 +129,21 @@ def view_pair_fit(
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
     hidden = None if screening.hidden is None else screening.hidden[compared]
     rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations, hidden)
-    vector = seen_vector(start)
-    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
+    vector, distance_mm = seen_vector(start), start.source_distance_mm
+    times = scan_times(len(sinogram))[compared]
+    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation}
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
-    near = np.append(fit.vector, vector[2])
-    if fit.settled:
-        disturbed = _fit(sums[rotation], vector, near, disturbed=True)
-        # Patterns larger than possible have another cause, such as a log that moved.
-        fit = disturbed if disturbed.largest_pattern < LARGEST else fit
+    near = np.append(fit.vector, vector[2]) if fit.settled else vector
+    # Views that do not settle, and are too few for disturbances, are refused for what they are.
+    with nullcontext() if fit.settled else suppress(DriftError):
+        fit = _disturbed(sums[rotation], vector, near, times, fit)
     hardened = False
     if fit.settled and fit.unrest > UNREST:
-        hardened = _fit(sums[rotation], vector, near, disturbed=True, hardened=HARDENED).unrest <= UNREST
+        hard = _disturbed(sums[rotation], vector, near, times, fit, hardened=HARDENED)
+        hardened = hard.unrest <= UNREST
         adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
     return PairFit(
         float(fit.vector[0]),
@@ -153,6 +163,7 @@ def view_pair_fit(
         hardened=hardened,
         screening=screening,
         lines=rays,
+        motion=fit.amplitudes if fit.sizes is not None and fit.sizes.found else None,
     )
 
 
@@ -197,21 +208,69 @@ class _PairSumsFit(NamedTuple):
     encoder_bound_mm: float
     largest_pattern: float
     settled: bool
+    amplitudes: FloatArray
+    sizes: MotionSizes | None
+
+
+def scan_times(views: int) -> FloatArray:
+    """Return the times of a scan's views, (views,), from -0.5 to 0.5."""
+    return np.linspace(-0.5, 0.5, views)
+
+
+def _disturbed(
+    sums: PairSums,
+    calibrated: FloatArray,
+    near: FloatArray,
+    times: FloatArray,
+    undisturbed: _PairSumsFit,
+    *,
+    hardened: float = 1.0,
+) -> _PairSumsFit:
+    """Fit from `near` with disturbances; `undisturbed` where they are larger than possible, or nothing settles."""
+    motions = ScanMotions.of_scan(sums.angles_rad, times)
+    fit = _fit(sums, calibrated, near, motions=motions, hardened=hardened)
+    for _ in range(TURNS):
+        turned = motions.turned_rad @ fit.amplitudes
+        if np.abs(turned).max() < SMALL_TURN_RAD:
+            break
+        # Sums are not linear in large turns.
+        corrected = sums.turned(turned)
+        again = _fit(corrected, calibrated, np.append(fit.vector, near[2]), motions=motions, sizes=fit.sizes, hardened=hardened)
+        fit = again._replace(amplitudes=fit.amplitudes + again.amplitudes * (motions.turned_rad ** 2).any(axis=0))
+        
+    return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
 
 
 def _fit(
-    sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
+    sums: PairSums,
+    calibrated: FloatArray,
+    start: FloatArray,
+    *,
+    motions: ScanMotions | None = None,
+    sizes: MotionSizes | None = None,
+    hardened: float = 1.0,
 ) -> _PairSumsFit:
     """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
-    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and for an eccentric
-    encoder.
+    With `motions` the fit allows for bent line integrals, `hardened` times as much as usual, for an eccentric encoder
+    and for motions during the scan, of the sizes given or else of those that the differences show.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
-    encoder = sums.encoder(start)
-    patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
+    encoder = sums.moved(start, ScanMotions.encoder(sums.angles_rad))
+    patterns = encoder[:, :0]
+    if motions is not None:
+        patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder])
     white, gains = sums.whitening(start, patterns)
+    if motions is not None:
+        changed = sums.moved(start, motions)
+        if sizes is None:
+            differences = sums.differences(start)
+            known = np.hstack([sums.slopes(start, differences, 2), gains])
+            sizes = motion_sizes(white @ differences, _space(white @ known), white @ changed, motions.kinds)
+        changed *= sizes.shares
+        patterns = np.hstack([patterns, changed])
+        white = _whitened_further(white, changed)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
@@ -230,11 +289,36 @@ def _fit(
     moving = np.linalg.pinv(slopes[:, :2])
     sensitivity: FloatArray = -moving @ slopes[:, 2]
     by_encoder = moving[0] @ white @ encoder
-    largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
+    amplitudes = shown.T @ remaining
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
+    of_motions = np.zeros(0) if sizes is None else sizes.shares * amplitudes[ALWAYS:]
     return _PairSumsFit(
-        vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
+        vector[:2],
+        scaled,
+        sensitivity,
+        chi_squared,
+        unrest,
+        residual,
+        math.hypot(*by_encoder),
+        float(np.abs(np.append(amplitudes[:ALWAYS], of_motions)).max(initial=0.0)),
+        settled,
+        of_motions,
+        sizes,
     )
+
+
+def _space(columns: FloatArray) -> FloatArray:
+    """Return orthonormal columns that span these."""
+    space, size, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    spanning: FloatArray = space[:, size > RANK * size[0]]
+    return spanning
+
+
+def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
+    """Return a matrix that whitens differences with further changes (pairs, changes), of standard deviation 1."""
+    space, size, _ = np.linalg.svd(white @ changes, full_matrices=False)
+    whitened: FloatArray = white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
+    return whitened
 
 
 def _scaled(
@@ -250,11 +334,15 @@ def _scaled(
     space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
     explained = space[:, size > RANK * size[0]]
     of_gains = explained.shape[1] - slopes.shape[1]
-    free = len(residual) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
+    of_bends, of_motions = np.split(np.linalg.norm(patterns, axis=0), [ALWAYS])
+    free = len(residual) - explained.shape[1] - float(np.sum(of_bends > SHOWN))
+    if free > FEWEST_FREE:
+        # Motions take their share of a comparison each, but a scan that hardly shows them is not refused for them.
+        free = max(free - float(np.sum(of_motions**2)), FEWEST_FREE)
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
-            f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
+            f"the views' pairs leave {max(free, 0.0):.2g} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
             "needed to tell how sure they are: take more views",
         )
     chi_squared = float(residual @ residual)
