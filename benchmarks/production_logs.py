@@ -2,10 +2,10 @@
 
     python benchmarks/production_logs.py [--logs 40] [--only plain wobble ...] [--out FILE] [--show]
 
-Every ray is an exact chord through polygons (tests/support/exact_chords.py), in counts with flat fields and the noise of
-60 rows. A log has an outline that is not round, heartwood, a wet zone, up to six knots, and stands off centre; the beam
-hardens by up to a tenth of the longest path. Most scans have 20 views all round, others 12, 45, 90 or 360. u_c moved by
-0, 0.05 or 0.2 mm since the calibration, whose SDD is wrong by 0.5 mm (standard deviation).
+Every ray is an exact chord through polygons (tests/support/exact_chords.py), in counts with flat fields and the noise
+of 60 rows. A log has an outline that is not round, heartwood, a wet zone, up to six knots, and stands off centre; the
+beam hardens by up to a tenth of the longest path. Most scans have 20 views all round, others 12, 45, 90 or 360. u_c
+moved by 0, 0.05 or 0.2 mm since the calibration, whose SDD is wrong by 0.5 mm (standard deviation).
 
 A class adds one thing that mills have:
 
@@ -43,7 +43,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests/support"))
 from exact_chords import Detector, scan  # noqa: E402 - the tests' own
 
-OUT = ROOT / "benchmarks/results/production-logs.jsonl"
+OUT = ROOT / "benchmarks/output/production-logs.jsonl"
 CLASSES = ("plain", "modules", "wobble", "nails", "slide", "short turn", "slopes", "together")
 VIEWS, VIEW_SHARES = (20, 12, 45, 90, 360), (0.64, 0.12, 0.12, 0.08, 0.04)
 MOVED_MM = (0.0, 0.05, 0.2)
@@ -178,7 +178,9 @@ def _modules(rng: np.random.Generator) -> tuple[DetectorModule, ...]:
     """Draw two to four modules of equal length, with gaps of up to two cells and kinks of up to half a degree."""
     number = int(rng.integers(2, 5))
     return tuple(
-        DetectorModule(CELLS * part // number, float(rng.uniform(0.0, 2.0 * PITCH_MM)), math.radians(rng.normal(0, 0.2)))
+        DetectorModule(
+            CELLS * part // number, float(rng.uniform(0.0, 2.0 * PITCH_MM)), math.radians(rng.normal(0, 0.2))
+        )
         for part in range(1, number)
     )
 
@@ -240,10 +242,8 @@ def checked(log: Production) -> dict[str, Any]:
 
 def table(records: Sequence[dict[str, Any]]) -> str:
     """Format one line of each class and, over all classes, of each number of views."""
-    lines = [
-        f"{'':24s}{'logs':>5s} {'refused':>8s} {'mean error':>18s} {'RMS':>7s} {'median':>7s} {'s.d.':>7s} {'held':>6s} "
-        f"{'tilt held':>9s} {'moved, of quiet':>16s}"
-    ]
+    columns = "logs  refused         mean error     RMS  median    s.d.   held tilt held  moved, of quiet"
+    lines = [f"{'':24s} {columns}"]
     of_20 = [each for each in records if each["views"] == 20]
     groups = [(name, [each for each in records if each["class"] == name]) for name in CLASSES]
     groups += [(f"{name}, 20 views", [each for each in of_20 if each["class"] == name]) for name in CLASSES]
@@ -280,9 +280,8 @@ def main() -> None:
     options = parser.parse_args()
     records = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(each["class"], each["number"]) for each in records}
-    missing = [
-        (kind, number) for number in range(options.logs) for kind in options.only if (kind, number) not in done
-    ]
+    missing = [(kind, number) for number in range(options.logs) for kind in options.only if (kind, number) not in done]
+    options.out.parent.mkdir(exist_ok=True)
     with options.out.open("a") as file:
         for kind, number in () if options.show else missing:
             log = production(kind, number)

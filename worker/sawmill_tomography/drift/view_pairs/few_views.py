@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import (
     CHANCE_OF_A_JUMP,
@@ -21,7 +22,12 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.levelled_rays import levelled_rays
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import reach
-from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, shifted, undetected_covariance
+from sawmill_tomography.drift.opposite_rays.disturbances import (
+    DisturbanceEstimate,
+    estimates_of,
+    shifted,
+    undetected_covariance,
+)
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
@@ -56,10 +62,12 @@ def few_view_fit(
     rotation: Rotation,
     *,
     deviations: FloatArray | None = None,
+    interpolated: NDArray[np.bool_] | None = None,
 ) -> DetectorFit:
     """Fit u_c and tau to pairs of views and, for views over a full turn, to opposite rays; SDD is held.
 
-    Parameters and errors are documented in `view_pair_fit`.
+    Parameters and errors are documented in `view_pair_fit`. Where the pairs show motions during the scan they are used
+    alone.
 
     Raises
     ------
@@ -67,7 +75,9 @@ def few_view_fit(
         Also if the log moved, or neither method shows u_c near the calibrated one.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
-    pairs = view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
+    pairs = view_pair_fit(
+        scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=interpolated
+    )
     opposite = _opposite_rays(scanner, sinogram, angles_rad, start, pairs)
     unlike = pairs.unrest > UNREST and pairs.deviation[0] > UNREST_CELLS * scanner.detector_pitch_mm
     jump = None if opposite is None else opposite.log_jump(scanner, start)
@@ -94,8 +104,7 @@ def few_view_fit(
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
     # Opposite rays do not know how certain the motion is that they were corrected for.
-    alone = opposite is None or (pairs.settled and pairs.motion is not None)
-    fit = pairs if alone else _combined(pairs, opposite, start)
+    fit = pairs if opposite is None or pairs.motion is not None else _combined(pairs, opposite, start)
     _refuse_unseen(scanner, fit)
     return fit
 
@@ -152,7 +161,8 @@ def _opposite_rays(
     every = np.ones(angles.size, bool)
     vector = seen_vector(pairs if pairs.settled else start)
     if pairs.motion is not None:
-        angles, rays = _without_motion(scanner, vector, rays, angles, scan_times(len(sinogram))[screening.views], start, pairs)
+        times = scan_times(len(sinogram))[screening.views]
+        rays, angles = _without_motion(scanner, rays, angles, times, pairs.motion, start, pairs)
     even, first_rad = even_views(rays, angles, every)
     fan, _ = fan_angles(scanner, vector)
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
@@ -167,13 +177,22 @@ def _opposite_rays(
     return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,))
 
 
-def _without_motion(scanner, vector, rays, angles_rad, times, start, pairs):
-    """Correct rays (views, cells) and angles (views,) for the motion that the pairs show."""
-    applied = pairs.rotation.apply(angles_rad)
-    motions = ScanMotions.of_scan(applied, times)
-    swing = -(motions.moved_mm[0] @ pairs.motion) / start.source_distance_mm
-    applied = applied + motions.turned_rad @ pairs.motion + swing
-    return pairs.rotation.apply(applied), shifted(scanner, vector, rays, swing)
+def _without_motion(
+    scanner: Scanner,
+    rays: FloatArray,
+    angles_rad: FloatArray,
+    times: FloatArray,
+    motion: FloatArray,
+    start: SourceFrame,
+    pairs: PairFit,
+) -> tuple[FloatArray, FloatArray]:
+    """Correct rays (views, cells) and angles (views,) for the motion across the beam and the turn that pairs show."""
+    turned = pairs.rotation.apply(angles_rad)
+    motions = ScanMotions.of_scan(turned, times)
+    # A log that moves across the beam by w moves rays by w / R of their fan angle (disturbances.undisturbed).
+    swing = -(motions.moved_mm[0] @ motion) / start.source_distance_mm
+    turned = turned + motions.turned_rad @ motion + swing
+    return shifted(scanner, seen_vector(pairs), rays, swing), pairs.rotation.apply(turned)
 
 
 def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:

@@ -41,6 +41,11 @@ class MotionSizes(NamedTuple):
     shares: FloatArray
     found: bool
 
+    def at_least(self, earlier: "MotionSizes", motions: FloatArray) -> "MotionSizes":
+        """Return sizes that are not below the earlier ones for the motions marked by 1, (motions,)."""
+        shares = np.where(motions, np.maximum(self.shares, earlier.shares), self.shares)
+        return MotionSizes(shares, self.found or earlier.found)
+
 
 class ScanMotions(NamedTuple):
     """Motions, each with an amplitude of one of its largest standard deviations.
@@ -59,6 +64,21 @@ class ScanMotions(NamedTuple):
     moved_mm: FloatArray
     kinds: tuple[str, ...]
 
+    def described(self, amplitudes: FloatArray) -> str:
+        """Return how far the log moved with these amplitudes, (motions,), and what to check, in one sentence."""
+        moved_mm = float(np.hypot(*(self.moved_mm @ amplitudes)).max())
+        wrong_deg = math.degrees(float(np.abs(self.turned_rad @ amplitudes).max()))
+        return (
+            f"during the scan the log moved by up to {moved_mm:.2g} mm and its angles went wrong by up to "
+            f"{wrong_deg:.2g} degrees, which was fitted: check the turntable's bearing, the clamps and the angles"
+        )
+
+    @property
+    def turns(self) -> FloatArray:
+        """1 for motions that turn the log, else 0, (motions,)."""
+        turns: FloatArray = self.turned_rad.any(axis=0).astype(np.float64)
+        return turns
+
     @classmethod
     def encoder(cls, angles_rad: FloatArray) -> "ScanMotions":
         """Return the angles' error once a turn by `ENCODER_DEG`, as cosine and sine."""
@@ -74,7 +94,7 @@ class ScanMotions(NamedTuple):
         time = times[:, None]
         turn = math.radians(TURN_DEG) * time
         waves = np.hstack([_waves(angles_rad, order) for order in (1, 2)])
-        wobble = WOBBLE_MM * np.stack([np.hstack([waves, 0.0 * waves]), np.hstack([0.0 * waves, waves])])
+        wobble: FloatArray = WOBBLE_MM * np.stack([np.hstack([waves, 0.0 * waves]), np.hstack([0.0 * waves, waves])])
         with_log, still = time * _waves(angles_rad, 1), 0.0 * time
         across, along = np.hstack([with_log, time, still]), np.hstack([with_log[:, ::-1] * [-1.0, 1.0], still, time])
         moved = np.concatenate([np.zeros((2, *turn.shape)), wobble, SLIDE_MM * np.stack([across, along])], axis=2)
@@ -84,7 +104,8 @@ class ScanMotions(NamedTuple):
 
 def _waves(angles_rad: FloatArray, order: int) -> FloatArray:
     """Return cosine and sine, (views, 2)."""
-    return np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
+    waves: FloatArray = np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
+    return waves
 
 
 def motion_sizes(residual: FloatArray, known: FloatArray, motions: FloatArray, kinds: tuple[str, ...]) -> MotionSizes:

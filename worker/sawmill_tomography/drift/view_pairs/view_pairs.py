@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
@@ -94,6 +95,7 @@ def view_pair_fit(
     rotation: Rotation,
     *,
     deviations: FloatArray | None = None,
+    interpolated: NDArray[np.bool_] | None = None,
 ) -> PairFit:
     """Fit u_c and tau to the common sums of pairs of views, SDD held.
 
@@ -104,6 +106,8 @@ def view_pair_fit(
     deviations : (views, detector) float64, optional
         Standard deviations of the line integrals, which weight them. Where it is 0 the standard deviation is estimated
         from the air; None: everywhere.
+    interpolated : (detector,) bool, optional
+        True for cells that were interpolated in every view, as across a gap between modules.
 
     Raises
     ------
@@ -127,8 +131,11 @@ def view_pair_fit(
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
-    hidden = None if screening.hidden is None else screening.hidden[compared]
-    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations, hidden)
+    filled = np.zeros(sinogram.shape, bool) if screening.hidden is None else screening.hidden
+    filled = filled if interpolated is None else filled | interpolated
+    rays = levelled_rays(
+        screening.bridged(sinogram)[compared], known_deviations, filled[compared] if filled.any() else None
+    )
     vector, distance_mm = seen_vector(start), start.source_distance_mm
     times = scan_times(len(sinogram))[compared]
     sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation}
@@ -140,6 +147,10 @@ def view_pair_fit(
     # Views that do not settle, and are too few for disturbances, are refused for what they are.
     with nullcontext() if fit.settled else suppress(DriftError):
         fit = _disturbed(sums[rotation], vector, near, times, fit)
+    motion = fit.amplitudes if fit.settled and fit.sizes is not None and fit.sizes.found else None
+    if motion is not None:
+        moved = ScanMotions.of_scan(sums[rotation].angles_rad, times).described(motion)
+        adjustments = (*adjustments, moved)
     hardened = False
     if fit.settled and fit.unrest > UNREST:
         hard = _disturbed(sums[rotation], vector, near, times, fit, hardened=HARDENED)
@@ -163,7 +174,7 @@ def view_pair_fit(
         hardened=hardened,
         screening=screening,
         lines=rays,
-        motion=fit.amplitudes if fit.sizes is not None and fit.sizes.found else None,
+        motion=motion,
     )
 
 
@@ -197,6 +208,10 @@ class _PairSumsFit(NamedTuple):
         Largest amplitude of the fitted patterns, in assumed standard deviations; 0 without patterns.
     settled : bool
         True if u_c and tau converged inside the reach.
+    amplitudes : (motions,) float64
+        Amplitudes of the motions, empty without motions.
+    sizes : MotionSizes or None
+        Sizes of the motions that the fit allows for.
     """
 
     vector: FloatArray
@@ -229,15 +244,15 @@ def _disturbed(
     """Fit from `near` with disturbances; `undisturbed` where they are larger than possible, or nothing settles."""
     motions = ScanMotions.of_scan(sums.angles_rad, times)
     fit = _fit(sums, calibrated, near, motions=motions, hardened=hardened)
+    turned = np.zeros(len(times))
     for _ in range(TURNS):
-        turned = motions.turned_rad @ fit.amplitudes
-        if np.abs(turned).max() < SMALL_TURN_RAD:
+        # Sums are not linear in large turns: those of corrected angles are fitted.
+        before, turned = turned, motions.turned_rad @ fit.amplitudes
+        if np.abs(turned - before).max() < SMALL_TURN_RAD:
             break
-        # Sums are not linear in large turns.
-        corrected = sums.turned(turned)
-        again = _fit(corrected, calibrated, np.append(fit.vector, near[2]), motions=motions, sizes=fit.sizes, hardened=hardened)
-        fit = again._replace(amplitudes=fit.amplitudes + again.amplitudes * (motions.turned_rad ** 2).any(axis=0))
-        
+        start = np.append(fit.vector, near[2])
+        again = _fit(sums.turned(turned), calibrated, start, motions=motions, sizes=fit.sizes, hardened=hardened)
+        fit = again._replace(amplitudes=again.amplitudes + motions.turns * fit.amplitudes)
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
 
 
@@ -253,7 +268,8 @@ def _fit(
     """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
     With `motions` the fit allows for bent line integrals, `hardened` times as much as usual, for an eccentric encoder
-    and for motions during the scan, of the sizes given or else of those that the differences show.
+    and for motions during the scan, as large as the differences show; `sizes` are those before the angles were
+    corrected.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
@@ -263,11 +279,11 @@ def _fit(
         patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder])
     white, gains = sums.whitening(start, patterns)
     if motions is not None:
-        changed = sums.moved(start, motions)
-        if sizes is None:
-            differences = sums.differences(start)
-            known = np.hstack([sums.slopes(start, differences, 2), gains])
-            sizes = motion_sizes(white @ differences, _space(white @ known), white @ changed, motions.kinds)
+        changed, differences = sums.moved(start, motions), sums.differences(start)
+        explained = _explained(white @ sums.slopes(start, differences, 2), white @ gains)
+        found = motion_sizes(white @ differences, explained, white @ changed, motions.kinds)
+        # The turn that was corrected is as uncertain as before.
+        sizes = found if sizes is None else found.at_least(sizes, motions.turns)
         changed *= sizes.shares
         patterns = np.hstack([patterns, changed])
         white = _whitened_further(white, changed)
@@ -289,9 +305,10 @@ def _fit(
     moving = np.linalg.pinv(slopes[:, :2])
     sensitivity: FloatArray = -moving @ slopes[:, 2]
     by_encoder = moving[0] @ white @ encoder
-    amplitudes = shown.T @ remaining
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-    of_motions = np.zeros(0) if sizes is None else sizes.shares * amplitudes[ALWAYS:]
+    amplitudes = shown.T @ remaining
+    if sizes is not None:
+        amplitudes[ALWAYS:] *= sizes.shares
     return _PairSumsFit(
         vector[:2],
         scaled,
@@ -300,18 +317,18 @@ def _fit(
         unrest,
         residual,
         math.hypot(*by_encoder),
-        float(np.abs(np.append(amplitudes[:ALWAYS], of_motions)).max(initial=0.0)),
+        float(np.abs(amplitudes).max(initial=0.0)),
         settled,
-        of_motions,
+        amplitudes[ALWAYS:],
         sizes,
     )
 
 
-def _space(columns: FloatArray) -> FloatArray:
-    """Return orthonormal columns that span these."""
-    space, size, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    spanning: FloatArray = space[:, size > RANK * size[0]]
-    return spanning
+def _explained(slopes: FloatArray, gains: FloatArray) -> FloatArray:
+    """Return orthonormal columns for all that slopes and gains explain."""
+    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
+    explained: FloatArray = space[:, size > RANK * size[0]]
+    return explained
 
 
 def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
@@ -328,21 +345,20 @@ def _scaled(
 
     Noise and gains have a scale each: gains of another size than assumed say nothing about the noise, which is the
     residual that no gain explains. The uncertainty of each scale enters by Student's t. Patterns explain no more than
-    their size allows, but each pattern that can be seen is one comparison less.
+    their size allows, but each bend that can be seen is one comparison less, and motions are as many as they explain.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
-    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
-    explained = space[:, size > RANK * size[0]]
+    explained = _explained(slopes, gains)
     of_gains = explained.shape[1] - slopes.shape[1]
     of_bends, of_motions = np.split(np.linalg.norm(patterns, axis=0), [ALWAYS])
-    free = len(residual) - explained.shape[1] - float(np.sum(of_bends > SHOWN))
+    free = len(residual) - explained.shape[1] - int(np.sum(of_bends > SHOWN))
     if free > FEWEST_FREE:
         # Motions take their share of a comparison each, but a scan that hardly shows them is not refused for them.
         free = max(free - float(np.sum(of_motions**2)), FEWEST_FREE)
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
-            f"the views' pairs leave {max(free, 0.0):.2g} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
+            f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
             "needed to tell how sure they are: take more views",
         )
     chi_squared = float(residual @ residual)
