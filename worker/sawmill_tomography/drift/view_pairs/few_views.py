@@ -42,6 +42,9 @@ from sawmill_vocabulary import Rotation
 BLUR = (0.6, 3.0)
 # Views with a gap of more than this number of even steps are not interpolated.
 WIDEST_GAP = 1.5
+# Views whose angles are wrong by more than this share of a step are not interpolated either: 20 such views looked like a
+# log that jumped by 0.5 mm.
+MOST_TURNED = 0.05
 # Unrest matters where it makes u_c less certain than this share of a cell.
 UNREST_CELLS = 0.03
 # Where the fit to pairs does not settle, opposite rays are used alone if u_c is known to this share of a cell.
@@ -162,7 +165,14 @@ def _opposite_rays(
     vector = seen_vector(pairs if pairs.settled else start)
     if pairs.motion is not None:
         times = scan_times(len(sinogram))[screening.views]
-        rays, angles = _without_motion(scanner, rays, angles, times, pairs.motion, start, pairs)
+        motions = ScanMotions.of_scan(pairs.rotation.apply(angles), times)
+        turned = motions.turned_rad @ pairs.motion
+        if np.abs(turned).max() > MOST_TURNED * TAU / angles.size:
+            return None
+        # A log that moves across the beam by w moves rays by w / R of their fan angle (disturbances.undisturbed).
+        swing = -(motions.moved_mm[0] @ pairs.motion) / start.source_distance_mm
+        rays = shifted(scanner, vector, rays, swing)
+        angles = pairs.rotation.apply(pairs.rotation.apply(angles) + turned + swing)
     even, first_rad = even_views(rays, angles, every)
     fan, _ = fan_angles(scanner, vector)
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
@@ -175,24 +185,6 @@ def _opposite_rays(
     if not (solution.settled and np.isfinite(solution.free_covariance).all()):
         return None
     return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,))
-
-
-def _without_motion(
-    scanner: Scanner,
-    rays: FloatArray,
-    angles_rad: FloatArray,
-    times: FloatArray,
-    motion: FloatArray,
-    start: SourceFrame,
-    pairs: PairFit,
-) -> tuple[FloatArray, FloatArray]:
-    """Correct rays (views, cells) and angles (views,) for the motion across the beam and the turn that pairs show."""
-    turned = pairs.rotation.apply(angles_rad)
-    motions = ScanMotions.of_scan(turned, times)
-    # A log that moves across the beam by w moves rays by w / R of their fan angle (disturbances.undisturbed).
-    swing = -(motions.moved_mm[0] @ motion) / start.source_distance_mm
-    turned = turned + motions.turned_rad @ motion + swing
-    return shifted(scanner, seen_vector(pairs), rays, swing), pairs.rotation.apply(turned)
 
 
 def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:

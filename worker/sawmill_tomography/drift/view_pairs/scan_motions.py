@@ -10,6 +10,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 
@@ -41,8 +42,8 @@ class MotionSizes(NamedTuple):
     shares: FloatArray
     found: bool
 
-    def at_least(self, earlier: "MotionSizes", motions: FloatArray) -> "MotionSizes":
-        """Return sizes that are not below the earlier ones for the motions marked by 1, (motions,)."""
+    def at_least(self, earlier: "MotionSizes", motions: NDArray[np.bool_]) -> "MotionSizes":
+        """Return sizes that are not below the earlier ones for the marked motions, (motions,)."""
         shares = np.where(motions, np.maximum(self.shares, earlier.shares), self.shares)
         return MotionSizes(shares, self.found or earlier.found)
 
@@ -74,9 +75,9 @@ class ScanMotions(NamedTuple):
         )
 
     @property
-    def turns(self) -> FloatArray:
-        """1 for motions that turn the log, else 0, (motions,)."""
-        turns: FloatArray = self.turned_rad.any(axis=0).astype(np.float64)
+    def turns(self) -> NDArray[np.bool_]:
+        """True for motions that turn the log, (motions,)."""
+        turns: NDArray[np.bool_] = np.any(self.turned_rad != 0.0, axis=0)
         return turns
 
     @classmethod

@@ -40,8 +40,10 @@ RANK = 1e-6
 SHOWN = 0.3
 # Bends and the encoder's error are in every fit: this number of patterns.
 ALWAYS = 4
-# A turn is fitted again with corrected angles, at most this number of times, until corrections are small.
-TURNS, SMALL_TURN_RAD = 3, 1e-3
+# The turn is fitted again with corrected angles, at most this number of times, until corrections are small.
+ROUNDS, SMALL_TURN_RAD = 4, 1e-3
+# Turns that are tried at first, as amplitudes.
+TRIED = np.linspace(-1.5, 1.5, 5)
 # A pattern larger than this number of its assumed standard deviations is rejected.
 LARGEST = 4.0
 # Views with a larger variance ratio are not explained by noise and gains. They are hardened by more than `BENT` if that
@@ -243,17 +245,38 @@ def _disturbed(
 ) -> _PairSumsFit:
     """Fit from `near` with disturbances; `undisturbed` where they are larger than possible, or nothing settles."""
     motions = ScanMotions.of_scan(sums.angles_rad, times)
-    fit = _fit(sums, calibrated, near, motions=motions, hardened=hardened)
-    turned = np.zeros(len(times))
-    for _ in range(TURNS):
-        # Sums are not linear in large turns: those of corrected angles are fitted.
-        before, turned = turned, motions.turned_rad @ fit.amplitudes
-        if np.abs(turned - before).max() < SMALL_TURN_RAD:
+    correction = np.zeros(len(motions.kinds))
+    if undisturbed.unrest > UNREST:
+        correction = _likely_turn(sums, near, motions, hardened)
+    sizes: MotionSizes | None = MotionSizes(np.abs(correction), bool(correction.any()))
+    start = near
+    for _ in range(ROUNDS):
+        turned = sums.turned(motions.turned_rad @ correction)
+        fit = _fit(turned, calibrated, start, motions=motions, sizes=sizes, hardened=hardened)
+        further, sizes, start = motions.turns * fit.amplitudes, fit.sizes, np.append(fit.vector, near[2])
+        fit = fit._replace(amplitudes=fit.amplitudes + correction)
+        correction = correction + further
+        if np.abs(motions.turned_rad @ further).max() < SMALL_TURN_RAD:
             break
-        start = np.append(fit.vector, near[2])
-        again = _fit(sums.turned(turned), calibrated, start, motions=motions, sizes=fit.sizes, hardened=hardened)
-        fit = again._replace(amplitudes=again.amplitudes + motions.turns * fit.amplitudes)
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
+
+
+def _likely_turn(sums: PairSums, near: FloatArray, motions: ScanMotions, hardened: float) -> FloatArray:
+    """Return the amplitudes (motions,) of the turn, of `TRIED` ones, that leaves least of the differences.
+
+    Sums are not linear in turns of degrees. The other motions are as large as they can be.
+    """
+    turns = TRIED[:, None] * motions.turns
+    left = []
+    for turn in turns:
+        turned = sums.turned(motions.turned_rad @ turn)
+        differences, others = turned.differences(near), ~motions.turns * turned.moved(near, motions)
+        white, _ = turned.whitening(near, np.hstack([hardened * turned.bends(near), others]))
+        slopes = np.linalg.qr(white @ turned.slopes(near, differences, 2))[0]
+        white_differences = white @ differences
+        left.append(float(np.sum((white_differences - slopes @ (slopes.T @ white_differences)) ** 2)))
+    likely: FloatArray = turns[int(np.argmin(left))]
+    return likely
 
 
 def _fit(
