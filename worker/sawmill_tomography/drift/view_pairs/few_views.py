@@ -42,8 +42,8 @@ from sawmill_vocabulary import Rotation
 BLUR = (0.6, 3.0)
 # Views with a gap of more than this number of even steps are not interpolated.
 WIDEST_GAP = 1.5
-# Views whose angles are wrong by more than this share of a step are not interpolated either: 20 such views looked like a
-# log that jumped by 0.5 mm.
+# Views whose angles are wrong by more than this share of a step are not interpolated either: 20 such views looked like
+# those of a log that jumped by 0.5 mm.
 MOST_TURNED = 0.05
 # Unrest matters where it makes u_c less certain than this share of a cell.
 UNREST_CELLS = 0.03

@@ -40,8 +40,8 @@ RANK = 1e-6
 SHOWN = 0.3
 # Bends and the encoder's error are in every fit: this number of patterns.
 ALWAYS = 4
-# The turn is fitted again with corrected angles, at most this number of times, until corrections are small.
-ROUNDS, SMALL_TURN_RAD = 4, 1e-3
+# Motions are fitted at most this number of times, from corrected angles and u_c, until corrections are small.
+ROUNDS, SMALL_TURN_RAD, SMALL_SHIFT_MM = 4, 1e-3, 0.05
 # Turns that are tried at first, as amplitudes.
 TRIED = np.linspace(-1.5, 1.5, 5)
 # A pattern larger than this number of its assumed standard deviations is rejected.
@@ -253,10 +253,11 @@ def _disturbed(
     for _ in range(ROUNDS):
         turned = sums.turned(motions.turned_rad @ correction)
         fit = _fit(turned, calibrated, start, motions=motions, sizes=sizes, hardened=hardened)
-        further, sizes, start = motions.turns * fit.amplitudes, fit.sizes, np.append(fit.vector, near[2])
+        further, shift_mm = motions.turns * fit.amplitudes, abs(fit.vector[0] - start[0])
+        sizes, start = fit.sizes, np.append(fit.vector, near[2])
         fit = fit._replace(amplitudes=fit.amplitudes + correction)
         correction = correction + further
-        if np.abs(motions.turned_rad @ further).max() < SMALL_TURN_RAD:
+        if np.abs(motions.turned_rad @ further).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
             break
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
 
