@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -145,6 +145,11 @@ study-mill: install-dev
 # Do the intervals of one drift look hold? OPTIONS: --logs, --views, --rows, --encoder, --nails.
 study-drift: install-dev
 	@$(BIN)/python benchmarks/drift_coverage.py $(OPTIONS)
+
+# Drift checks of production logs by exact chords: modules, wobble, nails, slides, short turns. Goes on where it stopped;
+# ten minutes of a core. OPTIONS: --logs N (of each class), --only CLASS, --out FILE, --show.
+study-production-logs: install-dev
+	@$(BIN)/python benchmarks/production_logs.py $(OPTIONS)
 
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py

@@ -61,6 +61,16 @@ def monochromatic(paths: Array) -> Array:
     return np.exp(-paths)
 
 
+def hardened(share: float) -> Callable[[Array], Array]:
+    """Return a beam in which p attenuates as p - share p^2, and where that would fall again, as its largest value."""
+
+    def beam(paths: Array) -> Array:
+        seen = np.minimum(paths, 0.5 / share)
+        return np.exp(-(seen - share * seen**2))
+
+    return beam
+
+
 def scan(
     shapes: Sequence[Shape],
     detector: Detector,
@@ -88,6 +98,7 @@ def scan(
     """
     ends = detector.points(frame, rays).reshape(-1, 2)
     towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]
+    slopes = towards[:, 0] / towards[:, 1]
     views = len(angles_rad)
     offset = np.broadcast_to(moved_mm, (views, 2))
     turn = np.broadcast_to(turned_rad, (views,))
@@ -102,13 +113,17 @@ def scan(
         for shape in shapes:
             if isinstance(shape, Polygon):
                 corners = _placed(np.array(shape.vertices_mm, float), beta, frame, offset[view])
-                lengths, moments = _polygon_chords(corners, towards)
+                # The rays run from left to right.
+                across = corners[:, 0] / corners[:, 1]
+                met = slice(*np.searchsorted(slopes, [across.min(), across.max()]))
+                lengths, moments = _polygon_chords(corners, towards[met])
             else:
+                met = slice(None)
                 centre = _placed(np.array([shape.center_mm], float), beta, frame, offset[view])[0]
                 across = towards[:, 0] * centre[1] - towards[:, 1] * centre[0]
                 lengths = 2.0 * np.sqrt(np.maximum(shape.radius_mm**2 - across**2, 0.0))
                 moments = lengths * (towards @ centre)
-            paths += shape.density * (at_source * lengths + (towards @ slope) * moments)
+            paths[met] += shape.density * (at_source * lengths + (towards[met] @ slope) * moments)
         out[view] = beam(paths).reshape(detector.cells, rays).mean(axis=1)
     return out
 

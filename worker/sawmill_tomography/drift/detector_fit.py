@@ -34,11 +34,12 @@ def detector_fit(
     GeometryError
         Error of `few_view_fit`.
     """
+    across_gaps = None
     if scanner.detector_modules:
         # Opposite rays are interpolated between cells at equal distances.
         flat = FlatDetector.of(scanner, start)
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
-        deviations = None if deviations is None else flat.resampled(deviations)
+        deviations, across_gaps = None if deviations is None else flat.resampled(deviations), flat.across_gaps
     if opposite_rays_pair(angles_rad):
         return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
-    return few_view_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
+    return few_view_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps)

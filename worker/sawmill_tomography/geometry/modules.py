@@ -130,10 +130,13 @@ class FlatDetector:
     cells : (4, cells) int
         Cells of the detector of modules from which each cell is interpolated.
     weights : (4, cells) float64
+    across_gaps : (cells,) bool
+        True for cells between the last cell of a module and the first cell of the next one.
     """
 
     cells: NDArray[np.intp]
     weights: FloatArray
+    across_gaps: NDArray[np.bool_]
 
     @classmethod
     def of(cls, scanner: Scanner, frame: SourceFrame) -> "FlatDetector":
@@ -155,7 +158,8 @@ class FlatDetector:
                 -(t**2) + t**3,
             ]
         )
-        return cls(np.stack([outer[0], before, before + 1, outer[1]]), np.where(inside, cubic, linear))
+        weights, across = np.where(inside, cubic, linear), module[before] != module[before + 1]
+        return cls(np.stack([outer[0], before, before + 1, outer[1]]), weights, across)
 
     def resampled(self, lines: Lines) -> Lines:
         """Interpolate values (..., cells)."""

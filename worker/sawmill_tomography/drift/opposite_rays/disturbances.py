@@ -199,10 +199,10 @@ def undisturbed(
     """
     swing = harmonics.at("bearing", angles_rad)
     angles = angles_rad + harmonics.at("encoder", angles_rad) + swing
-    return _shifted(scanner, vector, sinogram, swing) if swing.any() else sinogram, angles
+    return shifted(scanner, vector, sinogram, swing) if swing.any() else sinogram, angles
 
 
-def _shifted(scanner: Scanner, vector: FloatArray, sinogram: FloatArray, swing: NDArray[np.float64]) -> FloatArray:
+def shifted(scanner: Scanner, vector: FloatArray, sinogram: FloatArray, swing: NDArray[np.float64]) -> FloatArray:
     """Move each view along the detector by its swing, by cubic splines."""
     fan, covered = fan_angles(scanner, vector)
     cells = np.arange(fan.size) - swing[:, None] / covered

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import (
     CHANCE_OF_A_JUMP,
@@ -21,14 +22,19 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.levelled_rays import levelled_rays
 from sawmill_tomography.drift.opposite_rays.conjugate_minimum import reach
-from sawmill_tomography.drift.opposite_rays.disturbances import DisturbanceEstimate, estimates_of, undetected_covariance
+from sawmill_tomography.drift.opposite_rays.disturbances import (
+    DisturbanceEstimate,
+    estimates_of,
+    shifted,
+    undetected_covariance,
+)
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.log_movement import log_movement
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
-from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG
-from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, view_pair_fit
+from sawmill_tomography.drift.view_pairs.scan_motions import ENCODER_DEG, ScanMotions
+from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_vocabulary import Rotation
 
@@ -36,6 +42,9 @@ from sawmill_vocabulary import Rotation
 BLUR = (0.6, 3.0)
 # Views with a gap of more than this number of even steps are not interpolated.
 WIDEST_GAP = 1.5
+# Views whose angles are wrong by more than this share of a step are not interpolated either: 20 such views looked like
+# those of a log that jumped by 0.5 mm.
+MOST_TURNED = 0.05
 # Unrest matters where it makes u_c less certain than this share of a cell.
 UNREST_CELLS = 0.03
 # Where the fit to pairs does not settle, opposite rays are used alone if u_c is known to this share of a cell.
@@ -56,10 +65,12 @@ def few_view_fit(
     rotation: Rotation,
     *,
     deviations: FloatArray | None = None,
+    interpolated: NDArray[np.bool_] | None = None,
 ) -> DetectorFit:
     """Fit u_c and tau to pairs of views and, for views over a full turn, to opposite rays; SDD is held.
 
-    Parameters and errors are documented in `view_pair_fit`.
+    Parameters and errors are documented in `view_pair_fit`. Where the pairs show motions during the scan they are used
+    alone.
 
     Raises
     ------
@@ -67,7 +78,9 @@ def few_view_fit(
         Also if the log moved, or neither method shows u_c near the calibrated one.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
-    pairs = view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)
+    pairs = view_pair_fit(
+        scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=interpolated
+    )
     opposite = _opposite_rays(scanner, sinogram, angles_rad, start, pairs)
     unlike = pairs.unrest > UNREST and pairs.deviation[0] > UNREST_CELLS * scanner.detector_pitch_mm
     jump = None if opposite is None else opposite.log_jump(scanner, start)
@@ -93,7 +106,8 @@ def few_view_fit(
             "moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
-    fit = pairs if opposite is None else _combined(pairs, opposite, start)
+    # Opposite rays do not know how certain the motion is that they were corrected for.
+    fit = pairs if opposite is None or pairs.motion is not None else _combined(pairs, opposite, start)
     _refuse_unseen(scanner, fit)
     return fit
 
@@ -148,8 +162,18 @@ def _opposite_rays(
     left_out = np.zeros(rays.shape, bool) if screening.hidden is None else screening.hidden[screening.views]
     rays[:, levelled.cells] = levelled.rays
     every = np.ones(angles.size, bool)
-    even, first_rad = even_views(rays, angles, every)
     vector = seen_vector(pairs if pairs.settled else start)
+    if pairs.motion is not None:
+        times = scan_times(len(sinogram))[screening.views]
+        motions = ScanMotions.of_scan(pairs.rotation.apply(angles), times)
+        turned = motions.turned_rad @ pairs.motion
+        if np.abs(turned).max() > MOST_TURNED * TAU / angles.size:
+            return None
+        # A log that moves across the beam by w moves rays by w / R of their fan angle (disturbances.undisturbed).
+        swing = -(motions.moved_mm[0] @ pairs.motion) / start.source_distance_mm
+        rays = shifted(scanner, vector, rays, swing)
+        angles = pairs.rotation.apply(pairs.rotation.apply(angles) + turned + swing)
+    even, first_rad = even_views(rays, angles, every)
     fan, _ = fan_angles(scanner, vector)
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)
     if gain is not None:

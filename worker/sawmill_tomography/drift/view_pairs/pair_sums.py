@@ -4,7 +4,7 @@ The identity and its source are in `view_pairs`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.levelled_rays import LevelledRays
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
+from sawmill_tomography.drift.view_pairs.scan_motions import ScanMotions
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
 
@@ -25,8 +26,6 @@ GAIN = 0.005
 # Curvature of the line integrals, as a share of the largest ray, as a square and as a cube of the integrals: from beam
 # hardening, and from -ln of few counts.
 BENT = 0.1
-# RMS amplitude of the angles' error once a turn: an eccentric encoder.
-ENCODER_DEG = 0.1
 # Combinations of sums whose noise is below this share of a sum add no information: pairs repeat each other, and their
 # residual is rounding.
 MODEL = 3e-7
@@ -76,9 +75,17 @@ class PairSums:
     lines: LevelledRays
     pairs: ViewPairs
     angles_rad: FloatArray
+    source_distance_mm: float
 
     @classmethod
-    def of(cls, scanner: Scanner, lines: LevelledRays, angles_rad: FloatArray, start: FloatArray) -> "PairSums":
+    def of(
+        cls,
+        scanner: Scanner,
+        lines: LevelledRays,
+        angles_rad: FloatArray,
+        start: FloatArray,
+        source_distance_mm: float,
+    ) -> "PairSums":
         """Select all pairs whose line misses the log, with (u_c, tau, SDD) at the start.
 
         Raises
@@ -94,7 +101,15 @@ class PairSums:
                 f"of the views only {pairs.first.size} pairs stand far enough apart and not opposite each other: "
                 "spread them over the turn",
             )
-        return cls(scanner, lines, pairs, angles_rad)
+        return cls(scanner, lines, pairs, angles_rad, source_distance_mm)
+
+    def turned(self, turned_rad: FloatArray) -> "PairSums":
+        """Return the sums of the same pairs, each view turned beyond its angle, (views,)."""
+        angles = self.angles_rad + turned_rad
+        delta = 0.5 * np.mod(angles[self.pairs.second] - angles[self.pairs.first], TAU)
+        separations, separation = np.unique(delta.round(SAME), return_inverse=True)
+        pairs = replace(self.pairs, separation=separation, delta=separations)
+        return replace(self, pairs=pairs, angles_rad=angles)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the weights of the rays of the log's cells in first and in second views, (separations, cells) each."""
@@ -175,23 +190,27 @@ class PairSums:
             bends.append(first - second - moved.mean() * (sums[0] - sums[1]))
         return BENT * np.stack(bends, axis=1)
 
-    def encoder(self, vector: FloatArray) -> FloatArray:
-        """Return the change of the differences by angle errors of `ENCODER_DEG` times cosine and sine, (pairs, 2).
+    def moved(self, vector: FloatArray, motions: ScanMotions) -> FloatArray:
+        """Return the change of the differences by motions of the scan, (pairs, motions).
 
-        The views of a pair are farther apart than stated by the difference of their angle errors. The changes are
-        shares of the sums, which the views' gains do not affect.
+        The views of a pair are farther apart than stated by the difference of their angle errors. A body that moves is
+        a source that moves the other way: the line L through both sources turns by the change of its normal component
+        over its length. The changes are shares of the sums, which the views' gains do not affect.
         """
-        weights = self._weights(vector)
+        weights, pairs = self._weights(vector), self.pairs
         fan, _ = fan_angles(self.scanner, vector)
-        fan, delta = fan[self.lines.cells], self.pairs.delta[:, None]
-        by_delta = weights[0] * np.tan(fan + delta), -weights[1] * np.tan(fan - delta)
-        left, right = self._picked(weights, self.lines.rays)
-        left_slope, right_slope = self._picked(by_delta, self.lines.rays)
-        slope = 0.5 * (left + right) * (left_slope / left - right_slope / right)
-        wrong = np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad)], axis=1)
-        farther = 0.5 * math.radians(ENCODER_DEG) * (wrong[self.pairs.second] - wrong[self.pairs.first])
-        added: FloatArray = -slope[:, None] * farther
-        return added
+        fan, delta = fan[self.lines.cells], pairs.delta[:, None]
+        sums = self._picked(weights, self.lines.rays)
+        slopes = self._picked((weights[0] * np.tan(fan + delta), weights[1] * np.tan(fan - delta)), self.lines.rays)
+        left, right = (slope / own for slope, own in zip(slopes, sums, strict=True))
+        mean = 0.5 * (sums[0] + sums[1])[:, None]
+        farther = 0.5 * (motions.turned_rad[pairs.second] - motions.turned_rad[pairs.first])
+        across, along = motions.moved_mm
+        wider = np.tan(pairs.delta)[pairs.separation][:, None]
+        line = (along[pairs.first] - along[pairs.second]) / wider - across[pairs.first] - across[pairs.second]
+        line /= 2.0 * self.source_distance_mm
+        changed: FloatArray = -mean * ((left + right)[:, None] * farther + (left - right)[:, None] * line)
+        return changed
 
     def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.

@@ -12,16 +12,19 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 """
 
 import math
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
 from sawmill_tomography.drift.log_screening import LogScreening, screen_log
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
+from sawmill_tomography.drift.view_pairs.scan_motions import MotionSizes, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 
@@ -35,6 +38,12 @@ SMALL_STEP = 1e-2
 RANK = 1e-6
 # A pattern below this share of the noise cannot be seen.
 SHOWN = 0.3
+# Bends and the encoder's error are in every fit: this number of patterns.
+ALWAYS = 4
+# Motions are fitted at most this number of times, from corrected angles and u_c, until corrections are small.
+ROUNDS, SMALL_TURN_RAD, SMALL_SHIFT_MM = 4, 1e-3, 0.05
+# Turns that are tried at first, as amplitudes.
+TRIED = np.linspace(-1.5, 1.5, 5)
 # A pattern larger than this number of its assumed standard deviations is rejected.
 LARGEST = 4.0
 # Views with a larger variance ratio are not explained by noise and gains. They are hardened by more than `BENT` if that
@@ -68,6 +77,8 @@ class PairFit(DetectorFit):
         Views, cells and samples that may be used.
     lines : LevelledRays
         Rays of the views that were compared: all usable views, or `MOST_VIEWS` of them.
+    motion : (motions,) float64 or None
+        Amplitudes of the motions of `ScanMotions.of_scan` if such motions are far more likely than none.
     """
 
     settled: bool
@@ -75,6 +86,7 @@ class PairFit(DetectorFit):
     hardened: bool
     screening: LogScreening
     lines: LevelledRays
+    motion: FloatArray | None
 
 
 def view_pair_fit(
@@ -85,6 +97,7 @@ def view_pair_fit(
     rotation: Rotation,
     *,
     deviations: FloatArray | None = None,
+    interpolated: NDArray[np.bool_] | None = None,
 ) -> PairFit:
     """Fit u_c and tau to the common sums of pairs of views, SDD held.
 
@@ -95,6 +108,8 @@ def view_pair_fit(
     deviations : (views, detector) float64, optional
         Standard deviations of the line integrals, which weight them. Where it is 0 the standard deviation is estimated
         from the air; None: everywhere.
+    interpolated : (detector,) bool, optional
+        True for cells that were interpolated in every view, as across a gap between modules.
 
     Raises
     ------
@@ -118,22 +133,30 @@ def view_pair_fit(
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
-    hidden = None if screening.hidden is None else screening.hidden[compared]
-    rays = levelled_rays(screening.bridged(sinogram)[compared], known_deviations, hidden)
-    vector = seen_vector(start)
-    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
+    filled = np.zeros(sinogram.shape, bool) if screening.hidden is None else screening.hidden
+    filled = filled if interpolated is None else filled | interpolated
+    rays = levelled_rays(
+        screening.bridged(sinogram)[compared], known_deviations, filled[compared] if filled.any() else None
+    )
+    vector, distance_mm = seen_vector(start), start.source_distance_mm
+    times = scan_times(len(sinogram))[compared]
+    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation}
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
-    near = np.append(fit.vector, vector[2])
-    if fit.settled:
-        disturbed = _fit(sums[rotation], vector, near, disturbed=True)
-        # Patterns larger than possible have another cause, such as a log that moved.
-        fit = disturbed if disturbed.largest_pattern < LARGEST else fit
+    near = np.append(fit.vector, vector[2]) if fit.settled else vector
+    # Views that do not settle, and are too few for disturbances, are refused for what they are.
+    with nullcontext() if fit.settled else suppress(DriftError):
+        fit = _disturbed(sums[rotation], vector, near, times, fit)
+    motion = fit.amplitudes if fit.settled and fit.sizes is not None and fit.sizes.found else None
+    if motion is not None:
+        moved = ScanMotions.of_scan(sums[rotation].angles_rad, times).described(motion)
+        adjustments = (*adjustments, moved)
     hardened = False
     if fit.settled and fit.unrest > UNREST:
-        hardened = _fit(sums[rotation], vector, near, disturbed=True, hardened=HARDENED).unrest <= UNREST
+        hard = _disturbed(sums[rotation], vector, near, times, fit, hardened=HARDENED)
+        hardened = hard.unrest <= UNREST
         adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
     return PairFit(
         float(fit.vector[0]),
@@ -153,6 +176,7 @@ def view_pair_fit(
         hardened=hardened,
         screening=screening,
         lines=rays,
+        motion=motion,
     )
 
 
@@ -186,6 +210,10 @@ class _PairSumsFit(NamedTuple):
         Largest amplitude of the fitted patterns, in assumed standard deviations; 0 without patterns.
     settled : bool
         True if u_c and tau converged inside the reach.
+    amplitudes : (motions,) float64
+        Amplitudes of the motions, empty without motions.
+    sizes : MotionSizes or None
+        Sizes of the motions that the fit allows for.
     """
 
     vector: FloatArray
@@ -197,21 +225,92 @@ class _PairSumsFit(NamedTuple):
     encoder_bound_mm: float
     largest_pattern: float
     settled: bool
+    amplitudes: FloatArray
+    sizes: MotionSizes | None
+
+
+def scan_times(views: int) -> FloatArray:
+    """Return the times of a scan's views, (views,), from -0.5 to 0.5."""
+    return np.linspace(-0.5, 0.5, views)
+
+
+def _disturbed(
+    sums: PairSums,
+    calibrated: FloatArray,
+    near: FloatArray,
+    times: FloatArray,
+    undisturbed: _PairSumsFit,
+    *,
+    hardened: float = 1.0,
+) -> _PairSumsFit:
+    """Fit from `near` with disturbances; `undisturbed` where they are larger than possible, or nothing settles."""
+    motions = ScanMotions.of_scan(sums.angles_rad, times)
+    correction = np.zeros(len(motions.kinds))
+    if undisturbed.unrest > UNREST:
+        correction = _likely_turn(sums, near, motions, hardened)
+    sizes: MotionSizes | None = MotionSizes(np.abs(correction), bool(correction.any()))
+    start = near
+    for _ in range(ROUNDS):
+        turned = sums.turned(motions.turned_rad @ correction)
+        fit = _fit(turned, calibrated, start, motions=motions, sizes=sizes, hardened=hardened)
+        further, shift_mm = motions.turns * fit.amplitudes, abs(fit.vector[0] - start[0])
+        sizes, start = fit.sizes, np.append(fit.vector, near[2])
+        fit = fit._replace(amplitudes=fit.amplitudes + correction)
+        correction = correction + further
+        if np.abs(motions.turned_rad @ further).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
+            break
+    return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
+
+
+def _likely_turn(sums: PairSums, near: FloatArray, motions: ScanMotions, hardened: float) -> FloatArray:
+    """Return the amplitudes (motions,) of the turn, of `TRIED` ones, that leaves least of the differences.
+
+    Sums are not linear in turns of degrees. The other motions are as large as they can be.
+    """
+    turns = TRIED[:, None] * motions.turns
+    left = []
+    for turn in turns:
+        turned = sums.turned(motions.turned_rad @ turn)
+        differences, others = turned.differences(near), ~motions.turns * turned.moved(near, motions)
+        white, _ = turned.whitening(near, np.hstack([hardened * turned.bends(near), others]))
+        slopes = np.linalg.qr(white @ turned.slopes(near, differences, 2))[0]
+        white_differences = white @ differences
+        left.append(float(np.sum((white_differences - slopes @ (slopes.T @ white_differences)) ** 2)))
+    likely: FloatArray = turns[int(np.argmin(left))]
+    return likely
 
 
 def _fit(
-    sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False, hardened: float = 1.0
+    sums: PairSums,
+    calibrated: FloatArray,
+    start: FloatArray,
+    *,
+    motions: ScanMotions | None = None,
+    sizes: MotionSizes | None = None,
+    hardened: float = 1.0,
 ) -> _PairSumsFit:
     """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
-    Near the truth `disturbed` allows for bent line integrals, `hardened` times as much as usual, and for an eccentric
-    encoder.
+    With `motions` the fit allows for bent line integrals, `hardened` times as much as usual, for an eccentric encoder
+    and for motions during the scan, as large as the differences show; `sizes` are those before the angles were
+    corrected.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
-    encoder = sums.encoder(start)
-    patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
+    encoder = sums.moved(start, ScanMotions.encoder(sums.angles_rad))
+    patterns = encoder[:, :0]
+    if motions is not None:
+        patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder])
     white, gains = sums.whitening(start, patterns)
+    if motions is not None:
+        changed, differences = sums.moved(start, motions), sums.differences(start)
+        explained = _explained(white @ sums.slopes(start, differences, 2), white @ gains)
+        found = motion_sizes(white @ differences, explained, white @ changed, motions.kinds)
+        # The turn that was corrected is as uncertain as before.
+        sizes = found if sizes is None else found.at_least(sizes, motions.turns)
+        changed *= sizes.shares
+        patterns = np.hstack([patterns, changed])
+        white = _whitened_further(white, changed)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
@@ -230,11 +329,37 @@ def _fit(
     moving = np.linalg.pinv(slopes[:, :2])
     sensitivity: FloatArray = -moving @ slopes[:, 2]
     by_encoder = moving[0] @ white @ encoder
-    largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
+    amplitudes = shown.T @ remaining
+    if sizes is not None:
+        amplitudes[ALWAYS:] *= sizes.shares
     return _PairSumsFit(
-        vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
+        vector[:2],
+        scaled,
+        sensitivity,
+        chi_squared,
+        unrest,
+        residual,
+        math.hypot(*by_encoder),
+        float(np.abs(amplitudes).max(initial=0.0)),
+        settled,
+        amplitudes[ALWAYS:],
+        sizes,
     )
+
+
+def _explained(slopes: FloatArray, gains: FloatArray) -> FloatArray:
+    """Return orthonormal columns for all that slopes and gains explain."""
+    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
+    explained: FloatArray = space[:, size > RANK * size[0]]
+    return explained
+
+
+def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
+    """Return a matrix that whitens differences with further changes (pairs, changes), of standard deviation 1."""
+    space, size, _ = np.linalg.svd(white @ changes, full_matrices=False)
+    whitened: FloatArray = white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
+    return whitened
 
 
 def _scaled(
@@ -244,13 +369,16 @@ def _scaled(
 
     Noise and gains have a scale each: gains of another size than assumed say nothing about the noise, which is the
     residual that no gain explains. The uncertainty of each scale enters by Student's t. Patterns explain no more than
-    their size allows, but each pattern that can be seen is one comparison less.
+    their size allows, but each bend that can be seen is one comparison less, and motions are as many as they explain.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
-    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
-    explained = space[:, size > RANK * size[0]]
+    explained = _explained(slopes, gains)
     of_gains = explained.shape[1] - slopes.shape[1]
-    free = len(residual) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
+    of_bends, of_motions = np.split(np.linalg.norm(patterns, axis=0), [ALWAYS])
+    free = len(residual) - explained.shape[1] - int(np.sum(of_bends > SHOWN))
+    if free > FEWEST_FREE:
+        # Motions take their share of a comparison each, but a scan that hardly shows them is not refused for them.
+        free = max(free - float(np.sum(of_motions**2)), FEWEST_FREE)
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
