@@ -418,7 +418,7 @@ class _JointFitter:
 
     @property
     def _places_of_modules(self) -> float:
-        """Number of places at which a module may begin: borders less than a module apart look alike."""
+        """Number of places at which a module may begin: borders that are less than a module apart count as one."""
         return self.model.data.cells.count / FEWEST_CELLS
 
     def _module_by_chance(self, system: System, used: list[int]) -> float:
@@ -575,8 +575,14 @@ class _JointFitter:
         return False
 
     def _explained(self, system: System, used: list[int]) -> list[Fitted]:
-        """Return the effects that are not possible, and those that the others explain, the least needed first."""
-        dropped = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        """Return the effects that the others explain, the least needed first.
+
+        Where effects are not possible, the least needed of them leaves alone: it has often spoiled the others.
+        """
+        impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        if impossible:
+            return [min(impossible, key=lambda one: _need(system, used, one, []))]
+        dropped: list[Fitted] = []
         while len(dropped) < len(self.fitted):
             kept = [one for one in self.fitted if one not in dropped]
             needed = [(_need(system, used, one, dropped), one) for one in kept]
