@@ -8,9 +8,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, first_cell, is_of_module
-from sawmill_tomography.calibration.joint_fit.selection import (
-    EffectTest,
-)
+from sawmill_tomography.calibration.joint_fit.selection import EffectTest
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 

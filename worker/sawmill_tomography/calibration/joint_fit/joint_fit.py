@@ -14,9 +14,7 @@ from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.readings import OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
-from sawmill_tomography.calibration.joint_fit.selection import (
-    EffectTest,
-)
+from sawmill_tomography.calibration.joint_fit.selection import EffectTest
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import DetectorModule, TrueAxis
 

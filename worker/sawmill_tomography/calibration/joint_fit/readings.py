@@ -9,10 +9,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import System
-from sawmill_tomography.calibration.joint_fit.selection import (
-    STRUCTURES,
-    EffectTester,
-)
+from sawmill_tomography.calibration.joint_fit.selection import STRUCTURES, EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
