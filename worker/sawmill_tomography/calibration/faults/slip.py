@@ -17,6 +17,8 @@ from sawmill_vocabulary import Adjustment
 FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
 # A slip is a jump of the angles when the phantom's shift is less than this share of the turn at the phantom's rim.
 TURN_ALONE = 0.1
+# A larger jump of source, turntable or detector, mm, leaves no one geometry to report.
+LARGEST_JUMP_MM = 2.0
 
 
 def slip_at(view: int) -> Effect:
@@ -53,6 +55,7 @@ def jump_at(view: int) -> Effect:
         columns,
         lambda _, sizes: f"source, turntable or detector moved at view {view}, by {math.hypot(*sizes):.2g} mm",
         "look at what carries source, turntable and detector, and repeat the scan",
+        possible=lambda _, sizes: math.hypot(*sizes) <= LARGEST_JUMP_MM,
     )
 
 
