@@ -69,7 +69,7 @@ def ratios(log: NailedLog, fan: FanBeamGeometry, seed: int, size: int) -> tuple[
     truth, metal = log.truth(size, FIELD_MM)
     wood = ~binary_dilation(metal, iterations=2)
     search = MetalSearch.of(fan, object_radius_mm(fan, lines))
-    found = None if search is None else search.find(lines)
+    found = None if search is None else search.find(lines[None])[0]
     cases = ((clean, MetalHandling.NONE), (lines, MetalHandling.AUTO), (lines, MetalHandling.NONE))
     errors = np.array(
         [
@@ -111,7 +111,7 @@ def _alarm(seed: int, views: int) -> bool:
     fan = views_all_round(views)
     lines = NailedLog.random(seed).scan(fan, seed)[:, 0]
     search = MetalSearch.of(fan, object_radius_mm(fan, lines))
-    return search is not None and search.find(lines) is not None
+    return search is not None and search.find(lines[None])[0] is not None
 
 
 def drift_table(logs: int, seed: int, every: list[int]) -> Iterator[str]:

@@ -40,8 +40,8 @@ def test_nails_are_found_and_taken_out(views):
     lines, fan = scan(NAILED, views)
     plain, _ = scan(WOOD, views)
     looking = search(lines, fan)
-    assert looking.find(plain) is None
-    metal = looking.find(lines)
+    assert looking.find(plain[None])[0] is None
+    metal = looking.find(lines[None])[0]
     assert label(metal.excess > 0.0)[1] == len(NAILS)
     # A nail shades 5 to 7 of 288 cells, with the margin 10 to 12: two of them at most a twelfth.
     assert 0.03 < metal.trace.mean() < 1.0 / 12.0
@@ -52,7 +52,7 @@ def test_nails_are_found_and_taken_out(views):
 
 def test_the_metal_is_put_back_with_its_mass_on_any_grid():
     lines, fan = scan(NAILED, 90)
-    metal = search(lines, fan).find(lines)
+    metal = search(lines, fan).find(lines[None])[0]
     mass = STEEL_PER_MM * np.pi * sum(nail.radius_mm**2 for nail in NAILS)
     for grid in (ImageGrid(48, 240.0), ImageGrid(200, 240.0, (10.0, -6.0))):
         # Cells average intensities, and steel shades more than its mass: a few per cent.
@@ -63,7 +63,7 @@ def taken(log, fan, seed=1):
     """The metal found in a slice of the log, and which rays cross its nails."""
     lines = log.scan(fan, seed)[:, 0]
     through = (log.line_integrals(fan) > log.plain.line_integrals(fan)).any(axis=-1)
-    return search(lines, fan).find(lines), through
+    return search(lines, fan).find(lines[None])[0], through
 
 
 @pytest.mark.parametrize("views", [12, 30])
@@ -85,15 +85,15 @@ def test_knots_and_noise_are_no_metal(views, logs):
         assert metal is None
     air = 0.02 * np.random.default_rng(views).standard_normal(fan.sinogram_shape).astype(np.float32)
     looking = MetalSearch.of(fan, 120.0)
-    assert looking.find(air) is None
-    assert looking.find(np.zeros_like(air)) is None
+    assert looking.find(air[None])[0] is None
+    assert looking.find(np.zeros_like(air)[None])[0] is None
 
 
 @pytest.mark.parametrize("views", [12, 30, 360])
 def test_nothing_in_the_published_log_is_metal(views, log_sinogram, scanner, theta, full_turn):
     every = 360 // views
     lines = log_sinogram[::every].astype(np.float32)
-    assert search(lines, FanBeamGeometry(scanner, theta, full_turn(360)[::every])).find(lines) is None
+    assert search(lines, FanBeamGeometry(scanner, theta, full_turn(360)[::every])).find(lines[None])[0] is None
 
 
 def test_metal_on_too_many_rays_is_recognised():
@@ -109,5 +109,5 @@ def test_a_part_of_a_turn_shows_metal_and_a_handful_of_views_does_not():
     stack = simulate_stack([NAILED], part, photons=20_000.0, seed=5)
     counts, flats, darks = (frames.astype(np.float32) for frames in vars(stack).values())
     seen = line_integrals(counts, flats, darks).stack[:, 0]
-    assert search(seen, part).find(seen) is not None
+    assert search(seen, part).find(seen[None])[0] is not None
     assert MetalSearch.of(fan.with_angles(fan.angles_rad[:7]), object_radius_mm(fan, lines)) is None

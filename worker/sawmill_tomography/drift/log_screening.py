@@ -56,7 +56,7 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
     own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
     fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
     search = MetalSearch.of(fan, object_radius_mm(fan, lines))
-    metal = None if search is None else search.find(lines)
+    metal = None if search is None else search.find(lines[None])[0]
     if metal is None:
         return LogScreening(screening.cells, screening.views)
     if metal.is_too_much:

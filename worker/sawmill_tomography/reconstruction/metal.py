@@ -7,6 +7,7 @@ metal, less the metal.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,11 +119,13 @@ class MetalSearch:
         seen = coarse.adjoint(np.ones(coarse.geometry.sinogram_shape, np.float32))
         return cls(Projector(geometry, grid), coarse, seen, step)
 
-    def find(self, sinogram: Image) -> LogMetal | None:
-        """Find the metal of a slice (views, detector); None if there is no metal."""
-        excess = self._excess(_Shadows.of(self.coarse.geometry, sinogram[:: self.step]))
-        if not excess.any():
-            return None
+    def find(self, lines: Image) -> list[LogMetal | None]:
+        """Find the metal of each slice of a block (slices, views, detector); None for a slice without metal."""
+        shadows = [_Shadows.of(self.coarse.geometry, line[:: self.step]) for line in lines]
+        excess = self._excess(shadows)
+        return [self._metal(line, one) if one.any() else None for line, one in zip(lines, excess, strict=True)]
+
+    def _metal(self, sinogram: Image, excess: Image) -> LogMetal:
         shadows = _Shadows.of(self.fine.geometry, sinogram)
         near = scipy.ndimage.binary_dilation(excess > 0.0, np.ones((3, 3), bool))
         covered = shadows.dark & (self.fine.forward(near) > 0.0)
@@ -137,25 +140,33 @@ class MetalSearch:
         freed = np.where(np.isinf(uncertainty), filled, sinogram - alone)
         return LogMetal(trace, filled, freed, uncertainty, self.fine.grid, excess * mass)
 
-    def _excess(self, shadows: "_Shadows") -> Image:
-        """Return the attenuation of metal above the wood's, (size, size), 0 where there is no metal.
+    def _excess(self, shadows: "Sequence[_Shadows]") -> Image:
+        """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.
 
         It explains the shadows by expectation maximisation (Shepp and Vardi 1982, IEEE Trans. Med. Imaging 1, 113),
         where enough views are dark. Rays that cross little of that count little: they see knots at its border.
         """
-        body = self.coarse.adjoint(shadows.dark) >= SHARE_OF_VIEWS * self.seen
-        excess = (body & (self.seen > 0.0)).astype(np.float32)
-        if not excess.any():
-            return excess
+        body = self.coarse.adjoint(np.stack([one.dark for one in shadows])) >= SHARE_OF_VIEWS * self.seen
+        found = (body & (self.seen > 0.0)).astype(np.float32)
+        busy = np.flatnonzero(found.any(axis=(1, 2))).tolist()
+        if not busy:
+            return found
+        excess, seen = found[busy], np.stack([shadows[slice_].excess for slice_ in busy])
         lengths = self.coarse.forward(excess)
         weights = np.minimum(lengths / (2.0 * self.coarse.grid.pixel_mm), 1.0)
         of_weights = np.maximum(self.coarse.adjoint(weights), np.float32(1e-6))
         for _ in range(ITERATIONS):
-            ratio = np.divide(weights * shadows.excess, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+            ratio = np.divide(weights * seen, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
             excess *= self.coarse.adjoint(ratio) / of_weights
             lengths = self.coarse.forward(excess)
-        pieces, count = scipy.ndimage.label(excess > TIMES_WOOD * shadows.wood_per_mm)
-        least = LEAST_PIECE_MM2 * shadows.wood_per_mm / self.coarse.grid.pixel_mm**2
+        for slice_, values in zip(busy, excess, strict=True):
+            found[slice_] = self._pieces(values, shadows[slice_].wood_per_mm)
+        return found
+
+    def _pieces(self, excess: Image, wood_per_mm: float) -> Image:
+        """Return the excess (size, size) of pieces that are dense and large enough, 0 elsewhere."""
+        pieces, count = scipy.ndimage.label(excess > TIMES_WOOD * wood_per_mm)
+        least = LEAST_PIECE_MM2 * wood_per_mm / self.coarse.grid.pixel_mm**2
         keep = scipy.ndimage.sum_labels(excess, pieces, np.arange(count + 1)) >= least
         keep[0] = False
         return np.where(keep[pieces], excess, np.float32(0.0))

@@ -79,7 +79,7 @@ class MetalReduction:
         if self._search is None:
             return WithoutMetal(lines)
         with self._working:
-            searched = {index: self._search.find(np.ascontiguousarray(line)) for index, line in enumerate(lines)}
+            searched = dict(enumerate(self._search.find(np.ascontiguousarray(lines))))
         metals = {index: metal for index, metal in searched.items() if metal is not None and not metal.is_too_much}
         untreated = frozenset(index for index, metal in searched.items() if metal is not None and metal.is_too_much)
         if not metals:
