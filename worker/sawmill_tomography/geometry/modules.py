@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, cell_centres_mm
 from sawmill_vocabulary import DetectorModule
 
 Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
@@ -102,8 +102,8 @@ def lines_of(scanner: Scanner, frame: SourceFrame) -> list[ModuleLine]:
 
 def cell_points(scanner: Scanner, frame: SourceFrame) -> FloatArray:
     """Return each cell's centre (cells, 2), mm, from the source: across and along the ray through the COR."""
-    points = np.empty((scanner.num_detector_pixels, 2))
-    u = (np.arange(len(points)) + 0.5 - 0.5 * len(points)) * scanner.detector_pitch_mm
+    u = cell_centres_mm(scanner)
+    points = np.empty((u.size, 2))
     for line in lines_of(scanner, frame):
         w = u[line.first : line.end] - line.cor_column_mm
         points[line.first : line.end, 0] = w * math.cos(line.tilt_rad)
@@ -141,8 +141,7 @@ class FlatDetector:
     @classmethod
     def of(cls, scanner: Scanner, frame: SourceFrame) -> "FlatDetector":
         """Return the interpolation for a scanner's modules at a source frame."""
-        count = scanner.num_detector_pixels
-        wanted = (np.arange(count) + 0.5 - 0.5 * count) * scanner.detector_pitch_mm
+        count, wanted = scanner.num_detector_pixels, cell_centres_mm(scanner)
         seen = flat_centres_mm(scanner, frame)
         before = np.clip(np.searchsorted(seen, wanted, side="right") - 1, 0, count - 2)
         t = np.clip((wanted - seen[before]) / (seen[before + 1] - seen[before]), 0.0, 1.0)

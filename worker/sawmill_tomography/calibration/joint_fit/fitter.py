@@ -191,7 +191,7 @@ class JointFitter:
             joined = self._join_together(system, tried, used)
         if further:
             self.waiting = [one for one in self.waiting if one not in further]
-            self.model = with_modules(self.model, self.known_modules | first_cells_of(self.fitted))
+            self.model = self._with_fitted_modules()
         change = np.zeros(len(system.columns))
         change[used] = system.inverse(used) @ system.score[used]
         remaining = max(system.power - float(change @ system.score), 0.0)
@@ -220,9 +220,8 @@ class JointFitter:
             for one, test in tests
             if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
         )
-        bent = first_cells_of(self.fitted)
         return JointFit(
-            with_modules(self.model, self.known_modules | bent),
+            self._with_fitted_modules(),
             tuple(self.fitted),
             system,
             used,
@@ -284,13 +283,20 @@ class JointFitter:
         effect = effect_of(module, self.model.data.cells.width_mm)
         return Fitted(effect, effect.columns(self.model), trials, declined=Adjustment.MODULES in self.without)
 
+    def _with_fitted_modules(self) -> ScanModel:
+        """Return the model with the known modules and those that are fitted."""
+        return with_modules(self.model, self.known_modules | first_cells_of(self.fitted))
+
+    def _module_search(self, grams: ViewGrams, system: System, used: list[int]) -> ModuleSearch:
+        return ModuleSearch(self.model, grams, system, used, self.unneeded)
+
     def _further_modules(self, grams: ViewGrams, system: System, used: list[int]) -> list[Fitted]:
         """Put the likeliest further modules of the detector into the model, and return their effects."""
         cells = self.model.data.cells
         most = MOST_MODULES - len(cells.modules)
         if Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
             return []
-        search = ModuleSearch(self.model, grams, system, used, self.unneeded)
+        search = self._module_search(grams, system, used)
         modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
         for module in modules:
             self.model = with_module(self.model, module)
@@ -303,10 +309,9 @@ class JointFitter:
 
     def _module_by_chance(self, system: System, used: list[int]) -> float:
         """Return the power that a gap or a kink explains by chance, or by rounding errors, at its likeliest place."""
-        variance = self._left(system, used) / max(system.samples - len(used), 1.0)
-        structured = UNTRUSTED * system.structured / ON_DETECTOR
+        variance = max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
         rounding = system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2
-        return max(max(variance, structured) * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
+        return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
@@ -316,7 +321,7 @@ class JointFitter:
         found = [(one, cell) for one in self.fitted for cell in first_cells_of([one]) - self.known_modules]
         if not found or self.rounds > JOINING:
             return False
-        search = ModuleSearch(self.model, grams, system, used, self.unneeded)
+        search = self._module_search(grams, system, used)
         modules = {module.first_cell: module for module in self.model.data.cells.modules}
         by_chance = self._module_by_chance(system, used)
         for one, cell in found:
@@ -340,7 +345,7 @@ class JointFitter:
         found = [one for one in self.fitted if first_cells_of([one]) - self.known_modules]
         if not found:
             return False
-        search, moved = ModuleSearch(self.model, grams, system, used, self.unneeded), False
+        search, moved = self._module_search(grams, system, used), False
         for one in found:
             (cell,) = first_cells_of([one])
             modules = {module.first_cell: module for module in self.model.data.cells.modules}
@@ -350,11 +355,6 @@ class JointFitter:
                 self._move(one, modules[cell], better)
                 moved = True
         return moved
-
-    @staticmethod
-    def _left(system: System, used: list[int]) -> float:
-        score = system.score[used]
-        return max(system.power - float(score @ system.inverse(used) @ score), 0.0)
 
     def _join(
         self, system: System, tried: Sequence[Fitted], used: list[int]
@@ -398,13 +398,12 @@ class JointFitter:
         Every effect that noise does not explain is tried with the others; then those that are not needed go, the least
         first.
         """
-        if self.rounds > JOINING or system.structured / STRUCTURES < self._left(system, used) / system.samples:
+        if self.rounds > JOINING or system.structured / STRUCTURES < system.remaining(used) / system.samples:
             return []
         group: list[Fitted] = []
         while len(group) < MOST_TOGETHER:
             places = [*used, *(place for one in group for place in one.places)]
-            variance = self._left(system, places) / max(system.samples - len(places), 1.0)
-            tester = EffectTester(system, places)
+            variance, tester = system.variance(places), EffectTester(system, places)
             tests = [(tester.tested(one.places), one) for one in tried if one not in group]
             worth = [
                 (test.power, one)
@@ -420,8 +419,7 @@ class JointFitter:
             needed = []
             for one in group:
                 rest = [*used, *(place for other in group if other is not one for place in other.places)]
-                test = EffectTester(system, rest).tested(one.places)
-                needed.append((test.significance / chance_limit(FITTED / one.trials, max(test.degrees, 1)), one))
+                needed.append((EffectTester(system, rest).tested(one.places).over_limit(one.trials), one))
             least, weakest = min(needed, key=lambda pair: pair[0])
             if least > 1.0:
                 break
@@ -442,7 +440,7 @@ class JointFitter:
             if not first_cells_of([one]) - self.known_modules:
                 self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
         self.unneeded |= first_cells_of(dropped) - self.known_modules
-        self.model = with_modules(self.model, self.known_modules | first_cells_of(self.fitted))
+        self.model = self._with_fitted_modules()
         if dropped:
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
@@ -487,5 +485,4 @@ def _need(system: System, used: list[int], one: Fitted, dropped: Sequence[Fitted
     out = [*dropped, one]
     places = [place for each in out for place in each.places]
     without = system.without(places, np.concatenate([each.sizes for each in out]))
-    test = EffectTester(without, [i for i in used if i not in places]).tested(one.places)
-    return test.significance / chance_limit(FITTED / one.trials, max(test.degrees, 1)) if test.degrees else 0.0
+    return EffectTester(without, [i for i in used if i not in places]).tested(one.places).over_limit(one.trials)

@@ -288,6 +288,15 @@ class System:
         """Scale that makes the diagonal of `normal` one, (n,)."""
         return unit_scale(self.normal)
 
+    def remaining(self, used: Sequence[int]) -> float:
+        """Return the power of the residual that a step of some columns leaves."""
+        score = self.score[used]
+        return max(self.power - float(score @ self.inverse(used) @ score), 0.0)
+
+    def variance(self, used: Sequence[int]) -> float:
+        """Return the variance of a sample that a step of some columns leaves."""
+        return self.remaining(used) / max(self.samples - len(used), 1.0)
+
     def inverse(self, used: Sequence[int]) -> FloatArray:
         """Invert the normal matrix of some columns; undetermined directions have no variance."""
         return scaled_inverse(self.normal[np.ix_(used, used)])

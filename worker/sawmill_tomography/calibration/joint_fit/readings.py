@@ -63,14 +63,13 @@ def other_motions(
 
     What an effect explains is only as certain as the noise, and its share of what the residual has beside noise.
     """
-    score = system.score[used]
-    left = max(system.power - float(score @ system.inverse(used) @ score), 0.0) / max(system.samples - len(used), 1.0)
+    variance = max(system.variance(used), system.structured / STRUCTURES)
     for one in fitted:
         if one.effect.adjustment in MOTIONS:
             instead = _Instead(system, used, one)
             for other in tried:
                 if other.effect.adjustment in MOTIONS and not other.declined:
-                    reading = instead.reading(other, max(left, system.structured / STRUCTURES))
+                    reading = instead.reading(other, variance)
                     if reading.weight > LEAST_WEIGHT:
                         yield reading
 

@@ -60,7 +60,11 @@ class EffectTest:
 
     def is_fitted(self, trials: float = 1.0) -> bool:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
-        return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
+        return self.over_limit(trials) > 1.0
+
+    def over_limit(self, trials: float = 1.0) -> float:
+        """Return the significance over the limit beyond which the effect is fitted; 0 where no unknown is seen."""
+        return self.significance / chance_limit(FITTED / trials, self.degrees) if self.degrees else 0.0
 
     def is_beyond_chance(self, trials: float = 1.0) -> bool:
         """Return whether chance alone would hardly show an effect of this size."""
