@@ -11,6 +11,7 @@ from PIL import Image
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output import calibration_file
@@ -20,8 +21,9 @@ from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary import DetectorModule, ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
+from sawmill_worker.jobs.calibrate import known_modules
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
 from sawmill_worker.use_cases.conversion import to_phantom
@@ -221,3 +223,12 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
     difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)
     assert np.abs(difference).mean() < 1e-3
+
+
+def test_a_calibration_starts_from_the_modules_of_the_detector_that_is_there():
+    found = (DetectorModule(900, 0.5),)
+    wide = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=1536, detector_pitch_mm=0.75)
+    calibrated, exchanged = replace(wide, detector_modules=found), replace(wide, num_detector_pixels=768)
+    assert known_modules(wide, None) == ()
+    assert known_modules(wide, calibrated) == found
+    assert known_modules(exchanged, calibrated) == (), "a detector of 768 cells has no cell 900"

@@ -13,12 +13,13 @@ from sawmill_contracts.calibrations import (
     CalibrationSucceeded,
     CalibrationUnfinished,
 )
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
-from sawmill_vocabulary import DataKind
+from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import of_averaged_rows
@@ -117,7 +118,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
     active = _active(attempt)
-    modules = scanner.constants.detector_modules if active is None else active.scanner.detector_modules
+    modules = known_modules(scanner.constants, None if active is None else active.scanner)
     calibration_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad[mean.views],
@@ -145,6 +146,13 @@ def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: 
         "phantom": calibration_input.drawing.model_dump(mode="json"),
     }
     return AttemptKeeper(attempt, origin)
+
+
+def known_modules(present: ScannerConstants, calibrated: ScannerConstants | None) -> tuple[DetectorModule, ...]:
+    """Return the modules from which a calibration starts: those of the active one, if its detector is still there."""
+    if calibrated is None or replace(calibrated, detector_modules=present.detector_modules) != present:
+        return present.detector_modules
+    return calibrated.detector_modules
 
 
 def _active(attempt: MillAttempt) -> CalibrationSucceeded | None:

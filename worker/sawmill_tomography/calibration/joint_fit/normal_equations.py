@@ -37,7 +37,7 @@ SCATTERS = 4.0
 ODD, ALONE = 6.0, 1e6
 
 # A part of a column: a term's derivative, in all views alike or times a shape (views,). A whole number from
-# `MODULE_TERMS` on is a gap or kink (`module_term`).
+# `MODULE_TERMS` on is a gap or kink (`gap_term`, `kink_term`).
 Part = tuple[int, FloatArray | None]
 
 
