@@ -59,6 +59,17 @@ def stepping(watched):
             yield step
 
 
+@contextmanager
+def scan_held(watched):
+    """A folder that goes on step by step, once the service has a scan of `log.npy`, which it does not read yet."""
+    watched.running.reads.clear()
+    watched.put("log.npy", b"log")
+    with stepping(watched) as step:
+        while not watched.scans():
+            step()
+        yield step
+
+
 @pytest.mark.slow
 def test_files_under_kills_are_each_taken_once(watched, tmp_path):
     random = Random(7)  # noqa: S311 - no secret
@@ -233,11 +244,7 @@ def test_a_file_that_became_shorter_after_it_was_summed_up_is_sent_as_it_is(watc
 
 
 def test_a_touched_file_of_equal_bytes_has_not_changed(watched):
-    watched.running.reads.clear()
-    watched.put("log.npy", b"log")
-    with stepping(watched) as step:
-        while not watched.scans():
-            step()
+    with scan_held(watched) as step:
         (taken,) = (watched.folder / "taken").glob("*/log.npy")
         os.utime(taken, (1, 1))
         watched.running.reads.set()
@@ -248,12 +255,8 @@ def test_a_touched_file_of_equal_bytes_has_not_changed(watched):
 
 def test_a_scan_is_found_again_when_the_upload_that_it_was_made_of_is_forgotten(watched):
     """As after a kill between the service's answer and the record, and two days without the watcher."""
-    watched.running.reads.clear()
-    watched.put("log.npy", b"log")
-    with stepping(watched) as step:
-        while not watched.scans():
-            step()
-    (record,) = watched.records()
+    with scan_held(watched):
+        (record,) = watched.records()
     taking = json.loads(record.read_text())
     for forgotten in ({"scan_id": None}, {"scan_id": None, "upload_id": "0" * 32}):
         record.write_text(json.dumps(taking | forgotten))
@@ -272,12 +275,8 @@ def test_a_scan_is_found_again_when_the_upload_that_it_was_made_of_is_forgotten(
 
 
 def test_a_process_killed_between_two_steps_of_a_move_is_finished(watched):
-    watched.running.reads.clear()
-    watched.put("log.npy", b"log")
-    with stepping(watched) as step:
-        while not watched.scans():
-            step()
-    (record,) = watched.records()
+    with scan_held(watched):
+        (record,) = watched.records()
     kept = record.read_bytes()
     watched.running.reads.set()
     assert watched.once()
@@ -300,11 +299,7 @@ def test_a_process_killed_between_two_steps_of_a_move_is_finished(watched):
 
 
 def test_a_deleted_scan_and_a_cancelled_job_are_for_somebody_to_look_at(watched):
-    watched.running.reads.clear()
-    watched.put("log.npy", b"log")
-    with stepping(watched) as step:
-        while not watched.scans():
-            step()
+    with scan_held(watched) as step:
         (scan,) = watched.scans()
         watched.running.store.jobs.request_cancel(scan.job_id)
         step()
