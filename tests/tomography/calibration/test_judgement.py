@@ -40,6 +40,7 @@ def predicted(upper_95_mm, rms_mm=None):
 ERROR_BARS = {
     "covariance": Covariance(np.eye(5)),
     "ray_covariance": np.eye(5),
+    "hidden_modules": (),
     "theta_covariance": None,
     "predicted_ray_error": predicted(0.04),
     "inflation": 1.0,

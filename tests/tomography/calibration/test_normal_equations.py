@@ -5,14 +5,18 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
+from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_module
+from sawmill_tomography.calibration.faults.motion import harmonics, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection._analytic_numba import project
 from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_vocabulary import DetectorModule
 
 FRAME = SourceFrame(2.5, 917.0, 1620.0, -9.0, -0.083)
 OF_THE_BEAM = {Term.SCATTER: 0.02, Term.SCATTER_WIDE: 0.03, Term.LAG: 0.04}
@@ -148,3 +152,27 @@ def test_inner_products_do_not_depend_on_the_number_of_threads():
             )
         )
     assert (found[0] == found[1]).all()
+
+
+def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_finds():
+    """Gains of the views are projected out, and the pose changes from view to view."""
+    model = scan(counts=False, effects=False)
+
+    def system_of(at):
+        grams = ViewGrams(at)
+        grams.project_out([Term.GAIN, Term.OFFSET], 0.0)
+        base = [Column.of(term) for term in Term if term < Term.GAIN]
+        base += in_the_laboratory(at, harmonics(at, 1))
+        modules = [Column.of(term) for term in at.module_terms]
+        return grams, grams.system([*base, *modules]), list(range(len(base)))
+
+    def power(cell):
+        _, system, base = system_of(with_module(model, DetectorModule(cell)))
+        tester = EffectTester(system, base)
+        return max(tester.tested([len(base) + kind]).power for kind in range(2))
+
+    grams, system, base = system_of(model)
+    (found,) = ModuleSearch(model, grams, system, base, ()).likeliest(0.0, 1)
+    cells = range(FEWEST_CELLS, 70 - FEWEST_CELLS + 1)
+    # What the gains take of the stripes is counted to first order.
+    assert power(found) > 0.5 * max(map(power, cells))

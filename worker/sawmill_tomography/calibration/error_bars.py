@@ -7,7 +7,7 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
-from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
+from sawmill_tomography.geometry.ray_error import RayAlternatives, RayErrorPrediction, predicted_ray_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +18,10 @@ class ErrorBars:
     ----------
     covariance : Covariance
         Covariance of the geometry's five unknowns.
-    ray_covariance : (5 + 3 modules, 5 + 3 modules) float64
-        Covariance of the five unknowns, then of the gap, the kink and the first cell of each module.
+    ray_covariance : (5 + 2 modules, 5 + 2 modules) float64
+        Covariance of the five unknowns, then of the gap and the kink of each module.
+    hidden_modules : tuple of RayAlternatives
+        Modules that the scan may hide, and other places of those that it shows.
     theta_covariance : (5, 5) float64 or None
         Covariance of theta; None where the source shift is not resolved.
     predicted_ray_error : RayErrorPrediction
@@ -34,6 +36,7 @@ class ErrorBars:
 
     covariance: Covariance
     ray_covariance: FloatArray
+    hidden_modules: tuple[RayAlternatives, ...]
     theta_covariance: FloatArray | None
     predicted_ray_error: RayErrorPrediction
     inflation: float
@@ -59,8 +62,11 @@ def error_bars(
     return ErrorBars(
         covariance=covariance,
         ray_covariance=statistics.ray_covariance,
+        hidden_modules=statistics.hidden_modules,
         theta_covariance=of_theta,
-        predicted_ray_error=predicted_ray_error(scanner, frame, statistics.ray_covariance, radius_mm=radius_mm),
+        predicted_ray_error=predicted_ray_error(
+            scanner, frame, statistics.ray_covariance, statistics.hidden_modules, radius_mm=radius_mm
+        ),
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,
         source_shift_resolved=of_theta is not None,

@@ -104,7 +104,7 @@ def _error_bars(
     of_theta = theta_covariance(scanner, frame, theta, values)
     of_rays = alone.ray_covariance.copy()
     of_rays[FRAME, FRAME] = values
-    predicted = predicted_ray_error(scanner, frame, of_rays, radius_mm=calibration.radius_mm)
+    predicted = predicted_ray_error(scanner, frame, of_rays, alone.hidden_modules, radius_mm=calibration.radius_mm)
     return replace(
         alone,
         covariance=replace(alone.covariance, values=values),

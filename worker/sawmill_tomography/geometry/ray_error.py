@@ -1,6 +1,7 @@
 """The distance between the rays of two geometries, up to a common scale (docs/conventions.md#ray-error)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,24 +140,26 @@ def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radiu
 class _Linear:
     """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale removed, and of the scale.
 
-    Derivatives by the gap, the kink and the first cell of each module follow.
+    Derivatives by the gap and the kink of each module follow, then those of further borders.
     """
 
     distances: FloatArray
     scale: FloatArray
 
 
-def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> _Linear:
+def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float, hidden_cells: Sequence[int] = ()) -> _Linear:
     points, cells = chord_points(scanner, frame, radius_mm)
-    derivative = _derivatives(scanner, frame, points, cells)
+    derivative = _derivatives(scanner, frame, points, cells, hidden_cells)
     _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
     free = slope.reshape(2, -1).T
     taken = np.linalg.lstsq(free, derivative)[0]
     return _Linear(derivative - free @ taken, taken[1])
 
 
-def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp]) -> FloatArray:
-    """Return the derivatives of the points' distances, (points, 5 + 3 modules), in the order of `_Linear`.
+def _derivatives(
+    scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], hidden_cells: Sequence[int]
+) -> FloatArray:
+    """Return the derivatives of the points' distances, (points, parameters), in the order of `_Linear`.
 
     psi has no effect.
     """
@@ -166,7 +169,7 @@ def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells
     c, s, sdd = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad), frame.source_to_detector_mm
     # Movements of the cells, which form one body, by SDD, u_c and tau, and of the cells on one side of each joint.
     moves = [(np.zeros(x.size), np.ones(x.size)), (np.full(x.size, -c), np.full(x.size, -s)), (sdd - y, x)]
-    moves += _module_moves(scanner, frame, cells)
+    moves += _module_moves(scanner, frame, cells, hidden_cells)
     # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
     turns = np.stack([x * dy - y * dx for dx, dy in moves]) / (x * x + y * y)
     along = np.einsum("rpc,rc->rp", points - source, e)
@@ -175,25 +178,26 @@ def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells
     return columns.reshape(-1, columns.shape[-1])
 
 
-def _module_moves(scanner: Scanner, frame: SourceFrame, cells: NDArray[np.intp]) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the movements (x, y) of cells by the gap, the kink and the first cell of each module.
+def _module_moves(
+    scanner: Scanner, frame: SourceFrame, cells: NDArray[np.intp], hidden_cells: Sequence[int]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the movements (x, y) of cells by the gap and the kink of each module.
 
-    A border that lies one cell farther leaves one cell without the gap.
+    Movements by modules that begin at the hidden cells follow.
     """
     lines, (x, y) = lines_of(scanner, frame), cell_points(scanner, frame)[cells].T
+    borders = [module.first_cell for module in scanner.detector_modules]
+    # The joint is the end of the module that is nearer to the middle.
+    rights = [cell > scanner.num_detector_pixels // 2 for cell in (*borders, *hidden_cells)]
+    near_lines = [lines[number if right else number + 1] for number, right in enumerate(rights[: len(borders)])]
+    near_lines += [next(line for line in lines if cell < line.end) for cell in hidden_cells]
     moves: list[tuple[FloatArray, FloatArray]] = []
-    for number, module in enumerate(scanner.detector_modules, 1):
-        right = module.first_cell > scanner.num_detector_pixels // 2
-        side = np.where(cells >= module.first_cell, 1.0, 0.0) if right else np.where(cells < module.first_cell, -1.0, 0)
-        # The joint is the end of the module that is nearer to the middle.
-        near = lines[number - 1 if right else number]
+    for cell, right, near in zip((*borders, *hidden_cells), rights, near_lines, strict=True):
+        side = (cells >= cell).astype(np.float64) - float(not right)
         c, s = math.cos(near.tilt_rad), math.sin(near.tilt_rad)
-        border = (module.first_cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm
-        w = border - near.cor_column_mm
+        w = (cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm - near.cor_column_mm
         moves.append((side * c, side * s))
         moves.append((side * (near.sdd_mm + w * s - y), side * (x - w * c)))
-        one = module.gap_mm * (cells == module.first_cell)
-        moves.append((one * c, one * s))
     return moves
 
 
@@ -225,23 +229,67 @@ class RayErrorPrediction:
     interval_95_mm: tuple[float, float]
 
 
+@dataclass(frozen=True, eq=False)
+class RayAlternatives:
+    """Errors of which at most one is real, each with a probability: modules that a scan does not show.
+
+    Attributes
+    ----------
+    first_cells : (n,) int
+        First cells of the modules.
+    moves : (n, 2) float64
+        Gap, mm, and kink, rad, of each module.
+    errors : (n, 5 + 2 modules) float64
+        Errors of the geometry and of the known modules in each case.
+    number : (m,) int; factors, probabilities : (m,) float64
+        Alternatives: one of the n, the factor by which its moves and errors are larger, and the probability.
+    """
+
+    first_cells: NDArray[np.intp]
+    moves: FloatArray
+    errors: FloatArray
+    number: NDArray[np.intp]
+    factors: FloatArray
+    probabilities: FloatArray
+
+
 def predicted_ray_error(
-    scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0
+    scanner: Scanner,
+    frame: SourceFrame,
+    covariance: FloatArray,
+    alternatives: Sequence[RayAlternatives] = (),
+    *,
+    radius_mm: float = 150.0,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
-    The covariance may go on with the gap, the kink and the first cell of each module.
+    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives` at most one is
+    real; they count in the limits only.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
     from the distances. `scale_deviation` returns the scale's own error.
     """
-    derivative = _linear(scanner, frame, radius_mm).distances[:, : len(covariance)]
+    cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
+    derivatives = _linear(scanner, frame, radius_mm, cells).distances
+    derivative = derivatives[:, : len(covariance)]
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
-    weights = _weights(derivative, covariance)
+    weights, directions = _weights(derivative, covariance)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
-    squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
-    low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
+    rng = np.random.default_rng(0)
+    normal = rng.standard_normal((DRAWS, weights.size))
+    squares = normal**2 @ weights
+    for each in alternatives:
+        # The distances (points, n) in each case; hidden modules have two columns each behind the known ones.
+        place = derivatives.shape[1] - 2 * (len(cells) - np.searchsorted(cells, each.first_cells))
+        moved = derivative @ each.errors.T
+        moved += derivatives[:, place] * each.moves[:, 0] + derivatives[:, place + 1] * each.moves[:, 1]
+        own, crossed = (moved**2).mean(axis=0), directions.T @ (derivative.T @ moved) / len(moved)
+        drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
+        real = np.flatnonzero(drawn < each.number.size)
+        number, factor = each.number[drawn[real]], each.factors[drawn[real]]
+        squares[real] += factor**2 * own[number] + 2.0 * factor * (normal[real] * crossed[:, number].T).sum(axis=1)
+    low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
         float(np.sqrt(max(variance.max(), 0.0))),
@@ -258,7 +306,7 @@ def exceeded_ray_error(
     The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
-    weights = _weights(_linear(scanner, frame, radius_mm).distances[:, : len(covariance)], covariance)
+    weights, _ = _weights(_linear(scanner, frame, radius_mm).distances[:, : len(covariance)], covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
@@ -266,10 +314,13 @@ def exceeded_ray_error(
     return math.sqrt(first + math.sqrt(second / freedom) * (exceeded_chi_square(share, freedom) - freedom))
 
 
-def _weights(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the weights of independent chi-squares (one degree of freedom) that sum to the mean square, (5,) mm^2."""
+def _weights(derivative: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return weights (n,) mm^2 of independent chi-squares (one degree of freedom) that sum to the mean square.
+
+    The columns of the second array are the parameters' errors (n, n) that belong to each.
+    """
     form = derivative.T @ derivative / len(derivative)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    weights: FloatArray = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
-    return weights
+    weights, turned = np.linalg.eigh(root.T @ form @ root)
+    return np.maximum(weights, 0.0), root @ turned

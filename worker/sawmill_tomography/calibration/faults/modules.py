@@ -1,11 +1,12 @@
 """Modules of the detector: a gap or a kink before some cell, which moves all cells on one side of it."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.faults.effects import Effect
@@ -23,9 +24,41 @@ REACH = 4
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
 # The information about a gap or a kink that the other unknowns must leave, as a share of the whole detector's.
-LEAST_SEEN = 1e-3
+LEAST_SEEN = 1e-6
 # The share of all information about u_c that cells on either side of a border must have.
 LEAST_BESIDE = 0.01
+# Numbers of modules that a detector may have in addition to those that the scan shows, where it shows none, and where
+# it shows some (benchmarks/families.py).
+HIDDEN, HIDDEN_BESIDE_OTHERS = 0.2, 1.0
+# Gaps (cells) and kinks (rad) of hidden modules: every order of magnitude is as likely.
+HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
+# Readings with a smaller likelihood are left out.
+LEAST_WEIGHT = 1e-3
+# Larger exponents are cut, against overflow.
+LARGEST_EXPONENT = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenModule:
+    """A module that a scan may hide, or that may begin elsewhere than where the fit found it.
+
+    Attributes
+    ----------
+    first_cell : int
+    gap_mm, kink_rad : float
+        Gap and kink for a factor of 1.
+    bias : (used,) float64
+        Errors of the fitted columns in this case, for a factor of 1.
+    factors, probabilities : (n,) float64
+        Factors by which gap, kink and bias may be larger, and the probability of each.
+    """
+
+    first_cell: int
+    gap_mm: float
+    kink_rad: float
+    bias: FloatArray
+    factors: FloatArray
+    probabilities: FloatArray
 
 
 def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
@@ -58,18 +91,17 @@ def with_modules(model: ScanModel, kept: Collection[int]) -> ScanModel:
 class ModuleSearch:
     """The power that a gap or a kink before each cell explains next to the columns of a fit.
 
-    Columns of poses that change from view to view are left out of the comparison: the test of an effect has them all.
     Cells near the borders of known modules, and of modules that were not needed (`avoided`), are left out.
     """
 
     def __init__(
         self, model: ScanModel, grams: ViewGrams, system: System, used: list[int], avoided: Collection[int]
     ) -> None:
-        places = [place for place in used if system.columns[place].term is not None]
-        self._terms = [system.columns[place].term for place in places]
-        self._with_columns, self._own, self._score = grams.by_cell([system.columns[place] for place in places])
-        self._normal, self._of_base = system.normal[np.ix_(places, places)], system.score[places]
+        self._terms = [system.columns[place].term for place in used]
+        self._products = grams.by_cell([system.columns[place] for place in used])
+        self._normal, self._of_base = system.normal[np.ix_(used, used)], system.score[used]
         cells, (self._u, self._turn) = model.data.cells, model.by_kink
+        self._width_mm = cells.width_mm
         self._taken = [*avoided, *(module.first_cell for module in cells.modules)]
         self._border = cells.first_border_mm + cells.width_mm * np.arange(cells.count)
 
@@ -104,32 +136,83 @@ class ModuleSearch:
         rest, cell = copy(self), module.first_cell
         kept = [n for n, term in enumerate(self._terms) if term not in {gap_term(cell), kink_term(cell)}]
         shape = np.array([-module.gap_mm, module.kink_rad]) @ self._shapes(cell)
-        rest._with_columns, rest._normal = self._with_columns[kept], self._normal[np.ix_(kept, kept)]  # noqa: SLF001
-        rest._score, rest._of_base = self._score + self._own * shape, (self._of_base + self._with_columns @ shape)[kept]  # noqa: SLF001
+        products = self._products
+        rest._products = replace(  # noqa: SLF001
+            products,
+            with_columns=products.with_columns[kept],
+            score=products.score + products.of_shapes(shape[None])[0],
+        )
+        rest._terms = [self._terms[n] for n in kept]  # noqa: SLF001
+        rest._normal = self._normal[np.ix_(kept, kept)]  # noqa: SLF001
+        rest._of_base = (self._of_base + products.with_columns @ shape)[kept]  # noqa: SLF001
         rest._taken = [taken for taken in self._taken if taken != cell]  # noqa: SLF001
         return rest
 
-    def border(self, module: DetectorModule, variance: float) -> tuple[int, float]:
-        """Return the likeliest cell before which a module begins, and the variance of the place, cells squared.
+    def hidden(self, variance: float, expected: float) -> Iterator[HiddenModule]:
+        """Yield modules that the residual of this variance may hide, where `expected` of them are likely beforehand.
+
+        The residual hides at most one. Each place, and each order of magnitude of its gap or kink, is as likely.
+        """
+        left = self._left()
+        sizes = (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)
+        factors = [np.concatenate([-each, each]) for each in sizes]
+        ratios = np.zeros((2, factors[0].size, left.seen.size))
+        for kind, information in enumerate((left.gap, left.kink)):
+            known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
+            exponent = (factor * left.scores[kind][known] - 0.5 * factor**2 * information[known]) / variance
+            ratios[kind][:, known] = np.exp(np.minimum(exponent, LARGEST_EXPONENT))
+        ratios *= expected / (ratios[..., left.seen].size or 1)
+        probabilities = ratios / (1.0 + ratios.sum())
+        for first in range(0, left.seen.size, FEWEST_CELLS):
+            some = probabilities[..., first : first + FEWEST_CELLS]
+            cell = first + int(some.sum(axis=(0, 1)).argmax())
+            for kind, (gap_mm, kink_rad) in enumerate(((-1.0, 0.0), (0.0, 1.0))):
+                each = some[kind].sum(axis=1)
+                kept = each > LEAST_WEIGHT / factors[kind].size
+                if kept.any():
+                    bias = -left.moved_by[kind][:, cell]
+                    yield HiddenModule(cell, gap_mm, kink_rad, bias, factors[kind][kept], each[kept])
+
+    def elsewhere(self, module: DetectorModule, variance: float) -> Iterator[HiddenModule]:
+        """Yield the places at which a module among the columns may begin as well, by their likelihood."""
+        sizes = {gap_term(module.first_cell): module.gap_mm, kink_term(module.first_cell): module.kink_rad}
+        own = [self._terms.index(term) for term in sizes]
+        others = [n for n in range(len(self._terms)) if n not in own]
+        left = self._without(module)._left()  # noqa: SLF001 - its own class
+        gap, kink, power = left.best()
+        power = np.where(left.seen, power, 0.0)
+        likelihood = np.exp((power - power.max()) / (2.0 * variance))
+        likelihood /= likelihood.sum()
+        known = np.array(list(sizes.values()))
+        removed = np.zeros(len(self._terms))
+        removed[own] = -known
+        removed[others] = (
+            scaled_inverse(self._normal[np.ix_(others, others)]) @ self._normal[np.ix_(others, own)] @ known
+        )
+        for cell in np.flatnonzero(likelihood > LEAST_WEIGHT):
+            bias = removed.copy()
+            bias[others] -= gap[cell] * left.moved_by[0][:, cell] + kink[cell] * left.moved_by[1][:, cell]
+            yield HiddenModule(int(cell), -gap[cell], kink[cell], bias, np.ones(1), likelihood[cell : cell + 1])
+
+    def border(self, module: DetectorModule) -> int:
+        """Return the likeliest cell before which a module begins.
 
         Cells at most `REACH` away are compared. A cell that changes sides moves by the gap: its part of the residual's
         power changes by the square of the gap times the power of the derivative by u_c, less twice the gap times the
         score.
         """
-        cell, gap_mm = module.first_cell, module.gap_mm
-        score = self._score - np.linalg.lstsq(self._normal, self._of_base)[0] @ self._with_columns
+        cell, gap_mm, own = module.first_cell, module.gap_mm, self._products.own
+        score = self._products.score - np.linalg.lstsq(self._normal, self._of_base)[0] @ self._products.with_columns
         behind, before = slice(cell, cell + REACH), slice(cell - REACH, cell)
-        later = np.cumsum(gap_mm**2 * self._own[behind] - 2.0 * gap_mm * score[behind])
-        earlier = np.cumsum((gap_mm**2 * self._own[before] + 2.0 * gap_mm * score[before])[::-1])
+        later = np.cumsum(gap_mm**2 * own[behind] - 2.0 * gap_mm * score[behind])
+        earlier = np.cumsum((gap_mm**2 * own[before] + 2.0 * gap_mm * score[before])[::-1])
         change = np.concatenate([earlier[::-1], [0.0], later])
-        likelihood = np.exp(-0.5 * (change - change.min()) / max(variance, 1e-300))
-        away = np.arange(-REACH, REACH + 1) - (int(change.argmin()) - REACH)
-        return cell + int(change.argmin()) - REACH, float(likelihood @ away**2 / likelihood.sum())
+        return cell + int(change.argmin()) - REACH
 
     def _shapes(self, cell: int) -> FloatArray:
         """Return the factors of the derivative by u_c in each cell for a gap and a kink before a cell, (2, cells)."""
-        behind = np.arange(self._u.size) >= cell
-        return np.stack([behind, behind * (self._u - self._border[cell]) * self._turn])
+        side = (np.arange(self._u.size) >= cell) - float(cell <= self._u.size // 2)
+        return np.stack([side, side * (self._u - self._border[cell]) * self._turn])
 
     def _best(self, found: Sequence[int]) -> tuple[int, float]:
         """Return the cell where a gap or a kink has the largest power next to those before the cells found, and it."""
@@ -142,41 +225,107 @@ class ModuleSearch:
 
         The power is that of a gap or of a kink, or of both less `least_power`, which the second must explain.
         """
-        shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
-        with_columns = np.concatenate([self._with_columns, shapes * self._own])
-        crossed = self._with_columns @ shapes.T
-        normal = np.block([[self._normal, crossed], [crossed.T, (shapes * self._own) @ shapes.T]])
-        inverse = scaled_inverse(normal)
-        score = self._score - (inverse @ np.concatenate([self._of_base, shapes @ self._score])) @ with_columns
-        turn, border = self._turn, self._border
-
-        def of_kink(values: FloatArray) -> FloatArray:
-            return _behind(values * turn * self._u) - border * _behind(values * turn)
-
-        by_gap, by_kink = _behind(with_columns), of_kink(with_columns)
-        gaps, turned = _behind(self._own), self._own * turn**2
-        kinks = _behind(turned * self._u**2) - 2.0 * border * _behind(turned * self._u) + border**2 * _behind(turned)
-        both = [
-            (whole - np.einsum("bm,bc,cm->m", crossed, inverse, crossed), whole)
-            for whole, crossed in ((gaps, by_gap), (kinks, by_kink))
-        ]
-        between = of_kink(self._own) - np.einsum("bm,bc,cm->m", by_gap, inverse, by_kink)
-        gap, kink = (np.where(left > LEAST_SEEN * whole[0], left, np.inf) for left, whole in both)
-        score_of_gap, score_of_kink = _behind(score), of_kink(score)
-        share = between**2 / (gap * kink)
-        # The part of the kink that the gap leaves.
-        apart = np.isfinite(gap) & np.isfinite(kink) & (share < 1.0 - LEAST_SEEN)
-        left_of_kink = np.where(apart, kink * (1.0 - share), np.inf)
-        of_both = (score_of_kink - between / gap * score_of_gap) ** 2 / left_of_kink - least_power
-        power: FloatArray = np.maximum(score_of_gap**2 / gap + np.maximum(of_both, 0.0), score_of_kink**2 / kink)
-        beside = np.minimum(gaps, gaps[0] - gaps)
-        power[beside < LEAST_BESIDE * gaps[0]] = 0.0
-        power[:FEWEST_CELLS] = power[power.size - FEWEST_CELLS + 1 :] = 0.0
+        left = self._left(found)
+        score_of_gap, score_of_kink = left.scores
+        of_both = (score_of_kink - left.between / left.gap * score_of_gap) ** 2 / left.of_kink_alone - least_power
+        power: FloatArray = np.maximum(
+            score_of_gap**2 / left.gap + np.maximum(of_both, 0.0), score_of_kink**2 / left.kink
+        )
+        power[~left.seen] = 0.0
         for cell in (*self._taken, *found):
             power[max(cell - FEWEST_CELLS, 0) : cell + FEWEST_CELLS + 1] = 0.0
         return power
 
+    def _left(self, found: Sequence[int] = ()) -> "_Left":
+        """Compute what the base's columns, and gaps and kinks before the cells found, leave of a module."""
+        products, own = self._products, self._products.own
+        shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
+        of_shapes = products.of_shapes(shapes)
+        with_columns = np.concatenate([products.with_columns, of_shapes])
+        crossed = products.with_columns @ shapes.T
+        normal = np.block([[self._normal, crossed], [crossed.T, of_shapes @ shapes.T]])
+        inverse = scaled_inverse(normal)
+        of_base = np.concatenate([self._of_base, shapes @ products.score])
+        score = products.score - (inverse @ of_base) @ with_columns
+        turn, border = self._turn, self._border
 
-def _behind(values: FloatArray) -> FloatArray:
-    """Return the sums over a cell and all cells behind it, along the last axis."""
-    return np.cumsum(values[..., ::-1], axis=-1)[..., ::-1]
+        def of_kink(values: FloatArray) -> FloatArray:
+            return _moved(values * turn * self._u) - border * _moved(values * turn)
+
+        by_gap, by_kink = _moved(with_columns), of_kink(with_columns)
+        gap_taken, kink_taken = ((moved(products.taken), moved(products.by_stripes)) for moved in (_moved, of_kink))
+        turned, side = own * turn**2, np.where(np.arange(own.size) > own.size // 2, 1.0, -1.0)
+        gaps = side * _moved(own) - _taken(gap_taken, gap_taken)
+        kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
+        kinks *= side
+        kinks -= _taken(kink_taken, kink_taken)
+        moved_by = inverse @ by_gap, inverse @ by_kink
+        gap, kink = (
+            np.where(left > LEAST_SEEN * whole[0], left, np.inf)
+            for left, whole in (
+                (gaps - (by_gap * moved_by[0]).sum(axis=0), gaps),
+                (kinks - (by_kink * moved_by[1]).sum(axis=0), kinks),
+            )
+        )
+        before = np.cumsum(own) - own
+        seen = np.minimum(before, own.sum() - before) >= LEAST_BESIDE * own.sum()
+        seen[:FEWEST_CELLS] = seen[seen.size - FEWEST_CELLS + 1 :] = False
+        between = side * of_kink(own) - _taken(gap_taken, kink_taken) - (by_gap * moved_by[1]).sum(axis=0)
+        return _Left(gap, kink, between, (_moved(score), of_kink(score)), moved_by, seen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Left:
+    """What other columns leave of a gap and a kink before each cell.
+
+    Attributes
+    ----------
+    gap, kink, between : (cells,) float64
+        Information about a gap, about a kink, and between both; infinite where the cell shows none.
+    scores : two (cells,) float64
+        Scores of a gap and of a kink.
+    moved_by : two (columns, cells) float64
+        Change of the other columns for each unit of a gap, and of a kink, that is not fitted.
+    seen : (cells,) bool
+        Cells before which a module may begin.
+    """
+
+    gap: FloatArray
+    kink: FloatArray
+    between: FloatArray
+    scores: tuple[FloatArray, FloatArray]
+    moved_by: tuple[FloatArray, FloatArray]
+    seen: NDArray[np.bool_]
+
+    def best(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the likeliest gap and kink before each cell, and the power that they explain."""
+        of_gap, of_kink = self.scores
+        alone = of_kink - self.between / self.gap * of_gap
+        kink = alone / self.of_kink_alone
+        gap = (of_gap - self.between * kink) / self.gap
+        return gap, kink, of_gap**2 / self.gap + alone * kink
+
+    @property
+    def of_kink_alone(self) -> FloatArray:
+        """Information (cells,) about a kink that the gap leaves; infinite where both are alike."""
+        share = self.between**2 / (self.gap * self.kink)
+        apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - LEAST_SEEN)
+        information: FloatArray = np.where(apart, self.kink * (1.0 - share), np.inf)
+        return information
+
+
+def _taken(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return what the views' random effects take of the product of two shapes before each cell (`CellProducts`)."""
+    sums: FloatArray = (one[0] * (other[0] - other[1]) - one[1] * other[0]).sum(axis=0)
+    return sums
+
+
+def _moved(values: FloatArray) -> FloatArray:
+    """Return the sums, along the last axis, over the cells that a module before each cell moves.
+
+    These are the cells behind, or where the module lies before the detector's middle, with negative sign the cells
+    before.
+    """
+    sums = np.cumsum(values[..., ::-1], axis=-1)[..., ::-1]
+    sums[..., : values.shape[-1] // 2 + 1] -= sums[..., :1].copy()
+    return sums

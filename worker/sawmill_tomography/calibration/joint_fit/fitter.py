@@ -5,7 +5,7 @@ pattern; an effect that chance does not explain joins the fit. An effect that is
 bias to the covariance.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate, chain, pairwise
 
@@ -22,6 +22,9 @@ from sawmill_tomography.calibration.faults.inconsistent_views import (
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import (
     FEWEST_CELLS,
+    HIDDEN,
+    HIDDEN_BESIDE_OTHERS,
+    HiddenModule,
     ModuleSearch,
     effect_of,
     with_module,
@@ -69,6 +72,8 @@ MOST_TOGETHER = 6
 LEAST_OF_MODULES = 1e-4
 # Borders between modules move in the rounds before this one.
 LATEST_MOVE = 9
+# A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
+MODULE_TRIALS = 0.01
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
@@ -134,7 +139,7 @@ class JointFitter:
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
         self.unneeded: set[int] = set()
-        self.border_variance: dict[int, float] = {}
+        self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.fitted: list[Fitted] = []
         for known in prepared.known:
             self.fitted.append(Fitted(known.effect, known.effect.columns(self.model)))
@@ -201,7 +206,7 @@ class JointFitter:
         self.model, share = stepped(self.model, system.columns, change, grams, may_rise=may_rise)
         for one in self.fitted:
             one.sizes = one.sizes + share * change[one.places]
-        self.last = system, tried, used, change, tests
+        self.last = system, tried, used, change, tests, grams
         self.converged = off_by(system, used, change) <= TOLERABLE * self.variance
         if share == 0.0:
             return True
@@ -212,13 +217,13 @@ class JointFitter:
 
     def result(self) -> JointFit:
         """Return the end point of the fit."""
-        system, tried, used, change, tests = self.last
+        system, tried, used, change, tests, grams = self.last
         allowed = [one for one in tried if one.effect.adjustment not in self.without]
         other = other_reading(system, used, self.fitted, allowed)
         beyond_chance = tuple(
             (one, test)
             for one, test in tests
-            if (other is None or one is not other.other) and test.is_beyond_chance(one.trials)
+            if (other is None or one is not other.other) and not is_module(one) and test.is_beyond_chance(one.trials)
         )
         return JointFit(
             self._with_fitted_modules(),
@@ -231,7 +236,7 @@ class JointFitter:
             other,
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
-            self.border_variance,
+            tuple(self._hidden_modules(grams, system, used)),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -288,7 +293,10 @@ class JointFitter:
         return with_modules(self.model, self.known_modules | first_cells_of(self.fitted))
 
     def _module_search(self, grams: ViewGrams, system: System, used: list[int]) -> ModuleSearch:
-        return ModuleSearch(self.model, grams, system, used, self.unneeded)
+        """Return the search next to these columns, which is made once for the derivatives of a round."""
+        if self.searched is None or self.searched[0] is not grams or self.searched[1] != used:
+            self.searched = grams, list(used), ModuleSearch(self.model, grams, system, used, self.unneeded)
+        return self.searched[2]
 
     def _further_modules(self, grams: ViewGrams, system: System, used: list[int]) -> list[Fitted]:
         """Put the likeliest further modules of the detector into the model, and return their effects."""
@@ -300,7 +308,7 @@ class JointFitter:
         modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
         for module in modules:
             self.model = with_module(self.model, module)
-        return [self._of_module(module, self._places_of_modules) for module in modules]
+        return [self._of_module(module, MODULE_TRIALS * self._places_of_modules) for module in modules]
 
     @property
     def _places_of_modules(self) -> float:
@@ -312,6 +320,17 @@ class JointFitter:
         variance = max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
         rounding = system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2
         return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
+
+    def _hidden_modules(self, grams: ViewGrams, system: System, used: list[int]) -> Iterator[tuple[HiddenModule, ...]]:
+        """Yield the modules that the scan may hide, and for each that it shows the places at which it may begin."""
+        variance = max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
+        if Adjustment.MODULES in self.without or variance <= 0.0:
+            return
+        search, found = self._module_search(grams, system, used), first_cells_of(self.fitted) - self.known_modules
+        modules = [module for module in self.model.data.cells.modules if module.first_cell in found]
+        yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if modules else HIDDEN))
+        for module in modules:
+            yield tuple(search.elsewhere(module, variance))
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
@@ -349,7 +368,7 @@ class JointFitter:
         for one in found:
             (cell,) = first_cells_of([one])
             modules = {module.first_cell: module for module in self.model.data.cells.modules}
-            better, self.border_variance[cell] = search.border(modules[cell], self.variance)
+            better = search.border(modules[cell])
             free = all(abs(better - other) >= FEWEST_CELLS for other in modules if other != cell)
             if better != cell and free and self.rounds < LATEST_MOVE:
                 self._move(one, modules[cell], better)

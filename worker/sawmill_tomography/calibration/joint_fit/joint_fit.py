@@ -1,13 +1,13 @@
 """The end point of the joint fit: the model, the fitted effects, and what may be real instead of them."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.faults.effects import DEFORMATION
+from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
@@ -37,8 +37,8 @@ class JointFit:
         Motions that explain almost as much as a fitted motion.
     angle_variance : float
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
-    border_variance : mapping of int to float
-        By the first cell of each module that was found, the variance of that cell.
+    hidden_modules : tuple of tuples of HiddenModule
+        Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
     """
 
     model: ScanModel
@@ -51,7 +51,7 @@ class JointFit:
     other_reading: OtherReading | None
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
-    border_variance: Mapping[int, float]
+    hidden_modules: tuple[tuple[HiddenModule, ...], ...]
     converged: bool
     rounds: int
 

@@ -29,6 +29,8 @@ from sawmill_tomography.statistics.robust import robust_deviation
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
+# An eigenvalue of the views' random effects below this share of the largest is zero within rounding.
+SINGULAR = 1e-12
 # Offsets of views scatter where their power exceeds noise by this number of standard deviations.
 SCATTERS = 4.0
 
@@ -108,7 +110,8 @@ class ViewGrams:
         self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
         # The weighted derivatives of `KEPT` (kept, views, cells), and how much of these was taken out of each term's.
-        self._weighted, self._taken = np.empty((len(KEPT), views, cells)), np.zeros((rows, len(KEPT), views))
+        # The last of the weighted derivatives is the one by u_c.
+        weighted, self._taken = np.empty((len(KEPT) + 1, views, cells)), np.zeros((rows, len(KEPT), views))
         sums, neighbours = np.zeros((-(-views // BLOCK), rows, cells)), np.empty((views, 2))
         of_column = np.zeros((len(sums), rows + 1, cells))
         inner_products(
@@ -124,12 +127,15 @@ class ViewGrams:
             self.weights,
             residual,
             self.stripes,
-            np.array(KEPT),
+            np.array([*KEPT, Term.U_C]),
             by_column,
             by_wood,
-            (self.grams, self.scores, sums, of_column, self._weighted, neighbours),
+            (self.grams, self.scores, sums, of_column, weighted, neighbours),
         )
+        self._weighted, self._by_column = weighted[:-1], weighted[-1]
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
+        # The inner products before anything is projected out, and the precision of each term projected out.
+        self._whole, self._precisions = (self.grams, self.scores), dict[Term, float]()
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         deviation = math.sqrt(max(square - mean * mean, 0.0))
@@ -188,6 +194,7 @@ class ViewGrams:
         `precision` is the variance of a sample divided by the variance of the unknowns.
         """
         own = list(terms)
+        self._precisions |= dict.fromkeys(terms, precision)
         within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
         inverse = np.linalg.pinv(within, rcond=1e-12, hermitian=True)
         share = self.grams[:, :, own] @ inverse
@@ -214,26 +221,62 @@ class ViewGrams:
         combine(terms, shapes, self.grams, self.scores, grams, scores)
         return grams, scores
 
-    def by_cell(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute each cell's part of the inner products of the derivative by u_c, the part of the stripes taken out.
-
-        Returns
-        -------
-        with_columns : (n, cells) float64
-            Products with columns that are the same in all views.
-        own, score : (cells,) float64
-            Products with itself, and with the residual.
-        """
-        rows = [self._rows.get(column.term, column.term) for column in columns if column.term is not None]
-        of_stripes = self.stripe_shares * self._sums[Term.U_C]
-        with_columns = self._of_column[rows] - of_stripes * self._sums[rows]
+    def by_cell(self, columns: Sequence[Column]) -> "CellProducts":
+        """Compute each cell's part of the inner products of the derivative by u_c, without the part of the stripes."""
+        of_stripes, sums = self.stripe_shares * self._sums[Term.U_C], self._sums_of(columns)
+        with_columns = np.zeros((len(columns), self._count.size))
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                row = self._rows.get(term, term)
+                with_columns[number] += self._of_column[row] if shape is None else shape @ self._of_kept(Term(term))
+        with_columns -= of_stripes * sums
         own = self._of_column[Term.U_C] - of_stripes * self._sums[Term.U_C]
-        return with_columns, own, self._of_column[-1]
+        score = self._of_column[-1]
+        taken = by_stripes = np.empty((0, own.size))
+        if self._precisions:
+            terms = list(self._precisions)
+            grams, scores = self._whole
+            within = grams[:, terms][:, :, terms] + np.diag(list(self._precisions.values()))
+            values, vectors = np.linalg.eigh(within)
+            kept = values > SINGULAR * values[:, -1:]
+            root = np.swapaxes(vectors * np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None], 1, 2)
+            taken = (root @ np.stack([self._of_kept(term) for term in terms], 1)).reshape(-1, own.size)
+            weighted = root @ np.stack([self._weighted[KEPT.index(term)] for term in terms], 1)
+            by_stripes = (weighted * of_stripes).reshape(-1, own.size)
+            of_columns = root @ self._with_terms(columns, terms) - (weighted * self.stripe_shares) @ sums.T
+            with_columns -= of_columns.reshape(-1, len(columns)).T @ taken
+            score = score - (root @ scores[:, terms, None]).ravel() @ taken
+        return CellProducts(with_columns, own, score, taken, by_stripes)
+
+    def _of_kept(self, term: Term) -> FloatArray:
+        """Return the weighted products (views, cells) of the derivatives by u_c and by a term of `KEPT`."""
+        weights = np.where(self.weights > 0.0, self.weights, 1.0)
+        products: FloatArray = self._by_column * self._weighted[KEPT.index(term)] / weights
+        return products
+
+    def _with_terms(self, columns: Sequence[Column], terms: Sequence[Term]) -> FloatArray:
+        """Return the inner products (views, terms, columns) of terms and columns before anything is projected out."""
+        grams = self._whole[0][:, list(terms)]
+        products = np.zeros((*grams.shape[:2], len(columns)))
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                of_term = grams[:, :, self._rows.get(term, term)]
+                products[:, :, number] += of_term if shape is None else shape[:, None] * of_term
+        return products
 
     def system(self, columns: Sequence[Column]) -> "System":
         """Compute the normal equations of these columns."""
         grams, scores = self.of_columns(columns)
-        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), len(scores)))
+        sums = self._sums_of(columns)
+        normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
+        return System(
+            tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
+        )
+
+    def _sums_of(self, columns: Sequence[Column]) -> FloatArray:
+        """Compute the sums (columns, cells) of the weighted columns over the views."""
+        views = len(self.scores)
+        sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), views))
         for number, column in enumerate(columns):
             for term, shape in column.parts:
                 row = self._rows.get(term, term)
@@ -245,10 +288,35 @@ class ViewGrams:
         for kept, rows in enumerate(self._weighted):
             some = of_kept[:, kept].any(axis=1)
             sums[some] += of_kept[some, kept] @ rows
-        normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
-        return System(
-            tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
-        )
+        return sums
+
+
+@dataclass(frozen=True, eq=False)
+class CellProducts:
+    """Inner products of the derivative by u_c in each cell, without what the views' random effects take up.
+
+    Attributes
+    ----------
+    with_columns : (n, cells) float64
+        Products with n columns.
+    own, score : (cells,) float64
+        Products with itself, and with the residual; `own` with what the random effects take up.
+    taken, by_stripes : (m, cells) float64
+        What the random effects take up, and its part in the stripes. The derivative times two factors a and b (cells,)
+        has the inner product a @ (own * b) - (taken @ a) @ (taken @ b) + (taken @ a) @ (by_stripes @ b) + (by_stripes
+        @ a) @ (taken @ b).
+    """
+
+    with_columns: FloatArray
+    own: FloatArray
+    score: FloatArray
+    taken: FloatArray
+    by_stripes: FloatArray
+
+    def of_shapes(self, shapes: FloatArray) -> FloatArray:
+        """Return each cell's part (n, cells) of the products with the derivative times factors (n, cells)."""
+        taken, by_stripes = shapes @ self.taken.T, shapes @ self.by_stripes.T
+        return shapes * self.own - taken @ (self.taken - self.by_stripes) + by_stripes @ self.taken
 
 
 @dataclass(frozen=True, eq=False)

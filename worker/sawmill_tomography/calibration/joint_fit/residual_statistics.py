@@ -1,17 +1,19 @@
 """The residual compared with white noise, and the covariance of the parameters that follows."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.ray_error import RayAlternatives
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
 WHITE = 3.0
@@ -38,9 +40,10 @@ class ResidualStatistics:
     ----------
     covariance : Covariance
         Covariance of the seven unknowns, inflated by what the residual has beyond white noise.
-    ray_covariance : (5 + 3 modules, 5 + 3 modules) float64
-        Covariance of the frame, then of the gap, the kink and the first cell of each module; zero for what was not
-        fitted.
+    ray_covariance : (5 + 2 modules, 5 + 2 modules) float64
+        Covariance of the frame, then of the gap and the kink of each module; zero for what was not fitted.
+    hidden_modules : tuple of RayAlternatives
+        Modules that the scan may hide, and other places of those that it shows.
     inflation : float
         Factor by which correlation within the views inflates the covariance; 1 for white noise.
     deviation_ratio : float
@@ -51,6 +54,7 @@ class ResidualStatistics:
 
     covariance: Covariance
     ray_covariance: FloatArray
+    hidden_modules: tuple[RayAlternatives, ...]
     inflation: float
     deviation_ratio: float
     structured: bool
@@ -121,7 +125,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
     return ResidualStatistics(
         Covariance(values, held, unknown),
-        _of_rays(joint, free, modules, of_free),
+        *_of_rays(joint, [*free, *modules], own, of_free),
         inflation,
         math.sqrt(float(ratio.mean())),
         structured,
@@ -129,21 +133,33 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
 
 
 def _of_rays(
-    joint: JointFit, free: Collection[FitParameter], modules: Collection[int | None], covariance: FloatArray
-) -> FloatArray:
-    """Return `ResidualStatistics.ray_covariance` from the covariance of the free parameters and then the modules."""
-    first_cells = [module.first_cell for module in joint.modules]
+    joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
+) -> tuple[FloatArray, tuple[RayAlternatives, ...]]:
+    """Return `ray_covariance` and `hidden_modules` from the covariance of the columns `own` with these names."""
     order: list[int | None] = [*range(FRAME.stop)]
-    for cell in first_cells:
-        order += [gap_term(cell), kink_term(cell), None]
-    places = [order.index(name) if name in order else None for name in (*free, *modules)]
-    kept = [n for n, place in enumerate(places) if place is not None]
+    for module in joint.modules:
+        order += [gap_term(module.first_cell), kink_term(module.first_cell)]
+    kept = [n for n, name in enumerate(names) if name in order]
+    rows, columns = [order.index(names[n]) for n in kept], [own[n] for n in kept]
     values = np.zeros((len(order), len(order)))
-    rows = [place for place in places if place is not None]
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
-    borders = range(FRAME.stop + 2, len(order), 3)
-    values[borders, borders] = [joint.border_variance.get(cell, 0.0) for cell in first_cells]
-    return values
+    return values, tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
+
+
+def _alternatives(
+    group: Sequence[HiddenModule], columns: Sequence[int], rows: Sequence[int], size: int
+) -> RayAlternatives:
+    """Return the alternatives of a group, whose biases in these columns are errors in these rows of the order."""
+    errors = np.zeros((len(group), size))
+    errors[:, rows] = np.stack([one.bias for one in group])[:, columns]
+    return RayAlternatives(
+        first_cells=np.array([one.first_cell for one in group]),
+        moves=np.array([(one.gap_mm, one.kink_rad) for one in group]),
+        errors=errors,
+        number=np.repeat(np.arange(len(group)), [one.factors.size for one in group]),
+        factors=np.concatenate([one.factors for one in group]),
+        probabilities=np.concatenate([one.probabilities for one in group]),
+    )
 
 
 def _refuse_undetermined(joint: JointFit) -> None:
