@@ -69,7 +69,7 @@ SCREENED_VIEWS, UNCORRELATED = 20, 1.0
 MOST_TOGETHER = 6
 # Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
 # of a tenth of a cell in the middle of the shadow makes up 0.0008.
-LEAST_OF_MODULES = 1e-4
+LEAST_OF_MODULES = 2e-4
 # Borders between modules move in the rounds before this one.
 LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
