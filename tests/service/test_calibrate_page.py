@@ -122,7 +122,7 @@ def test_scanners_that_do_not_fit_are_disabled_with_the_reason_and_never_chosen(
     assert ("Line 3", "32 cells, the file has 16") in listed
     assert ("Line 1", "2.500 mm between cells, the file has 1.100 mm") in listed
     assert f'value="{chosen}" disabled' in page.text
-    assert "This file is not from Line 3" in shown(page)
+    assert "This file is not from Line 3: 32 cells, the file has 16." in shown(page)
 
 
 def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, inspect, woken):

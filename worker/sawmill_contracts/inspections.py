@@ -90,7 +90,7 @@ class ViewAngles(Contract):
 
 
 class InspectedReading(Contract):
-    """Data that would be read, from headers alone: no sample has been read yet."""
+    """Data that would be read, as the headers state them."""
 
     data: DataKind | None = Field(
         None, description="Kind of the numbers, as in the request: no file states it reliably.", examples=["counts"]

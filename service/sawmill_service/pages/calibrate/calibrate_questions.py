@@ -35,8 +35,8 @@ class Questions:
         Scanners that can have made the file, and the others with what contradicts it, in natural order.
     phantoms
         Phantoms to choose from.
-    foreign : StoredScanner or None
-        Scanner that was chosen before the file was known, where the file is not from it.
+    foreign : (StoredScanner, Misfit) or None
+        Scanner that was chosen before the file was known, where the file is not from it; nothing is proposed then.
     data : DataKind or None
         The only possible kind of the numbers; None: the kind is a question.
     counts_possible : bool
@@ -51,7 +51,7 @@ class Questions:
     datasets: list[FilePart]
     fitting: list[StoredScanner]
     unfit: list[tuple[StoredScanner, Misfit]]
-    foreign: StoredScanner | None
+    foreign: tuple[StoredScanner, Misfit] | None
     phantoms: list[StoredPhantom]
     data: DataKind | None
     counts_possible: bool
@@ -83,7 +83,7 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
     scanners = sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: natural_order(each.name))
     judged = [(each, result.reading and misfit(each.constants, result.reading)) for each in scanners]
     unfit = [(scanner, found) for scanner, found in judged if found]
-    foreign = next((scanner for scanner, _ in unfit if scanner.id == answered.get("scanner_id")), None)
+    foreign = next((each for each in unfit if each[0].id == answered.get("scanner_id")), None)
     if foreign is not None:
         del answered["scanner_id"]
     questions = Questions(
@@ -98,7 +98,7 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
         angles="angles_deg" in missing,
         answers=answered,
     )
-    return replace(questions, answers=_proposed(store.scans, questions) | answered)
+    return questions if foreign else replace(questions, answers=_proposed(store.scans, questions) | answered)
 
 
 def _proposed(scans: Scans, questions: Questions) -> dict[str, str]:

@@ -210,10 +210,12 @@ function searchChoices(choices) {
   search.closest("label").hidden = false;
   search.addEventListener("input", () => {
     const sought = search.value.trim().toLocaleLowerCase(language);
+    choices.querySelector("details")?.toggleAttribute("open", sought !== "");
     for (const choice of choices.querySelectorAll(".choice")) {
       choice.hidden = !choice.textContent.toLocaleLowerCase(language).includes(sought);
     }
   });
+  search.addEventListener("keydown", (event) => event.key === "Enter" && event.preventDefault()); // it sends no form
 }
 
 function enlarge(button) {
