@@ -351,8 +351,8 @@ def test_a_wrong_zone_is_said_in_finnish(seeded):
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [
-        ({"days": "1-5", "clock": "25:00"}, "not “25:00”"),
-        ({"days": "8", "clock": "05:00"}, "Choose the days"),
+        ({"days": "1-5", "clock": "25:00", "time_zone": "Helsinki"}, "not “25:00”"),
+        ({"days": "8", "clock": "05:00", "time_zone": "Helsinki"}, "Choose the days"),
         ({"cron": "every monday"}, "not &#39;every monday&#39;"),
         (
             {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"},
@@ -364,6 +364,7 @@ def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence
     page = seeded.post("/scanners/example-spare/schedules", data=typed)
     assert page.status_code == 422
     assert sentence in page.text
+    assert ("not “Helsinki”" in page.text) == (typed.get("time_zone") == "Helsinki")
     assert all(value in page.text for name, value in typed.items() if name != "days")
 
 

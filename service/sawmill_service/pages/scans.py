@@ -8,7 +8,7 @@ from fastapi.responses import RedirectResponse
 from pydantic import BeforeValidator, ValidationError
 
 from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
-from sawmill_platform.contracts.base import Identifier, placed_complaint
+from sawmill_platform.contracts.base import Identifier, placed_complaints
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, Invalid, QueueFull
@@ -73,7 +73,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
         log = store.reconstructions.accept(ask)
     except ValidationError as error:
-        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), typed=fields)
+        return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:
         return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), typed=fields)
     wake(log.job_id)

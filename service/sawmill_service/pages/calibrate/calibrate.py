@@ -186,7 +186,7 @@ def _before_the_file(page: PageFrame, store: Store, where: WizardAddress, max_by
         no_scanner=not scanners,
         newest=None if scanner is None else _newest_of_phantom(store, scanner.id),
         number=number,
-        scan_ready=mill_events.SCAN_READY,
+        ended=(mill_events.SCAN_READY, mill_events.SCAN_REFUSED),
         max_bytes=max_bytes,
     )
 

@@ -158,20 +158,21 @@ function sendOnce(form) {
   });
 }
 
-// A watched folder sends the scan: the page goes on when the scan shows a phantom; logs come from the same folder.
+// A watched folder sends the scan: the page goes on when one of a phantom was read, or could not be; the folder also
+// sends logs.
 function waitForScan(waiting) {
-  const { scanner, event, after } = waiting.dataset;
+  const { scanner, events, after } = waiting.dataset;
   const stream = new EventSource(`/v1/events?${new URLSearchParams({ scanner_id: scanner, after })}`);
   stream.addEventListener("alive", (alive) => {
     waiting.dataset.after = alive.lastEventId;
   });
-  stream.addEventListener(event, async (ready) => {
-    waiting.dataset.after = ready.lastEventId;
-    const scan = await api("GET", `/v1/scans/${JSON.parse(ready.data).subject_id}`);
+  events.split(" ").forEach((kind) => stream.addEventListener(kind, async (event) => {
+    waiting.dataset.after = event.lastEventId;
+    const scan = await api("GET", `/v1/scans/${JSON.parse(event.data).subject_id}`);
     if (scan.phantom_id && document.querySelector("#sending").hidden) {
       location.assign(`/calibrate?${new URLSearchParams({ scanner, scan: scan.id })}`);
     }
-  });
+  }));
   // A browser gives up a stream that is refused, as while the service starts, or when the session has ended.
   async function again() {
     try {
