@@ -8,7 +8,6 @@ scanner or phantom is made for the file.
 """
 
 from datetime import timedelta
-from typing import TYPE_CHECKING
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
@@ -35,9 +34,7 @@ from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardAddress, WizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.store import Store
-
-if TYPE_CHECKING:
-    from sawmill_worker.pictures.report_figures import FigureField
+from sawmill_vocabulary import ReconstructionMethod
 
 # Fields of a scan for which the form asks, and the parameters of the address that have the answers.
 ASKED = {"scanner_id": "scanner", "phantom_id": "phantom", "data": "data", "angles_deg": "angles"}
@@ -240,7 +237,7 @@ def _of_calibration(
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
-            phantom=_phantom(store.files, calibration.id),
+            **_outlined(store.files, calibration.id),
             log=shown_log(store.files, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
@@ -267,12 +264,15 @@ def _of_calibration(
     )
 
 
-def _phantom(files: TheFiles, calibration_id: str) -> "FigureField | None":
-    """Return the phantom under its outline; None where the file was removed, or the views give no image."""
+def _outlined(files: TheFiles, calibration_id: str) -> dict[str, object]:
+    """Return the phantom under its outline, if the result has an image, and whether edges of the image are guessed."""
     from sawmill_worker.pictures.report_figures import phantom_field  # noqa: PLC0415 - no other step needs it
 
     arrays = stored_arrays(files, calibration_id)
-    return None if arrays is None else phantom_field(arrays)
+    if arrays is None:
+        return {"phantom": None}
+    guessed = arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
+    return {"phantom": phantom_field(arrays), "guessed": guessed}
 
 
 def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
