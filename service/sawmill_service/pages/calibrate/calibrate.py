@@ -8,6 +8,7 @@ scanner or phantom is made for the file.
 """
 
 from datetime import timedelta
+from typing import TYPE_CHECKING
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
@@ -35,6 +36,9 @@ from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardA
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
+
+if TYPE_CHECKING:
+    from sawmill_worker.pictures.report_figures import FigureField
 
 # Fields of a scan for which the form asks, and the parameters of the address that have the answers.
 ASKED = {"scanner_id": "scanner", "phantom_id": "phantom", "data": "data", "angles_deg": "angles"}
@@ -228,6 +232,7 @@ def _of_calibration(
 ) -> HTMLResponse:
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
+        phantom, guessed = _outlined(store.files, calibration.id)
         return page.answer(
             "calibrate_result.html",
             where=where,
@@ -237,7 +242,8 @@ def _of_calibration(
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
-            **_outlined(store.files, calibration.id),
+            phantom=phantom,
+            guessed=guessed,
             log=shown_log(store.files, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
@@ -264,15 +270,14 @@ def _of_calibration(
     )
 
 
-def _outlined(files: TheFiles, calibration_id: str) -> dict[str, object]:
+def _outlined(files: TheFiles, calibration_id: str) -> "tuple[FigureField | None, bool]":
     """Return the phantom under its outline, if the result has an image, and whether edges of the image are guessed."""
     from sawmill_worker.pictures.report_figures import phantom_field  # noqa: PLC0415 - no other step needs it
 
     arrays = stored_arrays(files, calibration_id)
     if arrays is None:
-        return {"phantom": None}
-    guessed = arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
-    return {"phantom": phantom_field(arrays), "guessed": guessed}
+        return None, False
+    return phantom_field(arrays), arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
 
 
 def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
