@@ -191,4 +191,8 @@ if (shapes) {
   document.querySelector("#draw").addEventListener("submit", save);
   document.querySelector("#picture").addEventListener("submit", send);
   addShape("polygon", BOARD);
+  // Before this script was there, a browser would have sent the form itself, and forgotten the scan that waits.
+  document.querySelectorAll("button.primary:disabled").forEach((button) => {
+    button.disabled = false;
+  });
 }
