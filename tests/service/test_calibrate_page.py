@@ -1,6 +1,7 @@
 """`/calibrate` asks what the file does not say, follows the search, and shows what the result is worth."""
 
 import re
+from dataclasses import replace
 from html import unescape
 
 import pytest
@@ -9,6 +10,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.scanners import ScannerAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.jobs.retries import Retries
@@ -46,14 +48,14 @@ def inputs(answer, name):
 def test_without_a_file_it_takes_one(seeded):
     page = seeded.get("/calibrate?scanner=example")
     assert 'type="file"' in page.text
-    assert "Scanner: Line <2>" in shown(page)
+    assert "Waiting for the phantom's scan of Line <2>" in shown(page)
     assert 'data-max-bytes="100000"' in page.text
 
 
-def test_without_a_scanner_it_leads_to_a_new_one(client):
+def test_without_a_scanner_it_leads_to_a_new_one_or_takes_the_file_first(client):
     page = client.get("/calibrate")
     assert 'href="/scanners/new"' in page.text
-    assert 'type="file"' not in page.text
+    assert 'type="file"' in page.text
 
 
 def test_a_file_that_is_looked_at_is_followed(seeded, store):
@@ -85,6 +87,42 @@ def test_the_phantom_of_the_scanner_s_last_scan_is_proposed(seeded, inspect):
     page = seeded.get(f"/calibrate?scanner=example&inspection={inspect()}")
     assert re.search(r'value="example" required checked', page.text)
     assert re.search(r'value="l-shape" required checked', page.text)
+
+
+def test_a_scanner_that_is_made_for_a_file_is_filled_from_it_and_then_chosen(seeded, inspect):
+    reading = {"shape": {"views": 12, "rows": 4, "detector": 1024}, "detector_pitch_mm": 1.1}
+    inspection = inspect(reading=reading)
+    page = seeded.get(f"/calibrate?inspection={inspection}&phantom=example-spare&angles=0%3A30")
+    assert "No scanner that is described here can have made this file." in shown(page)
+    path = unescape(re.search(r'href="(/scanners/new[^"]*)">Another scanner', page.text)[1])
+    form = seeded.get(path)
+    assert re.findall(r'value="(1024|1\.1)"', form.text) == ["1024", "1.1"]
+    assert shown(form).count("from your file") == 2
+    typed = {"name": "Line 10", "source_to_cor_mm": "", "num_detector_pixels": "1024", "detector_pitch_mm": "1.1"}
+    tolerances = {"ray_error_mm": "0.1", "scale_percent": "0.5", "ray_change_mm": "0.5"}
+    again = seeded.post(path, data={**typed, **tolerances})
+    assert (again.status_code, shown(again).count("from your file")) == (422, 2)
+    made = seeded.post(path, data={**typed, **tolerances, "source_to_cor_mm": "1000"})
+    asked = seeded.get(made.headers["Location"])
+    (scanner,) = re.findall(r'name="scanner_id" value="([^"]*)" required checked', asked.text)
+    assert f"scanner={scanner}" in made.headers["Location"]
+    assert re.search(r'value="example-spare" required checked', asked.text)
+
+
+def test_scanners_that_do_not_fit_are_disabled_with_the_reason_and_never_chosen(seeded, store, inspect):
+    spare = store.scanners.get("example")
+    for name, cells, pitch in [("Line 10", 16, 1.1), ("Line 2", 16, 1.1), ("Line 1", 16, 2.5), ("Line 3", 32, 1.1)]:
+        constants = replace(spare.constants, num_detector_pixels=cells, detector_pitch_mm=pitch)
+        store.scanners.create(ScannerAsk(name=name, constants=constants))
+    reading = {"shape": {"views": 12, "rows": 4, "detector": 16}, "detector_pitch_mm": 1.1}
+    chosen = next(each.id for each in store.scanners.page().items if each.name == "Line 3")
+    page = seeded.get(f"/calibrate?scanner={chosen}&inspection={inspect(reading=reading)}")
+    listed = re.findall(r'name="scanner_id" [^>]*>\s*<span>([^<]*?) <span class="soft">([^<]*)', page.text)
+    assert [name for name, _ in listed[:2]] == ["Line 2", "Line 10"]
+    assert ("Line 3", "32 cells, the file has 16") in listed
+    assert ("Line 1", "2.500 mm between cells, the file has 1.100 mm") in listed
+    assert f'value="{chosen}" disabled' in page.text
+    assert "This file is not from Line 3: 32 cells, the file has 16." in shown(page)
 
 
 def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, inspect, woken):

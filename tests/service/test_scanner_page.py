@@ -351,8 +351,8 @@ def test_a_wrong_zone_is_said_in_finnish(seeded):
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [
-        ({"days": "1-5", "clock": "25:00"}, "not “25:00”"),
-        ({"days": "8", "clock": "05:00"}, "Choose the days"),
+        ({"days": "1-5", "clock": "25:00", "time_zone": "Helsinki"}, "not “25:00”"),
+        ({"days": "8", "clock": "05:00", "time_zone": "Helsinki"}, "Choose the days"),
         ({"cron": "every monday"}, "not &#39;every monday&#39;"),
         (
             {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"},
@@ -364,6 +364,7 @@ def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence
     page = seeded.post("/scanners/example-spare/schedules", data=typed)
     assert page.status_code == 422
     assert sentence in page.text
+    assert ("not “Helsinki”" in page.text) == (typed.get("time_zone") == "Helsinki")
     assert all(value in page.text for name, value in typed.items() if name != "days")
 
 
@@ -390,7 +391,7 @@ def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
     [
         ("source_to_cor_mm", "-5", "must be more than 0, not -5"),
         ("source_to_cor_mm", "86 cm", "must be a number, as in 859.46, not “86 cm”"),
-        ("source_to_cor_mm", "859,46", "not “859,46”"),
+        ("source_to_cor_mm", "1.859,46", "not “1.859,46”"),
         ("source_to_cor_mm", "0.5", "constants.source_to_cor_mm must be at least 1, not 0.5"),
         ("num_detector_pixels", "768.5", "not “768.5”"),
         ("num_detector_pixels", "4", "must be 8 or more, not 4"),
@@ -411,9 +412,18 @@ def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seede
     assert store.scanners.get("example").name == "Line <2>"
 
 
-def test_finnish_decimals_are_read(seeded, store):
+def test_all_that_is_wrong_is_said_at_once(seeded):
+    wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
+    page = seeded.post("/scanners/new", data={**SETTINGS, **wrong}).text
+    assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)
+    assert "<details open>" in page  # the radius has a good default, and is folded otherwise
+
+
+@pytest.mark.parametrize("language", ["en", "fi"])
+@pytest.mark.parametrize("typed", ["859,46", "859.46"])
+def test_decimals_are_read_with_a_comma_and_with_a_point(seeded, store, language, typed):
     made = seeded.post(
-        "/scanners/new", data={**SETTINGS, "source_to_cor_mm": "859,46"}, headers={"Accept-Language": "fi"}
+        "/scanners/new", data={**SETTINGS, "source_to_cor_mm": typed}, headers={"Accept-Language": language}
     )
     assert store.scanners.get(made.headers["location"].rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
 

@@ -112,8 +112,8 @@ def test_a_long_list_leads_to_older_items(seeded, store):
 def test_slices_are_asked_for_by_a_form(seeded, store, woken):
     page = seeded.get("/scans/example")
     assert "all 4" in page.text
-    sent = {"method": "total_variation", "rows": " 0:2 ", "size": "512", "field_mm": "350.5", "unknown": "1"}
-    sent["field_centre_mm"] = "60, -40.5"
+    sent = {"method": "total_variation", "rows": " 0:2 ", "size": "512", "field_mm": "350,5", "unknown": "1"}
+    sent["field_centre_mm"] = "60, -40,5"
     answer = seeded.post("/scans/example/reconstruct", data=sent)
     assert answer.status_code == 303
     log = store.reconstructions.get(answer.headers["Location"].removeprefix("/logs/"))
@@ -129,7 +129,7 @@ def test_slices_are_asked_for_by_a_form(seeded, store, woken):
     [
         ({"rows": "5"}, 422, "rows must be A:B with 0 &lt;= A &lt; B"),
         ({"rows": "0:9"}, 422, "0:9"),
-        ({"field_mm": "-1"}, 422, "field_mm: Input should be greater than 0"),
+        ({"field_mm": "-1", "size": "many"}, 422, "field_mm: Input should be greater than 0"),
         (
             {"field_centre_mm": "60"},
             422,

@@ -18,6 +18,7 @@ from sawmill_vocabulary.texts import N_
 
 # A working day: after this time the client sends the file again.
 FILE_KEPT = timedelta(days=1)
+PICTURE_PX = 320
 
 
 class FileVerdict(StrEnum):
@@ -26,6 +27,16 @@ class FileVerdict(StrEnum):
     READY = "ready"
     INCOMPLETE = "incomplete"
     REFUSED = "refused"
+
+
+class ScanPicture(StrEnum):
+    """Pictures of the scan in an inspected file, by the names of their files; an inspection has one at most.
+
+    The file is `PICTURE_PX` rows of as many bytes, from 0 for black to 255 for white.
+    """
+
+    VIEW = "view.grey"
+    SINOGRAM = "sinogram.grey"
 
 
 class FilePart(Contract):
@@ -79,7 +90,7 @@ class ViewAngles(Contract):
 
 
 class InspectedReading(Contract):
-    """Data that would be read, from headers alone: no sample has been read yet."""
+    """Data that would be read, as the headers state them."""
 
     data: DataKind | None = Field(
         None, description="Kind of the numbers, as in the request: no file states it reliably.", examples=["counts"]

@@ -28,7 +28,7 @@ def next_due(cron: str, time_zone: str, after: datetime) -> datetime:
     Invalid
         The expression does not have five fields or never comes true, or there is no such time zone.
     """
-    if time_zone not in _zones():
+    if time_zone not in time_zones():
         msg = f"time_zone must be a name of the tz database, as Europe/Helsinki or UTC, not {time_zone!r}"
         raise Invalid("invalid-zone", msg)
     try:
@@ -71,5 +71,6 @@ def _for_cronsim(cron: str) -> str:
 
 
 @cache
-def _zones() -> frozenset[str]:
+def time_zones() -> frozenset[str]:
+    """Return the names of the time zones that this machine knows."""
     return frozenset(available_timezones()) - _NO_ZONES

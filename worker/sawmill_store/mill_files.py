@@ -2,6 +2,7 @@
 
 uploads/{scans,phantoms}/<id>/  the uploaded file, unchanged
 uploads/inspections/<id>/       the uploaded file, for a day; a scan made of it has a second name of the same bytes
+inspections/<id>/               view.grey or sinogram.grey, a picture of what the file shows
 scans/<id>/scan.h5              line integrals
 calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it at the first request
 reconstructions/<id>/           volume.h5

@@ -1,5 +1,6 @@
 """Pages of scans: what was uploaded, what became of it, and what to do with it."""
 
+import re
 from typing import Annotated
 
 from fastapi import Response
@@ -7,7 +8,7 @@ from fastapi.responses import RedirectResponse
 from pydantic import BeforeValidator, ValidationError
 
 from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
-from sawmill_platform.contracts.base import Identifier, placed_complaint
+from sawmill_platform.contracts.base import Identifier, placed_complaints
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, Invalid, QueueFull
@@ -15,6 +16,7 @@ from sawmill_service.dependencies import ThePhantoms, TheScanners, TheScans, The
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.formats import plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.words import SCAN_STATES
 from sawmill_service.pages.lists import TheFilter, phantom_names
@@ -27,7 +29,9 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 def _two_numbers(text: object) -> object:
-    parts = str(text).replace(",", " ").split()
+    """Split x and y: at spaces or semicolons, beside which a comma is a decimal one, or else at a comma."""
+    apart = [part.rstrip(",") for part in re.split(r"[\s;]+", str(text).strip())]
+    parts = [plain_number(part) for part in (apart if len(apart) > 1 else apart[0].split(","))]
     if len(parts) != 2:
         msg = f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}"
         raise ValueError(msg)
@@ -63,12 +67,13 @@ def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
     """Request a log, and go to its page."""
     texts = {name: value for name, value in fields.items() if name in LogForm.model_fields and value.strip()}
+    texts |= {name: plain_number(texts[name]) for name in ("field_mm",) if name in texts}
     try:
         options = LogForm.model_validate(texts)
         ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
         log = store.reconstructions.accept(ask)
     except ValidationError as error:
-        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), typed=fields)
+        return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:
         return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), typed=fields)
     wake(log.job_id)

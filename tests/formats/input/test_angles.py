@@ -21,6 +21,11 @@ def test_list():
     assert parse_angles("0, 1.5,-2e1") == AngleList((0.0, 1.5, -20.0))
 
 
+def test_decimal_commas_stand_beside_a_colon_or_semicolons():
+    assert parse_angles("0,5:1,25") == AngleSteps(0.5, 1.25)
+    assert parse_angles("0,5; 1.5;2") == AngleList((0.5, 1.5, 2.0))
+
+
 @pytest.mark.parametrize("text", ["", "a:1", "0:1:2", "1,,2", "nan", "inf:1", "0:", "zero"])
 def test_anything_else_is_refused(text):
     with pytest.raises(UnreadableScan, match=r"START:STEP, as in 0\.5:1") as refusal:

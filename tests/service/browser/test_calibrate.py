@@ -9,11 +9,12 @@ from page_checks import overflowing, shot, small_targets
 from playwright.sync_api import Page, expect
 
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.scans import ScanSpec
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.projection.simulate import simulate_stack
-from sawmill_vocabulary import Progress
+from sawmill_vocabulary import DataKind, Progress
 
 pytestmark = pytest.mark.slow
 
@@ -63,17 +64,10 @@ def looks_right(page: Page, name: str) -> None:
 
 def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path):
     page.goto("/calibrate")
-    page.get_by_role("link", name="Describe a scanner").click()
-    page.get_by_label("Name").fill("Line 2")
-    page.get_by_label("Source to turning axis").fill(str(SCANNER.source_to_cor_mm))
-    page.get_by_label("Detector cells").fill(str(SCANNER.num_detector_pixels))
-    page.get_by_label("Detector pitch").fill(str(SCANNER.detector_pitch_mm))
-    page.get_by_role("button", name="Add this scanner").click()
-    page.get_by_role("main").get_by_role("link", name="Calibrate", exact=True).click()
     looks_right(page, "file")
 
     # A file that is no scan, dropped anywhere on the page, once its script listens.
-    page.wait_for_url("**/calibrate?scanner=*", wait_until="load")
+    page.wait_for_load_state("load")
     page.evaluate(DROP, "Dear editor, " * 100)
     expect(page.get_by_role("heading", name="letter.txt cannot be read as a scan")).to_be_visible()
     looks_right(page, "refused")
@@ -86,15 +80,31 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     expect(page.get_by_role("alert")).to_have_text("Sending was cancelled. Nothing of it is kept.")
     page.unroute("**/v1/inspections?*")
 
-    # What the file does not say: the phantom and the angles, first a wrong one.
+    # What the file does not say: the scanner, filled in from it, the phantom and the angles, first a wrong one.
     page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
     expect(page.get_by_role("heading", name="What the file says")).to_be_visible()
     facts = page.locator("dl.facts")
     expect(facts).to_contain_text("morning.npz")
     expect(facts).to_contain_text("60")
     expect(page.get_by_text("What are the numbers?")).to_have_count(0)
-    page.get_by_label(re.compile("l-shape", re.IGNORECASE)).check()
+    expect(page.get_by_alt_text("Picture of the scan in the file")).to_have_js_property("naturalWidth", 320)
     page.get_by_label("At which angles were the views taken").fill("3:six")
+    page.get_by_role("link", name="Describe a scanner").click()
+    expect(page.get_by_label("Detector cells")).to_have_value(str(SCANNER.num_detector_pixels))
+    page.get_by_label("Name").fill("Line 2")
+    page.get_by_label("Detector pitch").fill(str(SCANNER.detector_pitch_mm).replace(".", ","))
+    page.get_by_role("button", name="Add this scanner").click()
+    expect(page.get_by_text("Source to turning axis: This is needed.")).to_be_visible()
+    looks_right(page, "new-scanner")
+    page.get_by_label("Source to turning axis").fill(str(SCANNER.source_to_cor_mm))
+    page.get_by_role("button", name="Add this scanner").click()
+    page.get_by_role("link", name="Another phantom").click()
+    page.locator("#draw").get_by_label("Name").fill("our board")
+    page.get_by_role("button", name="Save the phantom").click()
+    expect(page.get_by_label("our board")).to_be_checked()
+    expect(page.get_by_label("Line 2")).to_be_checked()
+    expect(page.get_by_label("At which angles were the views taken")).to_have_value("3:six")
+    page.get_by_label(re.compile("l-shape", re.IGNORECASE)).check()
     looks_right(page, "questions")
     page.keyboard.press("Enter")
     expect(page.get_by_text("an angle must be a number of degrees, not 'six'")).to_be_visible()
@@ -104,15 +114,24 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.get_by_role("link", name="Try again with other answers").click()
     expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
     expect(page.get_by_label("At which angles were the views taken")).to_have_value("3:six")
-    page.get_by_label("At which angles were the views taken").fill("3:6")
+    page.get_by_label("At which angles were the views taken").fill("3,0:6")
     page.get_by_role("button", name="Calibrate", exact=True).click()
     page.wait_for_url(re.compile("calibration="))
     page.reload()
     expect(page.get_by_role("heading", name="Are the rays right?")).to_be_visible()
     expect(page.get_by_text("In 95 of 100 cases the rays are off by less than")).to_be_visible()
-    expect(page.get_by_alt_text(re.compile("with its outline"))).to_have_js_property("complete", True)
     looks_right(page, "result")
-    page.get_by_role("button", name="Accept").click()
+    accept, outlined = page.get_by_role("button", name="Accept"), page.get_by_role("button", name="Enlarge the picture")
+    assert outlined.bounding_box()["y"] + outlined.bounding_box()["height"] < accept.bounding_box()["y"]
+    outlined.click()
+    assert page.get_by_role("button", name="Make smaller").bounding_box() == {
+        "x": 0,
+        "y": 0,
+        "width": 390,
+        "height": 844,
+    }
+    page.keyboard.press("Escape")
+    accept.click()
     expect(page.get_by_role("heading", name="This calibration is in use")).to_be_visible()
     (scanner,) = service.get("/v1/scanners").json()["items"]
     active = scanner["active_calibration_id"]
@@ -140,3 +159,16 @@ def test_the_search_is_followed_live_and_cancelled(site, store):
         page.wait_for_timeout(10)
     store.jobs.cancelled(claim)
     expect(page.get_by_role("heading", name="The calibration was cancelled")).to_be_visible()
+
+
+@pytest.mark.usefixtures("seeded")
+def test_the_page_goes_on_by_itself_when_the_scan_of_a_phantom_comes_and_not_with_a_log(site, store, worker):
+    page = site.open("/calibrate?scanner=example")
+    expect(page.get_by_text("Waiting for the phantom's scan of Line <2>")).to_be_visible()
+    for phantom in (None, "l-shape"):
+        spec = ScanSpec(scanner_id="example", data=DataKind.LINE_INTEGRALS, phantom_id=phantom)
+        scan = store.scans.accept(spec, store.files.receive([b"original"], max_bytes=100))
+        worker.finish_scan()
+    page.wait_for_url(f"**/calibrate?scanner=example&scan={scan.id}")
+    expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
+    looks_right(page, "arrived")

@@ -8,6 +8,7 @@ import results
 from damaged_files import DAMAGES
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.inspections import PICTURE_PX, ScanPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.errors import InvalidOutput
@@ -52,6 +53,23 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
     (output / "more").mkdir()
     with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
         check(given, output)
+
+
+def test_an_inspection_may_leave_one_picture_of_the_right_length(given, tmp_path):
+    def check_inspection():
+        check_output(
+            job_kinds.INSPECT, given, results.answer_of(job_kinds.INSPECT, results.inspection_result()), folder
+        )
+
+    folder = tmp_path / "inspected"
+    folder.mkdir()
+    check_inspection()
+    picture = folder / ScanPicture.VIEW
+    picture.write_bytes(bytes(PICTURE_PX**2))
+    check_inspection()
+    picture.write_bytes(b"<script>")
+    with pytest.raises(InvalidOutput, match="it has 8 bytes, not 102400"):
+        check_inspection()
 
 
 @pytest.mark.parametrize("damage", DAMAGES)

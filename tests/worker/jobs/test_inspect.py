@@ -2,12 +2,13 @@
 
 import io
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.inspections import InspectionOptions, InspectionResult
+from sawmill_contracts.inspections import PICTURE_PX, InspectionOptions, InspectionResult, ScanPicture
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
@@ -67,3 +68,27 @@ def test_what_is_no_scan_is_refused_without_a_flag_of_the_command_line(inspected
     refused = [inspected(content) for content in (buffer.getvalue(), b"a letter to the editor" * 100)]
     assert [result.verdict for result in refused] == ["refused", "refused"]
     assert not any("--" in result.refusal.detail for result in refused)
+
+
+@pytest.mark.parametrize(("rows", "name"), [(1, ScanPicture.SINOGRAM), (4, ScanPicture.VIEW)])
+def test_one_view_of_a_stack_or_the_sinogram_of_a_row_is_drawn(store, attempt, rows, name):
+    counts = np.repeat(np.arange(96).reshape(12, 1, 8), rows, axis=1)
+    received = store.files.receive([npz(projections=counts, flats=counts[:2])], max_bytes=10**7)
+    store.inspections.accept_file(InspectionOptions(), received)
+    inspecting = attempt(job_kinds.INSPECT)
+    run(inspecting)
+    drawn = np.fromfile(inspecting.output / name, np.uint8).reshape(PICTURE_PX, PICTURE_PX)
+    assert (drawn[0, 0], drawn[0, -1] < drawn[-1, -1]) == (0, rows == 1)  # all views, or the first one alone
+
+
+def test_numbers_that_cannot_be_read_refuse_the_file_at_once(inspected):
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        data = file.create_dataset(
+            "entry/data/data", data=np.repeat(COUNTS, 4, axis=1), chunks=(1, 4, 8), compression="gzip"
+        )
+        chunk = data.id.get_chunk_info(0)
+    content = bytearray(buffer.getvalue())
+    content[chunk.byte_offset : chunk.byte_offset + chunk.size] = bytes(chunk.size)
+    result = inspected(bytes(content), dataset="/entry/data/data")
+    assert result.verdict == "refused", result

@@ -53,14 +53,17 @@ AnglesGiven = AngleSteps | AngleList
 def parse_angles(text: str) -> AnglesGiven:
     """Read `0.5:1` (start and step) or `0,1,2` (every view's angle), in degrees.
 
+    A comma between start and step, or in a list with semicolons, is a decimal one: `0,5:1` and `0,5; 1,5`.
+
     Raises
     ------
     UnreadableScan
         `angles-malformed`, when the text is neither.
     """
     if ":" not in text:
-        return AngleList(tuple(_number(item) for item in text.split(",")))
-    parts = text.split(":")
+        items = text.replace(",", ".").split(";") if ";" in text else text.split(",")
+        return AngleList(tuple(_number(item) for item in items))
+    parts = text.replace(",", ".").split(":")
     if len(parts) != 2:
         raise UnreadableScan("angles-malformed", f"angles must be START:STEP, as in 0.5:1, not {quoted(text)!r}")
     start, step = _number(parts[0]), _number(parts[1])

@@ -11,6 +11,7 @@ from pydantic import (
     StringConstraints,
     ValidationError,
 )
+from pydantic_core import ErrorDetails
 
 from sawmill_platform.contracts import patterns
 
@@ -38,17 +39,26 @@ Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2
 
 def complaint(error: ValidationError) -> str:
     """Return a contract's first complaint."""
-    first = error.errors()[0]
-    # Pydantic has another text for a field that a dataclass does not have.
-    if first["type"] == "unexpected_keyword_argument":
-        return "Extra inputs are not permitted"
-    return first["msg"].removeprefix("Value error, ")
+    return _message(error.errors()[0])
 
 
 def placed_complaint(error: ValidationError) -> str:
     """Return a contract's first complaint, after the place of the value."""
-    place = ".".join(str(part) for part in error.errors()[0]["loc"])
-    return f"{place}: {complaint(error)}" if place else complaint(error)
+    return placed_complaints(error)[0]
+
+
+def placed_complaints(error: ValidationError) -> list[str]:
+    """Return all of a contract's complaints, each after the place of its value."""
+    places = [".".join(str(part) for part in detail["loc"]) for detail in error.errors()]
+    messages = [_message(detail) for detail in error.errors()]
+    return [f"{place}: {message}" if place else message for place, message in zip(places, messages, strict=True)]
+
+
+def _message(detail: ErrorDetails) -> str:
+    # Pydantic has another text for a field that a dataclass does not have.
+    if detail["type"] == "unexpected_keyword_argument":
+        return "Extra inputs are not permitted"
+    return detail["msg"].removeprefix("Value error, ")
 
 
 Item = TypeVar("Item")

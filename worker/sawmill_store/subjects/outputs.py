@@ -14,6 +14,7 @@ from typing import Any
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import Provenance
 from sawmill_contracts.handed_over import HandedOver
+from sawmill_contracts.inspections import PICTURE_PX, InspectionResult, ScanPicture
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
@@ -46,6 +47,8 @@ def _check_files(kind: JobKind, given: HandedOver, answer: Any, folder: Path) ->
     name, check = _FILES.get(kind, (None, None))
     with os.scandir(folder) as entries:
         found = [entry.name for entry in islice(entries, 2)]
+    if kind == job_kinds.INSPECT and found and found[0] in set(ScanPicture):  # a picture, or nothing
+        name, check = found[0], _check_picture
     if found != ([] if name is None else [name]):
         raise InvalidOutput(f"the job left the files {quoted(str(found))}, and {name or 'none'} is due")
     if name is None or check is None:
@@ -57,6 +60,12 @@ def _check_files(kind: JobKind, given: HandedOver, answer: Any, folder: Path) ->
             check(folder / name, given, answer)
     except DamagedResult as error:
         raise InvalidOutput(f"the job left a {name} that jobs of its kind do not write: {error.reason}") from error
+
+
+def _check_picture(path: Path, _: HandedOver, __: InspectionResult) -> None:
+    """Check the length: any bytes of that length are a picture."""
+    if path.stat().st_size != PICTURE_PX**2:
+        raise NotAsWritten(f"it has {path.stat().st_size} bytes, not {PICTURE_PX**2}")
 
 
 def _check_scan(path: Path, given: HandedOver, reading: ScanReading) -> None:
@@ -97,7 +106,7 @@ def _scan_of(given: HandedOver) -> tuple[ScanShape, slice]:
     return scan.shape, slice(*(scan.usable_rows or (0, scan.shape.rows)))
 
 
-# The one file that a job writes, and its check; jobs of the other kinds write no file.
+# The one file that a job must write, and its check; jobs of the other kinds write none.
 _FILES: Mapping[JobKind, tuple[str, Callable[[Path, HandedOver, Any], None]]] = MappingProxyType(
     {
         job_kinds.INGEST: ("scan.h5", _check_scan),

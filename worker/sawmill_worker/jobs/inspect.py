@@ -1,4 +1,4 @@
-"""The job that reports what an upload holds, which part would be read as a scan, and what is missing."""
+"""The job that reports what an upload holds, which part would be read as a scan, and what is missing, and draws it."""
 
 from typing import Any
 
@@ -20,6 +20,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         angles=None if options.angles_deg is None else parse_angles(options.angles_deg),
         transpose=options.transpose,
         uploaded=True,
+        pictures=attempt.output,
     )
     return inspect_file(source).model_copy(update={"file": options.name}).model_dump(mode="json")
 

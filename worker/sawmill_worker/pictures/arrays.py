@@ -49,6 +49,15 @@ def thumbnail_png(image: NDArray[np.floating[Any]], window: Window | None = None
     window : (low, high), optional
         Values shown black and white; the 0.1 and 99.9 percentiles by default.
     """
-    side = (THUMBNAIL_PX, THUMBNAIL_PX)
+    return encoded(Image.fromarray(painted(small_square(image, THUMBNAIL_PX, window), ColorMap.GREY)))
+
+
+def small_square(image: NDArray[np.floating[Any]], side_px: int, window: Window | None = None) -> Float32:
+    """Reduce an image of any shape to a square, from 0 for black to 1 for white; the window as in `thumbnail_png`."""
     small = Image.fromarray(to_unit(image, window or window_of(image)).astype(np.float32))
-    return encoded(Image.fromarray(painted(np.asarray(small.resize(side, Image.Resampling.BOX)), ColorMap.GREY)))
+    return np.asarray(small.resize((side_px, side_px), Image.Resampling.BOX))
+
+
+def grey_png(grey: bytes, side_px: int) -> bytes:
+    """Encode a square picture of one byte for each pixel, from 0 for black to 255 for white."""
+    return encoded(Image.frombytes("L", (side_px, side_px), grey))

@@ -1,22 +1,22 @@
 """`/calibrate`: from a file to the accepted calibration; the address alone determines the step.
 
-Without parameters the page takes a file; with `inspection` it asks for what that file does not say; with
-`calibration` it follows the search and then shows the result; with `scan` it asks about a scan that was sent before.
-In addition to other parameters, `inspection` is where "other answers" leads back to, and `scan` has the answers that
-were given before.
+Without parameters the page takes a file and, of a known scanner, waits for a scan from its watched folder; with
+`inspection` it asks for what that file does not say; with `calibration` it follows the search and then shows the
+result; with `scan` it asks about a scan that was sent before. In addition to other parameters, `inspection` is where
+"other answers" leads back to, and `scan` has the answers that were given before. The address is kept while a new
+scanner or phantom is made for the file.
 """
 
-from dataclasses import dataclass
-from typing import Annotated
-from urllib.parse import urlencode
+from datetime import timedelta
+from typing import TYPE_CHECKING
 
-from fastapi import Query
+from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
-from sawmill_contracts.inspections import Inspection, InspectionOptions
+from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
@@ -27,15 +27,23 @@ from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
+from sawmill_service.http.responses.answers import picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.calibrate.calibrate_questions import questions_of, usable_phantoms
+from sawmill_service.pages.calibrate.calibrate_questions import LAST_SCANS, questions_of, usable_phantoms
 from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.calibrate.report import stored_arrays
+from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardAddress, WizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.store import Store
+from sawmill_vocabulary import ReconstructionMethod
 
-CALIBRATE = "/calibrate"
-# Fields of a scan for which the form asks.
-ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
+if TYPE_CHECKING:
+    from sawmill_worker.pictures.report_figures import FigureField
+
+# Fields of a scan for which the form asks, and the parameters of the address that have the answers.
+ASKED = {"scanner_id": "scanner", "phantom_id": "phantom", "data": "data", "angles_deg": "angles"}
+# Age up to which a scan of a phantom is offered before a file is sent: a shift.
+OFFERED_FOR = timedelta(hours=12)
 
 # The form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
 FORM_BYTES = 400_000
@@ -49,47 +57,25 @@ class _Answers(Given, ScanSpec):
     phantom_id: Identifier
 
 
-@dataclass(frozen=True)
-class PageAddress:
-    """Parameters in the page's address."""
-
-    scanner: str | None = None
-    inspection: str | None = None
-    calibration: str | None = None
-    scan: str | None = None
-
-    def path(self, **changes: str | None) -> str:
-        """Return the address with some parameters changed."""
-        names = {name: value for name, value in (vars(self) | changes).items() if value}
-        return f"{CALIBRATE}?{urlencode(names)}" if names else CALIBRATE
-
-
 @router.get(CALIBRATE)
-def calibrate(
-    page: ThePage,
-    store: TheStore,
-    settings: TheSettings,
-    scanner: Annotated[Identifier | None, Query()] = None,
-    inspection: Annotated[Identifier | None, Query()] = None,
-    calibration: Annotated[Identifier | None, Query()] = None,
-    scan: Annotated[Identifier | None, Query()] = None,
-) -> HTMLResponse:
+def calibrate(page: ThePage, store: TheStore, settings: TheSettings, where: TheWizardAddress) -> HTMLResponse:
     """Show the step between the file and the accepted calibration that the address names."""
-    where = PageAddress(scanner, inspection, calibration, scan)
-    if calibration is not None:
-        return _of_calibration(page, store, where, store.calibrations.get(calibration))
-    if inspection is not None:
-        return _of_inspection(page, store, where, store.inspections.get(inspection))
-    if scan is not None:
-        return _of_scan(page, store, where, scan)
-    scanners = store.scanners.page(limit=200).items
-    return page.answer(
-        "calibrate_file.html",
-        where=where,
-        scanners=scanners,
-        chosen=next((each for each in scanners if each.id == scanner), None),
-        max_bytes=settings.max_upload_bytes,
-    )
+    if where.calibration is not None:
+        return _of_calibration(page, store, where, store.calibrations.get(where.calibration))
+    if where.inspection is not None:
+        return _of_inspection(page, store, where, store.inspections.get(where.inspection))
+    if where.scan is not None:
+        return _of_scan(page, store, where, where.scan)
+    return _before_the_file(page, store, where, settings.max_upload_bytes)
+
+
+@router.get(CALIBRATE + "/{inspection_id}/{name}")
+def scan_picture(inspection_id: Identifier, name: ScanPicture, request: Request, files: TheFiles) -> Response:
+    """Return the picture of the scan in a file that was inspected."""
+    from sawmill_worker.pictures.arrays import grey_png  # noqa: PLC0415 - no other step needs it
+
+    grey = files.result(job_kinds.INSPECT, inspection_id, name).read_bytes()
+    return picture(request, grey, lambda: grey_png(grey, PICTURE_PX))
 
 
 @router.post(CALIBRATE, needs=Scope.SUBMIT, max_form_bytes=FORM_BYTES)
@@ -97,7 +83,7 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
     """Take the answers: make a scan of the inspected file and calibrate with it."""
     if "scan_id" in form:
         return _start_of_scan(page, store, wake, form)
-    where = PageAddress(form.get("scanner_id"), form.get("inspection_id"))
+    where = WizardAddress(form.get("scanner_id"), form.get("inspection_id"))
     inspection = store.inspections.get(where.inspection or "")
     if inspection.result is None:
         return _of_inspection(page, store, where, inspection)
@@ -107,21 +93,21 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
         store.phantoms.usable(answers.phantom_id)
         calibration = _started(store, wake, ScanSpec(**answers.model_dump(exclude_unset=True)), inspection.id)
     except ValidationError as error:
-        return _asked_again(page, store, where, inspection, form, _sentence(page, error))
+        return _asked(page, store, where, inspection, form, *_sentences(page, error))
     except (NotFound, Conflict) as error:
-        return _asked_again(page, store, where, inspection, form, str(error))
+        return _asked(page, store, where, inspection, form, str(error))
     except QueueFull as error:
-        return _asked_again(page, store, where, inspection, form, str(error), status=STATUS[QueueFull])
+        return _asked(page, store, where, inspection, form, str(error), status=STATUS[QueueFull])
     return RedirectResponse(where.path(calibration=calibration.id), 303)
 
 
 def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str, str]) -> Response:
-    where = PageAddress(scan=form["scan_id"])
+    where = WizardAddress(scan=form["scan_id"])
     try:
         ask = CalibrationAsk(scan_id=form["scan_id"], phantom_id=form.get("phantom_id") or None)
         calibration = store.calibrations.accept(ask)
     except ValidationError as error:
-        return _of_scan(page, store, where, form["scan_id"], _sentence(page, error))
+        return _of_scan(page, store, where, form["scan_id"], *_sentences(page, error))
     except Conflict as error:
         return _of_scan(page, store, where, form["scan_id"], str(error))
     wake(calibration.job_id)
@@ -131,7 +117,7 @@ def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str,
 @router.post(f"{CALIBRATE}/dataset", needs=Scope.SUBMIT)
 def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
     """Inspect the file again, with another array."""
-    where = PageAddress(form.get("scanner_id"), form.get("inspection_id"))
+    where = WizardAddress(form.get("scanner_id"), form.get("inspection_id"))
     earlier = store.inspections.get(where.inspection or "")
     if earlier.result is None:
         return _of_inspection(page, store, where, earlier)
@@ -139,8 +125,8 @@ def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm)
         options = InspectionOptions(dataset=form.get("dataset") or None)
         received = store.inspections.received_again(earlier.id)
     except (ValidationError, StorageError) as error:
-        sentence = _sentence(page, error) if isinstance(error, ValidationError) else str(error)
-        return _asked_again(page, store, where, earlier, form, sentence)
+        problems = _sentences(page, error) if isinstance(error, ValidationError) else [str(error)]
+        return _asked(page, store, where, earlier, form, *problems)
     inspection = store.inspections.accept_file(options, received, name=earlier.options.name)
     wake(inspection.job_id)
     return RedirectResponse(where.path(inspection=inspection.id), 303)
@@ -157,64 +143,96 @@ def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) ->
     return calibration
 
 
-def _sentence(page: PageFrame, error: ValidationError) -> str:
-    """Return the first complaint about an answer; for a missing answer, a request to give it."""
-    field, message = complaint(error.errors()[0])
-    if message == "is required":
-        return page.text.gettext("Answer every question: %(field)s is missing.") % {"field": field}
-    return f"{field} {message}"
+def _sentences(page: PageFrame, error: ValidationError) -> list[str]:
+    """Return all complaints about the answers; for a missing answer, a request to give it."""
+    missing = page.text.gettext("Answer every question: %(field)s is missing.")
+    complaints = [complaint(each) for each in error.errors()]
+    return [
+        missing % {"field": field} if message == "is required" else f"{field} {message}"
+        for field, message in complaints
+    ]
 
 
-def _asked_again(
+def _asked(
     page: PageFrame,
     store: Store,
-    where: PageAddress,
+    where: WizardAddress,
     inspection: Inspection,
-    form: dict[str, str],
-    problem: str,
-    *,
+    answers: dict[str, str],
+    *problems: str,
     status: int = 422,
 ) -> HTMLResponse:
-    """Show the questions again, with the answers as they were given."""
-    questions = questions_of(store, inspection, form)
-    return page.answer("calibrate_questions.html", status=status, where=where, questions=questions, problem=problem)
+    """Show the questions with the answers as they were given, and what is wrong with these."""
+    folder = store.files.results(job_kinds.INSPECT, inspection.id)
+    return page.answer(
+        "calibrate_questions.html",
+        status=status,
+        where=where,
+        questions=questions_of(store, inspection, answers),
+        shown=next((name for name in ScanPicture if (folder / name).is_file()), None),
+        problems=problems,
+    )
 
 
-def _of_inspection(page: PageFrame, store: Store, where: PageAddress, inspection: Inspection) -> HTMLResponse:
+def _before_the_file(page: PageFrame, store: Store, where: WizardAddress, max_bytes: int) -> HTMLResponse:
+    """Show how a phantom is scanned, take a file, and lead to the scan of a phantom that the scanner sent itself."""
+    number = store.events.reader().number
+    scanners = store.scanners.page(limit=2).items
+    only = scanners[0] if len(scanners) == 1 else None
+    scanner = only if where.scanner is None else store.scanners.get(where.scanner)
+    return page.answer(
+        "calibrate_file.html",
+        where=where,
+        scanner=scanner,
+        no_scanner=not scanners,
+        newest=None if scanner is None else _newest_of_phantom(store, scanner.id),
+        number=number,
+        ended=(mill_events.SCAN_READY, mill_events.SCAN_REFUSED),
+        max_bytes=max_bytes,
+    )
+
+
+def _newest_of_phantom(store: Store, scanner_id: str) -> Scan | None:
+    """Return the scan of a phantom that the scanner sent last, if it is of this shift and nobody calibrated with it."""
+    scans = store.scans.page(scanner_id=scanner_id, created_from=store.now() - OFFERED_FOR, limit=LAST_SCANS).items
+    scan = next((scan for scan in scans if scan.phantom_id and scan.state is not ScanState.REFUSED), None)
+    return None if scan is None or store.calibrations.page(scan_id=scan.id, limit=1).items else scan
+
+
+def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspection: Inspection) -> HTMLResponse:
     if inspection.state in {"queued", "running"}:
         return page.answer("calibrate_looking.html", where=where, inspection=inspection)
     result = inspection.result
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
-    questions = questions_of(
-        store, inspection, {"scanner_id": where.scanner or "", **_earlier(store.scans, where.scan)}
-    )
-    return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
+    addressed = {name: getattr(where, parameter) or "" for name, parameter in ASKED.items()}
+    earlier = {} if where.scan is None else _earlier(store.scans, where.scan)
+    answers = earlier | {name: value for name, value in addressed.items() if value}
+    return _asked(page, store, where, inspection, answers, status=200)
 
 
-def _of_scan(
-    page: PageFrame, store: Store, where: PageAddress, scan_id: str, problem: str | None = None
-) -> HTMLResponse:
+def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, *problems: str) -> HTMLResponse:
     """Show a scan that was sent before; the only question is which phantom it shows."""
     scan = store.scans.get(scan_id)
     return page.answer(
         "calibrate_scan.html",
-        status=422 if problem else 200,
+        status=422 if problems else 200,
         where=where,
         scan=scan,
         scanner=store.scanners.get(scan.scanner_id),
         phantoms=usable_phantoms(store.phantoms),
-        chosen_phantom=scan.phantom_id,
-        problem=problem,
+        chosen_phantom=where.phantom or scan.phantom_id,
+        problems=problems,
     )
 
 
 def _of_calibration(
-    page: PageFrame, store: Store, where: PageAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
+    page: PageFrame, store: Store, where: WizardAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
+        phantom, guessed = _outlined(store.files, calibration.id)
         return page.answer(
             "calibrate_result.html",
             where=where,
@@ -224,6 +242,8 @@ def _of_calibration(
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
+            phantom=phantom,
+            guessed=guessed,
             log=shown_log(store.files, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
@@ -250,17 +270,27 @@ def _of_calibration(
     )
 
 
-def _earlier(scans: TheScans, scan_id: str | None) -> dict[str, str]:
+def _outlined(files: TheFiles, calibration_id: str) -> "tuple[FigureField | None, bool]":
+    """Return the phantom under its outline, if the result has an image, and whether edges of the image are guessed."""
+    from sawmill_worker.pictures.report_figures import phantom_field  # noqa: PLC0415 - no other step needs it
+
+    arrays = stored_arrays(files, calibration_id)
+    if arrays is None:
+        return None, False
+    return phantom_field(arrays), arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
+
+
+def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
     """Return the answers that made a scan of the same file; none where the scan was deleted since."""
-    scan = None if scan_id is None else scan_if_kept(scans, scan_id)
+    scan = scan_if_kept(scans, scan_id)
     values = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def _again(files: TheFiles, where: PageAddress, scan: Scan | None) -> str | None:
+def _again(files: TheFiles, where: WizardAddress, scan: Scan | None) -> str | None:
     """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None
     if where.inspection is not None and files.upload(job_kinds.INSPECT, where.inspection).exists():
-        return where.path(calibration=None, scan=scan.id)
-    return None if scan.state is ScanState.REFUSED else PageAddress(scan=scan.id).path()
+        return where.path(calibration=None, scan=scan.id, scanner=None)
+    return None if scan.state is ScanState.REFUSED else WizardAddress(scan=scan.id).path()

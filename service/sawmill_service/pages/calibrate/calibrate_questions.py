@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_mill.scanner_fit import Misfit, misfit
+from sawmill_service.pages.frame.formats import natural_order
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.scans import Scans
 from sawmill_store.store import Store
@@ -29,8 +31,12 @@ class Questions:
         Inspection of the file; its reading is None while it is not known which array is meant.
     datasets : sequence of FilePart
         Arrays of which one must be named; empty where that is no question.
-    scanners, phantoms
-        Choices; the scanners whose detector fits the file come first.
+    fitting, unfit
+        Scanners that can have made the file, and the others with what contradicts it, in natural order.
+    phantoms
+        Phantoms to choose from.
+    foreign : (StoredScanner, Misfit) or None
+        Scanner that was chosen before the file was known, where the file is not from it; nothing is proposed then.
     data : DataKind or None
         The only possible kind of the numbers; None: the kind is a question.
     counts_possible : bool
@@ -43,7 +49,9 @@ class Questions:
 
     inspection: Inspection
     datasets: list[FilePart]
-    scanners: list[StoredScanner]
+    fitting: list[StoredScanner]
+    unfit: list[tuple[StoredScanner, Misfit]]
+    foreign: tuple[StoredScanner, Misfit] | None
     phantoms: list[StoredPhantom]
     data: DataKind | None
     counts_possible: bool
@@ -65,10 +73,6 @@ class Questions:
         """Return the given or proposed answer; empty where there is neither."""
         return self.answers.get(field, "")
 
-    def fits(self, scanner: StoredScanner) -> bool:
-        """Return whether the file has as many cells as the scanner's detector."""
-        return self.reading is None or scanner.constants.num_detector_pixels == self.reading.shape.detector
-
 
 def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str]) -> Questions:
     """Collect the questions about an inspected file; proposals fill in for answers that are missing."""
@@ -76,23 +80,30 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
     assert result is not None  # noqa: S101 - its state says so
     missing = {part.field for part in result.missing}
     answered = {name: value for name, value in answers.items() if value}
+    scanners = sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: natural_order(each.name))
+    judged = [(each, result.reading and misfit(each.constants, result.reading)) for each in scanners]
+    unfit = [(scanner, found) for scanner, found in judged if found]
+    foreign = next((each for each in unfit if each[0].id == answered.get("scanner_id")), None)
+    if foreign is not None:
+        del answered["scanner_id"]
     questions = Questions(
         inspection=inspection,
         datasets=_arrays(result) if "dataset" in missing else [],
-        scanners=store.scanners.page(limit=OFFERED).items,
+        fitting=[scanner for scanner, found in judged if not found],
+        unfit=unfit,
+        foreign=foreign,
         phantoms=usable_phantoms(store.phantoms),
         data=_only_possible(result),
         counts_possible=result.reading is not None and result.reading.flats is not None,
         angles="angles_deg" in missing,
         answers=answered,
     )
-    questions.scanners.sort(key=lambda scanner: not questions.fits(scanner))
-    return replace(questions, answers=_proposed(store.scans, questions) | answered)
+    return questions if foreign else replace(questions, answers=_proposed(store.scans, questions) | answered)
 
 
 def _proposed(scans: Scans, questions: Questions) -> dict[str, str]:
-    """Propose the only scanner whose detector fits, and the phantom that its last scan with a phantom showed."""
-    fitting = [each.id for each in questions.scanners if questions.fits(each)]
+    """Propose the only scanner that fits, and the phantom that its last scan with a phantom showed."""
+    fitting = [each.id for each in questions.fitting]
     scanner_id = questions.answers.get("scanner_id") or (fitting[0] if len(fitting) == 1 else "")
     if not scanner_id:
         return {}

@@ -35,7 +35,7 @@ def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
     from sawmill_worker.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    html = report_html(calibration, _about(store, calibration), _arrays(store.files, calibration_id))
+    html = report_html(calibration, _about(store, calibration), stored_arrays(store.files, calibration_id))
     return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
 
@@ -72,7 +72,7 @@ def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:
     return jobs.get(calibration.job_id).asked_by
 
 
-def _arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | None":
+def stored_arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | None":
     """Read the arrays of result.h5; None where the file was removed."""
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays

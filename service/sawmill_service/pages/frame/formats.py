@@ -2,6 +2,7 @@
 
 import gettext
 import math
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
@@ -116,6 +117,16 @@ class Formats:
         if value is None or not math.isfinite(value):
             return written
         return f"{written}{unit}" if unit == "°" else f"{written}\N{NO-BREAK SPACE}{unit}"
+
+
+def plain_number(typed: str) -> str:
+    """Return a typed number without spaces and with a decimal point: people type a comma or a point in any language."""
+    return "".join(typed.split()).replace(",", ".")
+
+
+def natural_order(name: str) -> list[str | int]:
+    """Return a key for sorting names as people count: Line 2 comes before Line 10."""
+    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r"([0-9]+)", name.casefold()))]
 
 
 def iso(time: datetime | str) -> str:

@@ -22,6 +22,7 @@ from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, The
 from sawmill_service.http.problems import complaint
 from sawmill_service.http.responses.answers import Paging, Svg, file, picture
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.phantoms.phantom_plans import plan_views
 from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
@@ -86,9 +87,9 @@ def phantoms(page: ThePage, phantoms: ThePhantoms, paging: Annotated[Paging, Que
 
 
 @router.get(f"{PHANTOMS}/new")
-def new_phantom(page: ThePage, settings: TheSettings) -> HTMLResponse:
-    """Show the forms to draw a phantom or to upload a picture of one."""
-    return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes)
+def new_phantom(page: ThePage, settings: TheSettings, wizard: TheWizardAddress) -> HTMLResponse:
+    """Show the forms to draw a phantom or to upload a picture of one; they lead back to a scan that waits for it."""
+    return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes, wizard=wizard)
 
 
 @router.post(f"{PHANTOMS}/preview", needs=Scope.SUBMIT)

@@ -16,10 +16,18 @@ from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheCalibrations, TheFiles, TheScanners, TheSchedules, TheStore
+from sawmill_service.dependencies import (
+    TheCalibrations,
+    TheFiles,
+    TheInspections,
+    TheScanners,
+    TheSchedules,
+    TheStore,
+)
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress, WizardAddress
 from sawmill_service.pages.charts.charts import is_calibration, span_of
 from sawmill_service.pages.charts.drift_chart import drift_chart
 from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
@@ -48,18 +56,21 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/scanners/new")
-def new_scanner(page: ThePage) -> HTMLResponse:
-    """Show the form for a new scanner."""
-    return _new(page, _forms(page).empty())
+def new_scanner(page: ThePage, inspections: TheInspections, wizard: TheWizardAddress) -> HTMLResponse:
+    """Show the form for a new scanner, filled from the file that waits in the wizard if there is one."""
+    return _new(page, inspections, wizard, _forms(page).empty())
 
 
 @router.post("/scanners/new", needs=Scope.ACTIVATE, response_model=None)
-def create_scanner(page: ThePage, scanners: TheScanners, typed: TheForm) -> HTMLResponse | RedirectResponse:
-    """Add a scanner, or show the form again with what is wrong."""
+def create_scanner(
+    page: ThePage, scanners: TheScanners, inspections: TheInspections, wizard: TheWizardAddress, typed: TheForm
+) -> HTMLResponse | RedirectResponse:
+    """Add a scanner and lead back to the file that waits, or show the form again with what is wrong."""
     form, spec = _forms(page).read(typed, None)
     if spec is None:
-        return _new(page, form)
-    return RedirectResponse(f"/scanners/{scanners.create(spec).id}", status_code=303)
+        return _new(page, inspections, wizard, form)
+    made = scanners.create(spec).id
+    return RedirectResponse(wizard.path(scanner=made) if wizard.inspection else f"/scanners/{made}", status_code=303)
 
 
 @router.get("/scanners/{scanner_id}")
@@ -111,8 +122,18 @@ def _forms(page: PageFrame) -> ScannerForms:
     return ScannerForms(locale_of(page.language), page.text)
 
 
-def _new(page: PageFrame, form: ScannerForm) -> HTMLResponse:
-    return page.answer("scanner_new.html", status=422 if form.is_wrong else 200, form=form, fields=FIELDS)
+def _new(page: PageFrame, inspections: TheInspections, wizard: WizardAddress, form: ScannerForm) -> HTMLResponse:
+    inspection = None if wizard.inspection is None else inspections.get(wizard.inspection)
+    if inspection is not None and inspection.result is not None and inspection.result.reading is not None:
+        form = _forms(page).filled(form, inspection.result.reading)
+    return page.answer(
+        "scanner_new.html",
+        status=422 if form.is_wrong else 200,
+        form=form,
+        fields=FIELDS,
+        wizard=wizard,
+        file=None if inspection is None else inspection.options.name,
+    )
 
 
 def _answer(

@@ -11,13 +11,18 @@ from babel.numbers import get_decimal_symbol
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from sawmill_contracts.inspections import InspectedReading
 from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
+from sawmill_service.pages.frame.formats import plain_number
 from sawmill_service.pages.frame.languages import marked
 
 
 @dataclass(frozen=True)
 class FormField:
-    """A field: its place in the contract, its texts, and whether it may be left empty."""
+    """A field: its place in the contract, its texts, and whether it may be left empty.
+
+    A `basic` field has no good default; the letter is that of its distance in the sketch of a scanner.
+    """
 
     name: str
     place: tuple[str, ...]
@@ -27,6 +32,8 @@ class FormField:
     unit: str = "mm"
     whole: bool = False
     needed: bool = True
+    basic: bool = False
+    letter: str = ""
 
 
 FIELDS = (
@@ -39,6 +46,8 @@ FIELDS = (
             "Too large: calibrations fail and say that it contradicts the phantom. Too small: the source's sideways "
             "shift comes out too large, and the rays stay right."
         ),
+        basic=True,
+        letter="A",
     ),
     FormField(
         "num_detector_pixels",
@@ -48,6 +57,8 @@ FIELDS = (
         marked("Wrong: the scan does not fit, and is refused."),
         unit="",
         whole=True,
+        basic=True,
+        letter="B",
     ),
     FormField(
         "detector_pitch_mm",
@@ -57,6 +68,8 @@ FIELDS = (
             "From the middle of one cell to the middle of the next: on the data sheet, or the width over the cells."
         ),
         marked("One per cent wrong: the detector's distance comes out one per cent wrong, and the rays stay right."),
+        basic=True,
+        letter="C",
     ),
     FormField(
         "row_pitch_mm",
@@ -65,6 +78,7 @@ FIELDS = (
         marked("From one row of the detector to the next. Leave it empty if nobody knows it."),
         marked("Wrong: logs look too long or too short. Empty: slices have no spacing."),
         needed=False,
+        letter="D",
     ),
     FormField(
         "log_radius_mm",
@@ -73,6 +87,7 @@ FIELDS = (
         marked("Half of the thickest log's diameter: errors of rays are counted in this disc. Empty: by the phantom."),
         marked("Too small: a verdict looks better than the bark of the largest log will be."),
         needed=False,
+        letter="E",
     ),
     FormField(
         "ray_error_mm",
@@ -127,16 +142,25 @@ _LIMITS = {
 
 @dataclass
 class ScannerForm:
-    """Texts of the fields, and what is wrong with them; `further` belongs to no field."""
+    """Texts of the fields, and what is wrong with them; `further` belongs to no field.
+
+    `read_from_file` has the names of the fields whose texts are as a scan's file states them.
+    """
 
     values: dict[str, str]
     errors: dict[str, str] = field(default_factory=dict)
     further: list[str] = field(default_factory=list)
+    read_from_file: set[str] = field(default_factory=set)
 
     @property
     def is_wrong(self) -> bool:
         """True if anything has to be changed."""
         return bool(self.errors or self.further)
+
+    @property
+    def opens_rest(self) -> bool:
+        """True if a field with a good default needs attention."""
+        return bool(self.further) or any(each.name in self.errors for each in FIELDS if not each.basic)
 
 
 class ScannerForms:
@@ -160,6 +184,19 @@ class ScannerForms:
         numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
         return ScannerForm({"name": "", **{name: self._number(value) for name, value in numbers.items()}})
 
+    def filled(self, form: ScannerForm, reading: InspectedReading) -> ScannerForm:
+        """Fill the empty fields of a form that nobody typed with what a scan's file states; mark them in any form."""
+        stated = {
+            "num_detector_pixels": reading.shape.detector,
+            "detector_pitch_mm": reading.detector_pitch_mm,
+            "row_pitch_mm": reading.row_pitch_mm,
+        }
+        texts = {name: self._number(value) for name, value in stated.items() if value is not None}
+        if not form.is_wrong:
+            form.values |= {name: text for name, text in texts.items() if not form.values[name]}
+        form.read_from_file = {name for name, text in texts.items() if form.values[name] == text}
+        return form
+
     def of(self, spec: ScannerSpec) -> ScannerForm:
         """Write a scanner's description into a form."""
         values = spec.model_dump(mode="json")
@@ -179,14 +216,13 @@ class ScannerForms:
         document["name"] = form.values["name"]
         for each in FIELDS:
             _put(document, each.place, self._read_number(each, form))
-        if form.errors:
-            return form, None
+        spec = None
         try:
-            return form, ScannerAsk.model_validate(document)
+            spec = ScannerAsk.model_validate(document)
         except ValidationError as error:
             for detail in error.errors():
                 self._place(form, detail)
-            return form, None
+        return form, None if form.is_wrong else spec
 
     def _read_number(self, each: FormField, form: ScannerForm) -> float | None:
         written = form.values[each.name]
@@ -194,8 +230,7 @@ class ScannerForms:
             if each.needed:
                 form.errors[each.name] = self._text.gettext("This is needed.")
             return None
-        number = written.replace(" ", "").replace("\N{NO-BREAK SPACE}", "")
-        number = number.replace(",", ".") if self._decimal == "," else number
+        number = plain_number(written)
         if re.fullmatch(r"-?[0-9]{1,15}" if each.whole else r"-?[0-9]{1,15}(\.[0-9]{1,15})?", number) is None:
             example = "768" if each.whole else "859.46".replace(".", self._decimal)
             sentence = self._text.gettext("must be a number, as in %(example)s, not “%(value)s”")
@@ -210,6 +245,8 @@ class ScannerForms:
         # A complaint about two fields names the first one.
         named = next((each.name for each in FIELDS if message.startswith(".".join(each.place) + " ")), None)
         name = _BY_PLACE.get(place[:2]) or named
+        if name in form.errors:
+            return  # a text that is missing or no number is no value to judge
         if name is None:
             form.further.append(f"{'.'.join(place)}: {message}" if place else message)
         elif detail["type"] in _LIMITS:

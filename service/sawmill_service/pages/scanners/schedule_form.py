@@ -8,6 +8,7 @@ from typing import Any
 
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.schedules import ScheduleAsk
+from sawmill_platform.due_times import time_zones
 from sawmill_platform.errors import Invalid
 from sawmill_service.pages.frame.languages import marked
 from sawmill_store.schedules import Schedules
@@ -70,23 +71,22 @@ def added(
     """Add the schedule that somebody typed; the form holds errors where the schedule is wrong."""
     form = ScheduleForm()
     form.values |= {name: typed.get(name, value).strip() for name, value in form.values.items()}
+    zone = form.values["time_zone"][:64]
+    if zone not in time_zones():
+        sentence = text.gettext("must be a name of the tz database, as Europe/Helsinki or UTC, not “%(value)s”")
+        form.errors["time_zone"] = sentence % {"value": zone}
     cron = form.values["cron"] or _cron_of(form, text)
-    if cron is None:
+    if cron is None or form.errors:
         return form
     kind: Any = form.values["kind"] if form.values["kind"] in KINDS else "recalibrate"
     on_pass: Any = form.values["on_pass"] if form.values["on_pass"] in ON_PASS else ON_PASS[0]
     if kind == "check-drift":
         on_pass = ON_PASS[0]  # the field is for calibrations
     try:
-        zone = form.values["time_zone"][:64]
         ask = ScheduleAsk(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
         schedules.create(ask)
     except Invalid as refused:
-        if refused.code == "invalid-zone":
-            sentence = text.gettext("must be a name of the tz database, as Europe/Helsinki or UTC, not “%(value)s”")
-            form.errors["time_zone"] = sentence % {"value": zone}
-        else:
-            form.errors["cron"] = str(refused)
+        form.errors["cron"] = str(refused)
     return form
 
 

@@ -16,6 +16,7 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts.sparkline import Sparkline, sparkline
+from sawmill_service.pages.frame.formats import natural_order
 from sawmill_service.pages.frame.page_frame import (
     PageFrame,
     ThePage,
@@ -57,11 +58,11 @@ class ScannerLine:
     movements: Sparkline | None
 
     @property
-    def rank(self) -> tuple[int, float, str]:
+    def rank(self) -> tuple[int, float, list[str | int]]:
         """Key for sorting: the worst comes first; among equals the scanner that has moved farthest."""
         state = self.condition.state
         share = state.moved.share if state.moved is not None and state.moved.since_active else 0.0
-        return _WORST_FIRST.index(state.standing.tone), -share, self.condition.scanner.name
+        return _WORST_FIRST.index(state.standing.tone), -share, natural_order(self.condition.scanner.name)
 
 
 @dataclass(frozen=True)

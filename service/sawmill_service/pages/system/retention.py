@@ -27,7 +27,7 @@ def retention(page: ThePage, retention: TheRetention) -> HTMLResponse:
 @router.post(PATH, needs=Scope.ADMIN)
 def try_rules(page: ThePage, retention: TheRetention, typed: TheForm) -> HTMLResponse:
     """Show what typed rules would remove, or the form again with what is wrong; nothing is removed."""
-    form, rules = read_form(typed, locale_of(page.language), page.text)
+    form, rules = read_form(typed, page.text)
     if form.errors:
         return _answer(page, retention, status=422, form=form)
     return _answer(page, retention, form=form, preview=retention.preview(rules))
@@ -36,7 +36,7 @@ def try_rules(page: ThePage, retention: TheRetention, typed: TheForm) -> HTMLRes
 @router.post(f"{PATH}/confirmed", needs=Scope.ADMIN, response_model=None)
 def confirm(page: ThePage, retention: TheRetention, typed: TheForm) -> HTMLResponse | RedirectResponse:
     """Put the rules into force, or show the new number if they would now remove more than was confirmed."""
-    form, rules = read_form(typed, locale_of(page.language), page.text)
+    form, rules = read_form(typed, page.text)
     if form.errors:
         return _answer(page, retention, status=422, form=form)
     try:

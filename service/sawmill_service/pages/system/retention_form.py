@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from babel import Locale
-from babel.numbers import format_decimal, get_decimal_symbol
+from babel.numbers import format_decimal
 
 from sawmill_contracts.retention import (
     LARGEST_BYTES,
@@ -15,6 +15,7 @@ from sawmill_contracts.retention import (
     RetentionRules,
     StaysBecause,
 )
+from sawmill_service.pages.frame.formats import plain_number
 from sawmill_service.pages.frame.languages import marked
 
 GB = 10**9
@@ -50,16 +51,14 @@ def form_of(rules: RetentionRules, locale: Locale) -> RetentionForm:
     return RetentionForm({name: _written(name, value, locale) for name, value in rules.model_dump().items()})
 
 
-def read_form(
-    typed: Mapping[str, str], locale: Locale, text: gettext.NullTranslations
-) -> tuple[RetentionForm, RetentionRules]:
+def read_form(typed: Mapping[str, str], text: gettext.NullTranslations) -> tuple[RetentionForm, RetentionRules]:
     """Read typed texts as a form and as rules; a wrong text gives no rule, and an error in the form."""
     form = RetentionForm({name: typed.get(name, "").strip() for name in RetentionRules.model_fields})
     numbers: dict[str, int] = {}
     for name, written in form.values.items():
         if not written:
             continue
-        number = _number(name, written, locale)
+        number = _number(name, written)
         if number is None:
             sentence = (
                 text.gettext("must be a number of GB, as in 500 or 1.5, not “%(value)s”")
@@ -72,13 +71,11 @@ def read_form(
     return form, RetentionRules.model_validate(numbers)
 
 
-def _number(name: str, written: str, locale: Locale) -> int | None:
-    plain = re.sub(r"[\s\N{NO-BREAK SPACE}]", "", written)
+def _number(name: str, written: str) -> int | None:
+    plain = plain_number(written)
     if name.endswith("_days"):
         days = int(plain) if re.fullmatch(r"[0-9]{1,6}", plain) else 0
         return days if 1 <= days <= LONGEST_DAYS else None
-    if get_decimal_symbol(locale) == ",":
-        plain = plain.replace(",", ".")
     size = round(float(plain) * GB) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", plain) else 0
     return size if 1 <= size <= LARGEST_BYTES else None
 

@@ -50,7 +50,7 @@ export function upload(path, file, onProgress, signal) {
   });
 }
 
-const AGAIN_MS = 2000;
+export const AGAIN_MS = 2000;
 
 // Calls onJob with the job at each change, until it has ended; answers with the ended job. A browser gives up a stream
 // that is refused, as behind a proxy while the service starts: it is opened again once the job can be asked for.

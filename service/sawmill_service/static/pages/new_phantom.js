@@ -1,5 +1,5 @@
 // Draws a phantom from rows of corners: the service draws the preview and says what is wrong.
-import { Problem, api, upload } from "./api.js";
+import { Problem, api, followJob, upload } from "./api.js";
 import { numberOf, unreadable } from "./numbers.js";
 
 const shapes = document.querySelector("#shapes");
@@ -122,6 +122,23 @@ function pressed(event) {
   changed();
 }
 
+// To the scan that waits for the phantom, or to the page of the phantom, which also says why it cannot be used.
+async function leave(made) {
+  const back = document.querySelector(".draw").dataset.back;
+  if (back && made.job_id) {
+    await followJob(made.job_id, () => {});
+    made = await api("GET", `/v1/phantoms/${made.id}`);
+  }
+  if (back && made.state === "refused") {
+    throw new Problem({ detail: made.reason }, 0);
+  }
+  const next = new URL(back ?? `/phantoms/${made.id}`, location.href);
+  if (back) {
+    next.searchParams.set("phantom", made.id);
+  }
+  location.assign(next);
+}
+
 async function save(event) {
   event.preventDefault();
   const form = event.target, refused = document.querySelector("#refused"), [wrong] = unreadable(form);
@@ -132,7 +149,7 @@ async function save(event) {
   }
   try {
     const made = await api("POST", "/v1/phantoms", { name: form.elements.name.value, shapes: drawing() });
-    location.assign(`/phantoms/${made.id}`);
+    await leave(made);
   } catch (problem) {
     if (!(problem instanceof Problem)) {
       throw problem;
@@ -158,7 +175,7 @@ async function send(event) {
   bar.hidden = false;
   try {
     const phantom = await upload(`/v1/phantoms/pictures?${query}`, file, (sent, total) => (bar.value = sent / total));
-    location.assign(`/phantoms/${phantom.id}`);
+    await leave(phantom);
   } catch (problem) {
     bar.hidden = true;
     say(refused, problem.message);
@@ -174,4 +191,8 @@ if (shapes) {
   document.querySelector("#draw").addEventListener("submit", save);
   document.querySelector("#picture").addEventListener("submit", send);
   addShape("polygon", BOARD);
+  // Before this script was there, a browser would have sent the form itself, and forgotten the scan that waits.
+  document.querySelectorAll("button.primary:disabled").forEach((button) => {
+    button.disabled = false;
+  });
 }

@@ -8,18 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from sawmill_contracts.inspections import (
+    PICTURE_PX,
     FilePart,
     FileVerdict,
     InspectedReading,
     InspectionResult,
     MissingPart,
+    ScanPicture,
     ViewAngles,
 )
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.canonical import CanonicalScan
-from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.hdf5.links import LinkedFiles
 from sawmill_formats.input.own.file_kind import OwnKind, own_kind
 from sawmill_formats.input.parts import alike_together
@@ -28,11 +30,14 @@ from sawmill_formats.input.reading import canonical_scan, reading_bounds, readin
 from sawmill_formats.input.recognising import Format, recognise
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import DataKind
+from sawmill_worker.pictures.arrays import small_square
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.scans.scan_source import links_offered
 
 # Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
 MOST_PARTS = 2_000
+# Most bytes of the projections that are read for a picture.
+MOST_READ_BYTES = 2**28
 NO_SCAN = {
     OwnKind.VOLUME: "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
     OwnKind.CALIBRATION: "it is a calibration and no scan",
@@ -59,6 +64,8 @@ class InspectionInput:
     transpose: bool = False
     uploaded: bool = False
     """Whether a service has it, which reads one file alone and has no flags."""
+    pictures: Path | None = None
+    """Folder for a picture of the scan; None: none is drawn, and no projection is read."""
 
 
 @dataclass
@@ -80,8 +87,8 @@ class _Found:
 def inspect_file(source: InspectionInput) -> InspectionResult:
     """Inspect a file's headers and the data that reading would begin with.
 
-    Flat and dark fields, angles and short texts are read, but no projections. Defects of the file are part of the
-    answer.
+    Flat and dark fields, angles and short texts are read, and of the projections only what a picture shows. Defects of
+    the file are part of the answer.
 
     Raises
     ------
@@ -176,11 +183,32 @@ def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind 
         result = _Found()
     except UnreadableScan as error:
         scan, result = None, _refused_or_missing(error, source)
+    if source.pictures is not None and result.refusal is None:
+        try:
+            _draw(contents.projections, source.pictures)
+        except UnreadableScan as error:
+            result.refusal = _failure(error.code, str(error))
     result.format = contents.format
     result.reading = _reading(contents, source, scan)
     missing = (*result.missing, *_missing(contents, result.reading, kind, uploaded=source.uploaded))
     result.missing = tuple(sorted(missing, key=lambda part: not part.needed))
     return result
+
+
+def _draw(projections: Projections, folder: Path) -> None:
+    """Draw the first view or the middle row's sinogram, whichever needs less of the file, unless both need too much."""
+    views, *several, cells = projections.shape
+    rows = several[0] if several else 1
+    together_views, together_rows = projections.together
+    of_view, of_row = min(together_views, views) * rows, views * min(together_rows, rows)
+    if 4 * cells * min(of_view, of_row) > MOST_READ_BYTES:
+        return
+    if rows > 1 and of_view <= of_row:
+        name, image = ScanPicture.VIEW, projections.read(slice(0, 1), slice(0, rows))[0]
+    else:
+        name, image = ScanPicture.SINOGRAM, projections.read(slice(0, views), slice(rows // 2, rows // 2 + 1))[:, 0]
+    grey = 255 * small_square(np.nan_to_num(image), PICTURE_PX)
+    (folder / name).write_bytes(np.rint(grey).astype(np.uint8).tobytes())
 
 
 def _canonical(contents: FileContents, source: InspectionInput) -> CanonicalScan:
