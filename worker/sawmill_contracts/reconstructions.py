@@ -119,7 +119,8 @@ class ReconstructionOptions(Contract):
     )
     method: ReconstructionMethod = Field(
         ReconstructionMethod.AUTO,
-        description="`auto` chooses by the scan's views and noise, and by prefer.",
+        description="`auto` chooses by the scan's views and noise, and by prefer. Default: `auto`, or `fbp` where an "
+        "option of `fbp` differs from its default.",
         examples=["auto"],
     )
     prefer: Annotated[Preference, OfAuto] = Field(
@@ -213,6 +214,15 @@ class ReconstructionOptions(Contract):
             return value
         msg = f"must be from {least:g} to {largest:g}, not {value:g}"
         raise ValueError(msg)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_fbp_by_its_options(cls, given: object) -> object:
+        if isinstance(given, dict) and "method" not in given:
+            marks = ((name, field.default, OptionOf.on(field)) for name, field in cls.model_fields.items())
+            if any(mark is OfFbp and given.get(name, usual) != usual for name, usual, mark in marks):
+                return given | {"method": ReconstructionMethod.FBP}
+        return given
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
