@@ -18,10 +18,11 @@ export function statistics({ data, rows, columns }, { firstMm, pixelMm }, [a, b]
     Math.min(Math.floor((middle[axis] + half[axis] - firstMm[axis]) / pixelMm), size - 1)];
   const [[top, bottom], [left, right]] = [range(0, rows), range(1, columns)];
   let [count, sum, squares] = [0, 0, 0];
+  const away = (n, axis) => ((firstMm[axis] + n * pixelMm - middle[axis]) / half[axis]) ** 2;
   for (let row = top; row <= bottom; row += 1) {
+    const down = away(row, 0);
     for (let column = left; column <= right; column += 1) {
-      const away = [row, column].map((n, axis) => (firstMm[axis] + n * pixelMm - middle[axis]) / half[axis]);
-      if (away[0] ** 2 + away[1] ** 2 <= 1) {
+      if (down + away(column, 1) <= 1) {
         const value = data[row * columns + column];
         [count, sum, squares] = [count + 1, sum + value, squares + value * value];
       }
