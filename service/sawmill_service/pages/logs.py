@@ -7,7 +7,7 @@ from fastapi import Query, Response
 from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
 
-from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.calibrations import Calibration, CalibrationSucceeded
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
 from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
@@ -88,7 +88,7 @@ def _log_page(
         scan=scan_if_kept(store.scans, log.scan_id),
         scanners=scanners,
         scanner=scanners[log.scanner_id],
-        calibration=store.calibrations.get(log.calibration_id) if log.calibration_id else None,
+        calibrations=[_calibration_of(store, each) for each in shown],
         state=LOG_STATES[JobState(log.state)],
         method_of=method_of,
         color_maps=COLOR_MAPS,
@@ -138,9 +138,14 @@ def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
     }
 
 
+def _calibration_of(store: Store, log: Reconstruction) -> Calibration | None:
+    """Return the calibration of a log; None where a geometry was given with the request."""
+    return store.calibrations.get(log.calibration_id) if log.calibration_id else None
+
+
 def _errors_of_lengths(store: Store, log: Reconstruction) -> dict[str, float | None]:
     """Return how well the log's calibration knows a length, with 95 %: its scale, and the rays at either end."""
-    calibration = store.calibrations.get(log.calibration_id) if log.calibration_id else None
+    calibration = _calibration_of(store, log)
     if not isinstance(calibration, CalibrationSucceeded) or calibration.predicted_ray_error_mm is None:
         return {"scalePercent": None, "raysMm": None}
     rays_mm = calibration.predicted_ray_error_mm.upper_95

@@ -19,7 +19,7 @@ export function gestures(surface, on) {
   // Two fingers are for the picture, not for the page.
   surface.addEventListener("touchstart", (event) => event.touches.length > 1 && event.preventDefault(), { passive: false });
   surface.addEventListener("pointerdown", (event) => {
-    if (event.button > 1) {
+    if (event.button > 1 || event.target.closest("button")) {
       return;
     }
     surface.setPointerCapture(event.pointerId);

@@ -32,8 +32,8 @@ export function statistics({ data, rows, columns }, { firstMm, pixelMm }, [a, b]
   return { count, mean, spread: Math.sqrt(Math.max(squares / count - mean * mean, 0)) };
 }
 
-// Draw a mark in an SVG element whose unit is the pixel; `place` turns mm to pixels.
-export function draw(svg, mark, place) {
+// Draw a mark in an SVG element whose unit is the pixel, with its number; `place` turns mm to pixels.
+export function draw(svg, mark, place, number) {
   svg.replaceChildren();
   if (!mark) {
     return;
@@ -46,10 +46,12 @@ export function draw(svg, mark, place) {
     add(svg, mark.kind === "ruler" ? "line" : "ellipse", { ...shape, class: dark });
     [a, b].forEach(([cx, cy]) => add(svg, "circle", { cx, cy, r: 6, class: dark }));
   }
+  add(svg, "text", { x: Math.max(a[0], b[0]) + 12, y: (a[0] > b[0] ? a : b)[1] + 6 }).textContent = number;
 }
 
 function add(svg, name, attributes) {
   const element = document.createElementNS(SVG, name);
   Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
   svg.append(element);
+  return element;
 }

@@ -53,7 +53,7 @@ export function windowOf(data) {
 // Windows for a slice: all of the wood, and the part of it that is denser than its middle, as knots are. Metal is too
 // little of a slice to count.
 export function woodWindows(data) {
-  const air = 0.25 * percentiles(data)(0.99);
+  const air = 0.4 * percentiles(data)(0.95);
   const at = percentiles(data.filter((value) => value > air));
   const [light, dense] = [at(0.05), at(0.95)];
   const top = dense + 0.5 * (dense - light);

@@ -115,12 +115,11 @@ export class Pane {
     const corner = this.toPixels([top, left]);
     const box = [corner[0], corner[1], (right - left) * this.perMm, (bottom - top) * this.perMm];
     ["left", "top", "width", "height"].forEach((name, n) => { this.canvas.style[name] = `${box[n]}px`; });
-    draw(this.marks, mark, this.toPixels);
     const length = roundLength(width / this.perMm / 4);
     this.figure.querySelector(".rule").style.width = `${length * this.perMm}px`;
     this.slot("length").textContent = `${written(length, 3)} mm`;
     this.point(...this.pointed);
-    this.#measure();
+    this.#mark();
   }
 
   // The place in mm under a pointer: [x, y], x runs down and y to the right.
@@ -159,24 +158,32 @@ export class Pane {
     [cross.style.left, cross.style.top] = this.toPixels(place).map((pixels) => `${pixels}px`);
   }
 
-  // Say what the ruler or the region measures here.
-  #measure() {
+  // Draw the ruler or the region, and say what it measures here.
+  #mark() {
     const { mark } = this.viewer;
     const told = this.slot("measured");
     told.hidden = !mark || (mark.kind === "region" && !this.values);
-    if (told.hidden) {
-      return;
+    draw(this.marks, mark, this.toPixels, told.hidden ? "" : this.#measure(told, mark));
+  }
+
+  // Fill the sentence, and return its number.
+  #measure(told, { kind, ends }) {
+    const { scalePercent, raysMm, pixelMm, unit } = this.volume;
+    if (kind === "ruler") {
+      const [length, error] = [lengthOf(ends), errorOf(lengthOf(ends), this.volume)];
+      const digits = error === null || error >= 0.1 ? 1 : 2;
+      this.#tell(told, error === null ? "unsure" : "ruler", {
+        length: written(length, digits), error: written(Math.max(error, 0.01), digits),
+        scale: significant.format(scalePercent), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
+      });
+      return `${written(length, digits)} mm`;
     }
-    if (mark.kind === "ruler") {
-      const [length, error] = [lengthOf(mark.ends), errorOf(lengthOf(mark.ends), this.volume)];
-      const digits = error === null ? 1 : Math.min(Math.max(1 - Math.floor(Math.log10(error)), 0), 3);
-      this.#tell(told, error === null ? "unsure" : "ruler", { length: written(length, digits), error: written(error, digits),
-        scale: significant.format(this.volume.scalePercent), rays: written(this.volume.raysMm, 3), pixel: written(this.volume.pixelMm, 2) });
-    } else {
-      const { count, mean, spread } = statistics(this.values, this.volume, mark.ends);
-      this.#tell(told, count ? "region" : "empty", { mean: significant.format(mean), spread: significant.format(spread),
-        unit: this.volume.unit, count: written(count, 0), area: written(count * this.volume.pixelMm ** 2, 0) });
-    }
+    const { count, mean, spread } = statistics(this.values, this.volume, ends);
+    const [middle, deviation] = [mean, spread].map((value) => significant.format(value));
+    this.#tell(told, count ? "region" : "empty", {
+      mean: middle, spread: deviation, unit, count: written(count, 0), area: written(count * pixelMm ** 2, 0),
+    });
+    return count ? middle : "";
   }
 
   // Fill the sentence of this name with values.
@@ -195,7 +202,7 @@ export class Pane {
       this.repaint();
     }
     this.point(...this.pointed);
-    this.#measure();
+    this.#mark();
   }
 
   #complain(sentence) {
