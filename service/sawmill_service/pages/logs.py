@@ -74,14 +74,15 @@ def _log_page(
 ) -> Response:
     log = store.reconstructions.get(reconstruction_id)
     comparable = _others(store.reconstructions, log) if log.result else {}
-    shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
+    shown = [log, store.reconstructions.get(beside)] if beside else [log]
+    jobs = [store.jobs.get(each.job_id) for each in shown]
     scanners = store.scanners.names()
     return page.answer(
         "log.html",
         status=status,
         problem=problem,
         log=log,
-        job=store.jobs.get(log.job_id),
+        job=next((job for job in jobs if not job.state.ended), jobs[0]),
         volumes=[_volume(store, each) for each in shown if each.result],
         shown=shown,
         others=comparable,

@@ -304,13 +304,13 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     press((middle[0] - 40 * mm, middle[1]))
     press((middle[0] + 20 * mm, middle[1]), kind="touchMove")
     press(kind="touchEnd")
-    told = page.locator(".measured")
-    expect(told).to_contain_text(re.compile(r"Pituus 60(,0)? ± 0,"))
+    measured = page.locator(".measured")
+    expect(measured).to_contain_text(re.compile(r"Pituus 60(,0)? ± 0,"))
     # An end is moved to where it should be.
     press((middle[0] + 20 * mm + 10, middle[1]))
     press((middle[0] + 40 * mm, middle[1]), kind="touchMove")
     press(kind="touchEnd")
-    length, error = (float(text.replace(",", ".")) for text in re.findall(r"[\d,]+", told.inner_text())[:2])
+    length, error = (float(text.replace(",", ".")) for text in re.findall(r"[\d,]+", measured.inner_text())[:2])
     assert length == pytest.approx(80, abs=0.2)
     known = page.request.get("/v1/calibrations/example").json()
     expected = np.hypot(
@@ -323,7 +323,7 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     page.wait_for_url(re.compile(r"view=.*ruler="))
     page.reload()
     shows(page, 10)
-    expect(told).to_contain_text("Pituus 80")
+    expect(measured).to_contain_text("Pituus 80")
     assert page.locator(".pane canvas").bounding_box()["width"] == pytest.approx(4 * before, rel=0.01)
     for _ in range(2):
         page.touchscreen.tap(*middle)
@@ -336,7 +336,7 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     press(kind="touchEnd")
     x, y = (np.mgrid[:SIDE, :SIDE] - 15.5) * PIXEL_MM
     inside = logs["example"][10][(x / 100) ** 2 + (y / 50) ** 2 <= 1]
-    mean, spread = (float(text.replace(",", ".")) for text in re.findall(r"[\d]+,[\d]+", told.inner_text())[:2])
+    mean, spread = (float(text.replace(",", ".")) for text in re.findall(r"[\d]+,[\d]+", measured.inner_text())[:2])
     assert (mean, spread) == pytest.approx((inside.mean(), inside.std()), rel=0.02)
 
     low = page.locator("#low").input_value()

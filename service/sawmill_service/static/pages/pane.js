@@ -161,18 +161,18 @@ export class Pane {
   // Draw the ruler or the region, and say what it measures here.
   #mark() {
     const { mark } = this.viewer;
-    const told = this.slot("measured");
-    told.hidden = !mark || (mark.kind === "region" && !this.values);
-    draw(this.marks, mark, this.toPixels, told.hidden ? "" : this.#measure(told, mark));
+    const measured = this.slot("measured");
+    measured.hidden = !mark || (mark.kind === "region" && !this.values);
+    draw(this.marks, mark, this.toPixels, measured.hidden ? "" : this.#measure(measured, mark));
   }
 
   // Fill the sentence, and return its number.
-  #measure(told, { kind, ends }) {
+  #measure(measured, { kind, ends }) {
     const { scalePercent, raysMm, pixelMm, unit } = this.volume;
     if (kind === "ruler") {
       const [length, error] = [lengthOf(ends), errorOf(lengthOf(ends), this.volume)];
       const digits = error === null || error >= 0.1 ? 1 : 2;
-      this.#tell(told, error === null ? "unsure" : "ruler", {
+      this.#fill(measured, error === null ? "unsure" : "ruler", {
         length: written(length, digits), error: written(Math.max(error, 0.01), digits),
         scale: significant.format(scalePercent), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
       });
@@ -180,14 +180,14 @@ export class Pane {
     }
     const { count, mean, spread } = statistics(this.values, this.volume, ends);
     const [middle, deviation] = [mean, spread].map((value) => significant.format(value));
-    this.#tell(told, count ? "region" : "empty", {
+    this.#fill(measured, count ? "region" : "empty", {
       mean: middle, spread: deviation, unit, count: written(count, 0), area: written(count * pixelMm ** 2, 0),
     });
     return count ? middle : "";
   }
 
   // Fill the sentence of this name with values.
-  #tell(element, name, values) {
+  #fill(element, name, values) {
     const sentence = this.figure.querySelector(`template[data-sentence="${name}"]`).content.textContent;
     element.textContent = sentence.replace(/\{(\w+)\}/g, (_, key) => values[key]);
   }
