@@ -1,6 +1,7 @@
 """The volume as arrays and thumbnails, and lists by span of time."""
 
 import io
+import math
 from datetime import UTC, datetime, timedelta
 
 import nrrd
@@ -9,7 +10,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from sawmill_formats.output.volume_exports import export_bytes, tiff_header
+from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.arrays import HeldBytes
@@ -113,7 +114,7 @@ def test_a_stack_beyond_the_reach_of_a_tiff_s_offsets_is_found_by_its_descriptio
     header = tiff_header(grid, "1/mm")
     with (tmp_path / "volume.tif").open("wb") as file:
         file.write(header)
-        file.truncate(export_bytes(header, grid))  # a hole, which takes no disk
+        file.truncate(len(header) + 4 * math.prod(shape))  # a hole, which takes no disk
     with tifffile.TiffFile(tmp_path / "volume.tif") as stack:
         assert (len(stack.pages), stack.series[0].shape) == (1, shape)
 

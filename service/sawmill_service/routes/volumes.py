@@ -4,14 +4,16 @@ The first request imports the modules that read and draw, as in `routes/reconstr
 """
 # ruff: noqa: PLC0415 - for that reason
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import Path, Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import ReconstructionResult
+from sawmill_formats.output.volume_exports import nrrd_header, tiff_header
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
@@ -26,6 +28,9 @@ from sawmill_service.http.responses.arrays import Npy, Nrrd, Tiff, array, export
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
+
+if TYPE_CHECKING:
+    from sawmill_formats.output.volume_reader import VolumeGrid
 
 _FLOAT32_BYTES = 4
 # A list of three, not a tuple: some generators of clients ignore `prefixItems`.
@@ -193,7 +198,7 @@ def get_volume_tiff(reconstruction_id: Identifier, request: Request, reconstruct
 
     The file is written while it is sent: a part of it cannot be requested.
     """
-    return _export(request, reconstructions, reconstruction_id, "tif", Tiff)
+    return _export(request, reconstructions, reconstruction_id, "tif", Tiff, tiff_header)
 
 
 @router.get(
@@ -207,7 +212,7 @@ def get_volume_nrrd(reconstruction_id: Identifier, request: Request, reconstruct
 
     The file is written while it is sent: a part of it cannot be requested.
     """
-    return _export(request, reconstructions, reconstruction_id, "nrrd", Nrrd)
+    return _export(request, reconstructions, reconstruction_id, "nrrd", Nrrd, nrrd_header)
 
 
 def _export(
@@ -216,25 +221,25 @@ def _export(
     reconstruction_id: str,
     suffix: str,
     answer: type[Response],
+    header_of: Callable[["VolumeGrid", str], bytes],
 ) -> Response:
     """Return the volume as a file of another program."""
     from sawmill_formats.output import volume_reader
-    from sawmill_formats.output.volume_exports import HEADERS, export_bytes
 
     result = result_of(reconstructions, reconstruction_id)
     path, shape = reconstructions.files.volume(reconstruction_id), result.shape
     volume_reader.check_volume(path, shape)
-    grid = volume_reader.volume_grid(path, shape)
-    header = HEADERS[suffix](grid, result.unit)
+    header = header_of(volume_reader.volume_grid(path, shape), result.unit)
 
     def pieces() -> Iterator[bytes]:
         yield header
         for image in volume_reader.volume_slices(path, shape, range(shape[0])):
             yield image.data.astype("<f4", copy=False).tobytes()
 
+    length = len(header) + _FLOAT32_BYTES * math.prod(shape)
     largest = max(len(header), _FLOAT32_BYTES * shape[1] * shape[2])
     name = f"reconstruction-{reconstruction_id}.{suffix}"
-    return exported(request, answer, export_bytes(header, grid), largest, pieces(), save_as=name)
+    return exported(request, answer, length, largest, pieces(), save_as=name)
 
 
 @router.get(

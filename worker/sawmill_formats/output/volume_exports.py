@@ -4,12 +4,11 @@ A file is its header and then float32 (slice, x, y), little-endian: what sends i
 its length before the first.
 """
 
-import math
 import struct
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from sawmill_formats.output.volume_reader import VolumeGrid
+if TYPE_CHECKING:
+    from sawmill_formats.output.volume_reader import VolumeGrid
 
 VALUE_BYTES = 4
 # Largest file that the 32-bit offsets of a TIFF reach.
@@ -18,7 +17,7 @@ _IFD_AT = 8
 _SHORT, _LONG, _ASCII, _RATIONAL = 3, 4, 2, 5
 
 
-def tiff_header(grid: VolumeGrid, unit: str) -> bytes:
+def tiff_header(grid: "VolumeGrid", unit: str) -> bytes:
     """Return the header of a TIFF stack as ImageJ writes it: a page a slice, a row of a page is +x, a column +y.
 
     Beyond 4 GiB there is one page, and ImageJ finds the other slices behind it by its description.
@@ -62,7 +61,7 @@ def tiff_header(grid: VolumeGrid, unit: str) -> bytes:
     return head.ljust(data_at, b"\0")
 
 
-def _imagej_description(grid: VolumeGrid, unit: str) -> bytes:
+def _imagej_description(grid: "VolumeGrid", unit: str) -> bytes:
     """Return the text by which ImageJ knows slices and millimetres; a pixel's number counts its centre."""
     x_mm, y_mm = grid.first_pixel_mm
     lines = {
@@ -80,7 +79,7 @@ def _imagej_description(grid: VolumeGrid, unit: str) -> bytes:
     return "".join(f"{name}={value}\n" for name, value in lines.items()).encode("ascii") + b"\0"
 
 
-def nrrd_header(grid: VolumeGrid, unit: str) -> bytes:
+def nrrd_header(grid: "VolumeGrid", unit: str) -> bytes:
     """Return the header of an NRRD file with each value at its x, y, z in mm; slices without spacing lie 1 apart."""
     slices, rows, columns = grid.shape
     pixel, spacing = grid.pixel_mm, 1.0 if grid.spacing_mm is None else grid.spacing_mm
@@ -101,11 +100,3 @@ def nrrd_header(grid: VolumeGrid, unit: str) -> bytes:
         "encoding: raw",
     )
     return "\n".join(lines).encode("ascii") + b"\n\n"
-
-
-HEADERS: Mapping[str, Callable[[VolumeGrid, str], bytes]] = MappingProxyType({"tif": tiff_header, "nrrd": nrrd_header})
-
-
-def export_bytes(header: bytes, grid: VolumeGrid) -> int:
-    """Return the length of a file with this header."""
-    return len(header) + VALUE_BYTES * math.prod(grid.shape)

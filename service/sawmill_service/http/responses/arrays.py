@@ -120,21 +120,7 @@ def exported(
     *,
     save_as: str,
 ) -> Response:
-    """Return a file that is written while it is sent, of which one piece is held at a time.
-
-    Parameters
-    ----------
-    answer
-        Type of the answer.
-    length
-        Bytes of the file: a client sees by it whether all of them came.
-    largest_piece
-        Bytes of the largest piece.
-    pieces
-        Content of the file.
-    save_as
-        Name under which a browser saves the file.
-    """
+    """Return a file of `length` bytes that is written while it is sent, of which one piece is held at a time."""
     held: HeldBytes = request.app.state.held_arrays
     held.take(largest_piece)
     headers = {

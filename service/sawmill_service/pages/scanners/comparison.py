@@ -1,8 +1,7 @@
 """`/scanners/{scanner_id}/compare`: the differences of any two calibrations of a scanner, and one log with both."""
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from fastapi import Query, Response
 from fastapi.responses import RedirectResponse
@@ -30,17 +29,6 @@ _KEPT = (JobState.QUEUED, JobState.RUNNING, JobState.SUCCEEDED)
 
 router = Router(include_in_schema=False, reading=Scope.READ)
 Chosen = Annotated[str, Query(max_length=64)]
-
-
-class DifferenceRow(NamedTuple):
-    """A number of two calibrations as it is written."""
-
-    name: str
-    first: str
-    second: str
-    change: str
-    error: str
-    is_certain: bool | None
 
 
 @router.get("/scanners/{scanner_id}/compare")
@@ -87,7 +75,9 @@ def _page(
         scanner=scanner,
         listed={each.id: each for each in (*listed, *both)},
         both=both,
-        rows=list(_rows(page, *both)) if len(both) > 1 else [],
+        differences=list(differences(*both)) if len(both) > 1 else [],
+        parameters=PARAMETERS,
+        degrees_a_radian=math.degrees(1.0),
         scans=sorted(
             (scan for scan in scans if scan.state is ScanState.READY), key=lambda scan: scan.phantom_id is not None
         ),
@@ -99,17 +89,3 @@ def _calibration(store: Store, scanner_id: str, calibration_id: str) -> Calibrat
     if calibration.scanner_id != scanner_id:
         raise NotFound("calibration", calibration_id)
     return calibration
-
-
-def _rows(page: PageFrame, first: CalibrationSucceeded, second: CalibrationSucceeded) -> Iterator[DifferenceRow]:
-    for each in differences(first, second):
-        angle = each.name.endswith("_rad")
-        written, factor = (page.formats.degrees, math.degrees(1.0)) if angle else (page.formats.mm, 1.0)
-        yield DifferenceRow(
-            page.text.gettext(PARAMETERS[each.name]),
-            written(factor * each.first),
-            written(factor * each.second),
-            written(factor * each.change, signed=True),
-            written(None if each.error is None else factor * each.error),
-            each.is_certain,
-        )

@@ -51,12 +51,12 @@ export class Pane {
       await new Promise((resolve) => setTimeout(resolve, REST_MS));
       if (!signal.aborted) {
         this.#put(index, await this.volume.values(index, signal));
-        this.#complain("");
+        this.complain("");
         this.#loadAhead(index, direction, signal).catch(() => {}); // loaded again when wanted
       }
     } catch (problem) {
       if (!signal.aborted) {
-        this.#complain(problem.message);
+        this.complain(problem.message);
       }
     }
   }
@@ -174,7 +174,7 @@ export class Pane {
       const digits = error === null || error >= 0.1 ? 1 : 2;
       this.#fill(measured, error === null ? "unsure" : "ruler", {
         length: written(length, digits), error: written(Math.max(error, 0.01), digits),
-        scale: significant.format(scalePercent), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
+        scale: written(scalePercent, 2), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
       });
       return `${written(length, digits)} mm`;
     }
@@ -205,7 +205,7 @@ export class Pane {
     this.#mark();
   }
 
-  #complain(sentence) {
+  complain(sentence) {
     const problem = this.figure.querySelector(".problem");
     problem.textContent = sentence;
     problem.hidden = !sentence;

@@ -112,7 +112,8 @@ function mark(shown) {
 }
 
 async function preset(name) {
-  look(woodWindows((await first.values(Math.floor(first.slices / 2))).data)[name]);
+  const middle = await first.values(Math.floor(first.slices / 2)).catch((problem) => panes[0].complain(problem.message));
+  middle && look(woodWindows(middle.data)[name]);
 }
 
 function usual() {
