@@ -156,6 +156,23 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     # A value between two steps may be rounded either way.
     assert np.mean((pixels(page)[..., :3] != expected).any(axis=-1)) < 0.02
 
+    picture = page.locator(".pane canvas")
+    whole = picture.bounding_box()["width"]
+    picture.click()
+    for key, times in (("+", 1.5), ("0", 1.0)):
+        page.keyboard.press(key)
+        assert picture.bounding_box()["width"] == pytest.approx(times * whole, rel=0.01)
+    hover(page, 3, 28)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -200)
+    page.keyboard.up("Control")
+    expect(page.locator("#viewer")).to_have_attribute("data-zoomed", "")
+    hover(page, 3, 28)  # still there: the place under the pointer stays
+    assert readout(page)[0] == pytest.approx(-12.5 * PIXEL_MM, abs=0.06)
+    picture.dblclick()
+    expect(page.locator("#viewer")).not_to_have_attribute("data-zoomed", "")
+    shows(page, 11)
+
     box = page.locator(".navigator canvas").bounding_box()
     assert box["y"] + box["height"] < 800  # in sight below the picture
     page.mouse.click(box["x"] + box["width"] * 0.25, box["y"] + box["height"] / 2)

@@ -1,6 +1,6 @@
 // The slice viewer: one slice of one or two logs, linked by height; its state stays in the address.
 import { gestures } from "./gestures.js";
-import { MARKS } from "./mark.js";
+import { MARKS, lengthOf } from "./mark.js";
 import { navigator } from "./navigator.js";
 import { numberOf } from "./numbers.js";
 import { GREY, colorTables, woodWindows } from "./painting.js";
@@ -170,17 +170,19 @@ function pointAt(pane, event) {
 // Dragging changes the window (sideways its width, up and down its middle), moves the picture, or draws a mark.
 function dragging(pane, from) {
   const at = pane.placeAt(from);
+  const pixelsOf = (ends) => lengthOf(ends) * pane.perMm;
   if (viewer.tool === "move" || from.button === 1) {
     return { drag: (event) => hold(pane, at, event) };
   }
   if (MARKS.includes(viewer.tool)) {
     const before = viewer.mark;
-    const grasped = before?.kind === viewer.tool
-      && before.ends.findIndex((end) => Math.hypot(end[0] - at[0], end[1] - at[1]) * pane.perMm < GRASP_PX);
-    const fixed = grasped >= 0 && grasped !== false ? before.ends[1 - grasped] : at;
-    const drag = (event) => mark({ kind: viewer.tool, ends: [fixed, pane.placeAt(event)] });
-    const isShort = () => viewer.mark?.ends.every((end, n, [a]) => n === 0 || Math.hypot(end[0] - a[0], end[1] - a[1]) * pane.perMm < SHORTEST_PX);
-    return { drag, end: () => isShort() && mark(before) };
+    const ends = before?.kind === viewer.tool ? before.ends : [];
+    const grasped = ends.findIndex((end) => pixelsOf([end, at]) < GRASP_PX);
+    const fixed = grasped < 0 ? at : ends[1 - grasped];
+    return {
+      drag: (event) => mark({ kind: viewer.tool, ends: [fixed, pane.placeAt(event)] }),
+      end: () => viewer.mark && pixelsOf(viewer.mark.ends) < SHORTEST_PX && mark(before),
+    };
   }
   const window = { ...viewer.window };
   return { drag(event) {
