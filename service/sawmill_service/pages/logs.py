@@ -1,5 +1,6 @@
 """Pages of logs: the reconstructions, and the viewer of their slices."""
 
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Annotated, Any
 
@@ -13,7 +14,7 @@ from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheReconstructions, TheScanners, TheScans, TheStore
+from sawmill_service.dependencies import TheFiles, TheReconstructions, TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
@@ -30,17 +31,16 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/logs")
-def logs(
-    page: ThePage, reconstructions: TheReconstructions, scanners: TheScanners, scans: TheScans, chosen: TheFilter
-) -> Response:
+def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
-    listed = reconstructions.page(**chosen.arguments())
+    listed = store.reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
         chosen=chosen,
         found=listed,
-        scans=scans.several({log.scan_id for log in listed.items}),
-        scanners=scanners.names(),
+        scans=store.scans.several({log.scan_id for log in listed.items}),
+        scanners=store.scanners.names(),
+        calibrations=_calibrations_of(store, listed.items),
         states=LOG_STATES,
         method_of=method_of,
         name_of=partial(name_of, page),
@@ -76,20 +76,20 @@ def _log_page(
     comparable = _others(store.reconstructions, log) if log.result else {}
     shown = [log, store.reconstructions.get(beside)] if beside else [log]
     jobs = [store.jobs.get(each.job_id) for each in shown]
-    scanners = store.scanners.names()
+    scanners, calibrations = store.scanners.names(), _calibrations_of(store, [*shown, *comparable.values()])
     return page.answer(
         "log.html",
         status=status,
         problem=problem,
         log=log,
         job=next((job for job in jobs if not job.state.ended), jobs[0]),
-        volumes=[_volume(store, each) for each in shown if each.result],
+        volumes=[_volume(store.files, each, calibrations) for each in shown if each.result],
         shown=shown,
         others=comparable,
         scan=scan_if_kept(store.scans, log.scan_id),
         scanners=scanners,
         scanner=scanners[log.scanner_id],
-        calibrations=[_calibration_of(store, each) for each in shown],
+        calibrations=calibrations,
         state=LOG_STATES[JobState(log.state)],
         method_of=method_of,
         color_maps=COLOR_MAPS,
@@ -117,13 +117,18 @@ def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[st
     return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
-def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
+def _calibrations_of(store: Store, logs: Iterable[Reconstruction]) -> dict[str, Calibration]:
+    """Find the calibrations with which logs were made, by their ids."""
+    return store.calibrations.several({log.calibration_id for log in logs if log.calibration_id})
+
+
+def _volume(files: TheFiles, log: Reconstruction, calibrations: Mapping[str, Calibration]) -> dict[str, Any] | None:
     """Describe where a volume's slices and pixels lie, and how well, for the viewer's script; None without its file."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
     assert log.result is not None  # noqa: S101 - the caller has checked
     try:
-        grid = volume_grid(store.files.volume(log.id), log.result.shape)
+        grid = volume_grid(files.volume(log.id), log.result.shape)
     except NotFound:
         return None
     return {
@@ -135,18 +140,12 @@ def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
         "spacingMm": grid.spacing_mm,
         "window": log.result.value_range,
         "unit": log.result.unit,
-        **_errors_of_lengths(store, log),
+        **_errors_of_lengths(calibrations.get(log.calibration_id or "")),
     }
 
 
-def _calibration_of(store: Store, log: Reconstruction) -> Calibration | None:
-    """Return the calibration of a log; None where a geometry was given with the request."""
-    return store.calibrations.get(log.calibration_id) if log.calibration_id else None
-
-
-def _errors_of_lengths(store: Store, log: Reconstruction) -> dict[str, float | None]:
-    """Return how well the log's calibration knows a length, with 95 %: its scale, and the rays at either end."""
-    calibration = _calibration_of(store, log)
+def _errors_of_lengths(calibration: Calibration | None) -> dict[str, float | None]:
+    """Return how well a log's calibration knows a length, with 95 %: its scale, and the rays at either end."""
     if not isinstance(calibration, CalibrationSucceeded) or calibration.predicted_ray_error_mm is None:
         return {"scalePercent": None, "raysMm": None}
     rays_mm = calibration.predicted_ray_error_mm.upper_95
