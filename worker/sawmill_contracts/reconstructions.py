@@ -215,14 +215,14 @@ class ReconstructionOptions(Contract):
         msg = f"must be from {least:g} to {largest:g}, not {value:g}"
         raise ValueError(msg)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _choose_fbp_by_its_options(cls, given: object) -> object:
-        if isinstance(given, dict) and "method" not in given:
-            marks = ((name, field.default, OptionOf.on(field)) for name, field in cls.model_fields.items())
-            if any(mark is OfFbp and given.get(name, usual) != usual for name, usual, mark in marks):
-                return given | {"method": ReconstructionMethod.FBP}
-        return given
+    @model_validator(mode="after")
+    def _choose_fbp_by_its_options(self) -> "ReconstructionOptions":
+        marks = ((name, field.default, OptionOf.on(field)) for name, field in type(self).model_fields.items())
+        if "method" not in self.model_fields_set and any(
+            mark is OfFbp and getattr(self, name) != usual for name, usual, mark in marks
+        ):
+            object.__setattr__(self, "method", ReconstructionMethod.FBP)  # frozen from here on
+        return self
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
