@@ -138,6 +138,7 @@ def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
         "reconstruct",
         str(path),
         f"--data={kind}",
+        "--method=fbp",
         *reported,
         *GEOMETRY,
         "-o",

@@ -43,7 +43,7 @@ from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction._fbp_numba import back_project_16
 from sawmill_tomography.reconstruction.fbp import Preparation, fbp
 from sawmill_tomography.reconstruction.stack import most_concurrent, reconstruct_stack
-from sawmill_vocabulary import FilterName, Handedness, Progress, Rotation
+from sawmill_vocabulary import FilterName, Handedness, Progress, ReconstructionMethod, Rotation
 from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
@@ -266,7 +266,8 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
             counts=True,
         )
         reported: list[Progress] = []
-        result = run_reconstruction(given, ReconstructionOptions(size=SIZE), volume, reported.append)
+        options = ReconstructionOptions(method=ReconstructionMethod.FBP, size=SIZE)
+        result = run_reconstruction(given, options, volume, reported.append)
     predicted = [progress.seconds_left or 0.0 for progress in reported]
     each = Lap(result.time_s / SLICES, (time.process_time() - used) / CORES / SLICES)
     print(f"  {result.time_s:.1f} s, {each} a slice from file to file, shared by {CORES} cores; ", end="")

@@ -131,7 +131,7 @@ class Asker:
                 return (
                     "/v1/reconstructions",
                     "reconstructions",
-                    {"json": {"scan_id": base["log scan"], "theta": theta, "size": 64}},
+                    {"json": {"scan_id": base["log scan"], "theta": theta, "method": "fbp", "size": 64}},
                 )
             case _:
                 ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta}

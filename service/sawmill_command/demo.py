@@ -38,6 +38,8 @@ PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799
 TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
 SPARSE_VIEWS, FIELD_MM = 20, 400.0
 TAPED, CALIBRATED = "measured by tape", "calibrated"
+# Logs are reconstructed without a fit, so that an image shows its geometry and nothing else.
+DIRECT: Json = {"method": "fbp"}
 FIRST_LOG_ROW = examples.PHANTOM_ROWS
 
 console = Console()
@@ -269,7 +271,8 @@ class _Demo:
         taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
         asks: dict[str, Json] = {CALIBRATED: {"calibration_id": calibrated.id}, TAPED: {"theta": vars(taped)}}
         for name, geometry in asks.items():
-            request = {"scan_id": log_scan, "rows": rows, "size": self._size.slices, "field_mm": FIELD_MM, **geometry}
+            size = {"size": self._size.slices, "field_mm": FIELD_MM}
+            request = {"scan_id": log_scan, "rows": rows, **size, **DIRECT, **geometry}
             path = self._output / f"{prefix}-log-{name.replace(' ', '-')}.h5"
             volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", request, path)
             error = relative_error(volume, truth.image)
@@ -287,7 +290,8 @@ class _Demo:
     def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
         """Draw the first log slice by tape geometry and calibrated, in one grey window; return both file names."""
         first = int(rows.partition(":")[0])
-        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": self._size.shown, "field_mm": field_mm}
+        size = {"size": self._size.shown, "field_mm": field_mm}
+        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", **size, **DIRECT}
         images = {
             name: self._reconstruct(f"Drawing, {name} ({prefix})", {**shown, **geometry}, self._folder / "shown.h5")
             for name, geometry in asks.items()

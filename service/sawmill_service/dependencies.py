@@ -33,11 +33,12 @@ from sawmill_store.inspections import Inspections
 from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.phantoms import Phantoms
+from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
-from sawmill_store.store import Plans, Reconstructions, Store
+from sawmill_store.store import Plans, Store
 
 Wake = Callable[[str], None]
 

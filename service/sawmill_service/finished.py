@@ -4,8 +4,8 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
+from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.scans import Scans
-from sawmill_store.store import Reconstructions
 
 
 def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> ReconstructionResult:

@@ -144,7 +144,7 @@ def test_a_whole_number_may_be_written_as_a_float(tmp_path, written):
         {"method": "cauchy_map", "sigma": 1e9, "beta": 1e9},
         {"method": "total_variation", "weight": 1e9},
         {"method": "total_variation", "weight": 1e-9},
-        {"field_mm": 1e-2},
+        {"method": "fbp", "field_mm": 1e-2},
     ],
 )
 def test_parameters_at_their_bounds_give_finite_images(options):

@@ -40,6 +40,7 @@ FOLLOWED_BY = {
     "delete_upload": ("upload-deleted", "upload"),
     "inspect_file": ("queued", "inspection"),
     "measure_phantom": ("phantom-created", "phantom"),
+    "name_reconstruction": ("reconstruction-renamed", "reconstruction"),
     "replace_scanner": ("scanner-changed", "scanner"),
     "replace_schedule": ("schedule-changed", "schedule"),
     "replace_retention": ("retention-changed", "retention"),

@@ -195,7 +195,7 @@ def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
 def test_an_option_of_another_method_is_a_problem(seeded):
     answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", "alpha": 1.0})
     assert answer.status_code == 422
-    assert "alpha belongs to method tikhonov, not fbp" in answer.json()["detail"]
+    assert "alpha belongs to method tikhonov, not auto" in answer.json()["detail"]
 
 
 def test_pictures_that_the_client_holds_are_not_drawn(seeded):

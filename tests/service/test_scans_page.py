@@ -184,10 +184,23 @@ def test_a_list_of_logs_shows_state_method_and_size(seeded, store):
     answer = seeded.get("/logs")
     shown = words(answer)
     assert titles(answer)[0] == waiting.id
-    assert "scan Waiting Line &lt;2&gt;" in shown
+    # The reconstructions of one scan are of one log.
+    assert re.search(r"Line &lt;2&gt;, log 1, \d+:\d\d Waiting Line &lt;2&gt; · scan", shown)
     assert badges(answer) == [("idle", "Waiting"), ("good", "Ready"), ("good", "Ready")]
     assert "Cauchy MAP" in shown
     assert "3 slices of 32 x 32 pixels" in shown
+
+
+def test_a_log_is_renamed_on_its_page(seeded):
+    assert "Line &lt;2&gt;, log 1," in seeded.get("/logs/example").text.partition("</title>")[0]
+    seeded.post("/logs/example/name", data={"name": " Spruce <7> "})
+    assert seeded.get("/v1/reconstructions/example").json()["name"] == "Spruce <7>"
+    assert "<h1>Spruce &lt;7&gt;</h1>" in seeded.get("/logs/example").text
+    refused = seeded.post("/logs/example/name", data={"name": 201 * "x"})
+    assert refused.status_code == 422
+    assert "200" in words(refused)
+    seeded.post("/logs/example/name", data={"name": ""})
+    assert seeded.get("/v1/reconstructions/example").json()["name"] is None
 
 
 def test_a_log_s_page_says_how_it_was_made(seeded):

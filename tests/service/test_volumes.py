@@ -1,12 +1,17 @@
 """The volume as arrays and thumbnails, and lists by span of time."""
 
 import io
+import math
 from datetime import UTC, datetime, timedelta
 
+import nrrd
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
+from sawmill_formats.output.volume_exports import tiff_header
+from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.arrays import HeldBytes
 from sawmill_vocabulary import ColorMap
@@ -77,6 +82,43 @@ def test_an_array_that_the_client_holds_is_not_read(seeded):
     assert seeded.get(f"{LOG}/slices/0.npy?max_size=4096", headers={"If-None-Match": tags[0]}).status_code == 304
 
 
+def test_a_volume_is_read_back_from_the_files_of_other_programs(seeded, volume, tmp_path):
+    for suffix in ("tif", "nrrd"):
+        answer = seeded.get(f"{LOG}/volume.{suffix}")
+        assert answer.headers["Content-Disposition"] == f'attachment; filename="reconstruction-example.{suffix}"'
+        assert int(answer.headers["Content-Length"]) == len(answer.content)
+        (tmp_path / f"volume.{suffix}").write_bytes(answer.content)
+    # 32 pixels of 1.25 mm around the rotation centre; slices 20 mm apart.
+    with tifffile.TiffFile(tmp_path / "volume.tif") as stack:
+        assert stack.is_imagej
+        assert (len(stack.pages), stack.series[0].axes) == (3, "ZYX")
+        np.testing.assert_array_equal(stack.asarray(), volume)
+        given = stack.imagej_metadata
+        assert (given["unit"], given["spacing"], given["xorigin"], given["zorigin"]) == ("mm", 20.0, 15.5, 0.0)
+        across, per_mm = stack.pages[0].tags["XResolution"].value
+        assert across / per_mm == pytest.approx(1 / 1.25)
+    with Image.open(tmp_path / "volume.tif") as pages:  # a reader that goes by the pages alone
+        pages.seek(2)
+        np.testing.assert_array_equal(np.asarray(pages), volume[2])
+    values, header = nrrd.read(str(tmp_path / "volume.nrrd"), index_order="C")
+    np.testing.assert_array_equal(values, volume)
+    # From the fastest axis on: y, x, and along the log.
+    np.testing.assert_array_equal(header["space directions"], [[0, 1.25, 0], [1.25, 0, 0], [0, 0, 20.0]])
+    np.testing.assert_array_equal(header["space origin"], [-19.375, -19.375, 0.0])
+    assert header["space units"] == ["mm", "mm", "mm"]
+
+
+def test_a_stack_beyond_the_reach_of_a_tiff_s_offsets_is_found_by_its_description(tmp_path):
+    shape = (100, 4096, 4096)
+    grid = VolumeGrid(shape, 0.1, (-204.75, -204.75), None, None)
+    header = tiff_header(grid, "1/mm")
+    with (tmp_path / "volume.tif").open("wb") as file:
+        file.write(header)
+        file.truncate(len(header) + 4 * math.prod(shape))  # a hole, which takes no disk
+    with tifffile.TiffFile(tmp_path / "volume.tif") as stack:
+        assert (len(stack.pages), stack.series[0].shape) == (1, shape)
+
+
 @pytest.mark.parametrize(
     ("path", "status", "code"),
     [
@@ -86,6 +128,7 @@ def test_an_array_that_the_client_holds_is_not_read(seeded):
         ("reconstructions/example/slices/0.jpg?window_low=2&window_high=1", 422, "empty-window"),
         ("reconstructions/example/side.npy?along=z", 422, "invalid-request"),
         ("reconstructions/nobody/slices/0.npy", 404, "reconstruction-not-found"),
+        ("reconstructions/nobody/volume.tif", 404, "reconstruction-not-found"),
         ("reconstructions/nobody/thumbnail.png", 404, "reconstruction-not-found"),
         ("scans/nobody/thumbnail.png", 404, "scan-not-found"),
     ],

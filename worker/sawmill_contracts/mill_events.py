@@ -10,6 +10,7 @@ CALIBRATION_ROLLED_BACK = EventKind.register("calibration-rolled-back", is_decis
 SCAN_READY = EventKind.register("scan-ready")
 SCAN_REFUSED = EventKind.register("scan-refused", topic="scan")
 SCAN_DELETED = EventKind.register("scan-deleted", is_decision=True)
+RECONSTRUCTION_RENAMED = EventKind.register("reconstruction-renamed", is_decision=True)
 PHANTOM_CREATED = EventKind.register("phantom-created")
 PHANTOM_READY = EventKind.register("phantom-ready")
 PHANTOM_REFUSED = EventKind.register("phantom-refused")

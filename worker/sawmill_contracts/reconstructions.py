@@ -12,7 +12,7 @@ from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import Contract, Identifier, Stamped
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
@@ -118,9 +118,10 @@ class ReconstructionOptions(Contract):
         examples=[180],
     )
     method: ReconstructionMethod = Field(
-        ReconstructionMethod.FBP,
-        description="`auto` chooses by the scan's views and noise, and by prefer.",
-        examples=["fbp"],
+        ReconstructionMethod.AUTO,
+        description="`auto` chooses by the scan's views and noise, and by prefer. Default: `auto`, or `fbp` where an "
+        "option of `fbp` differs from its default.",
+        examples=["auto"],
     )
     prefer: Annotated[Preference, OfAuto] = Field(
         Preference.QUALITY,
@@ -215,6 +216,15 @@ class ReconstructionOptions(Contract):
         raise ValueError(msg)
 
     @model_validator(mode="after")
+    def _choose_fbp_by_its_options(self) -> "ReconstructionOptions":
+        marks = ((name, field.default, OptionOf.on(field)) for name, field in type(self).model_fields.items())
+        if "method" not in self.model_fields_set and any(
+            mark is OfFbp and getattr(self, name) != usual for name, usual, mark in marks
+        ):
+            object.__setattr__(self, "method", ReconstructionMethod.FBP)  # frozen from here on
+        return self
+
+    @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
         for name, field in ReconstructionOptions.model_fields.items():
             mark = OptionOf.on(field)
@@ -279,7 +289,7 @@ def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
         mark = OptionOf.on(field)
         if mark is not None:
             as_left_out = one_of(name, [field.default, EARLIER_DEFAULTS.get(name, field.default)])
-            require(schema, name, as_left_out, one_of("method", mark.methods, default=ReconstructionMethod.FBP))
+            require(schema, name, as_left_out, one_of("method", mark.methods, default=ReconstructionMethod.AUTO))
     rules = one_of(
         "alpha_rule", [AlphaRule.CROSS_VALIDATION, AlphaRule.DISCREPANCY], default=AlphaRule.CROSS_VALIDATION
     )
@@ -441,12 +451,24 @@ class ReconstructionResult(Contract):
     )
 
 
+class ReconstructionName(Given):
+    """Name of a reconstruction, for people."""
+
+    name: Name | None = Field(description="The name. Null: none.", examples=["spruce with a nail"])
+
+
 class ReconstructionLinks(Contract):
     """Links to a reconstruction's files."""
 
     self: str = Field(description="Path of the reconstruction.", examples=["/v1/reconstructions/example"])
     job: str = Field(description="Path of the reconstruction's job.", examples=["/v1/jobs/example"])
     volume: str = Field(description="Path of the volume as HDF5.", examples=["/v1/reconstructions/example/volume.h5"])
+    volume_tiff: str = Field(
+        description="Path of the volume as a TIFF stack.", examples=["/v1/reconstructions/example/volume.tif"]
+    )
+    volume_nrrd: str = Field(
+        description="Path of the volume as NRRD.", examples=["/v1/reconstructions/example/volume.nrrd"]
+    )
     first_slice: str = Field(
         description="Path of the picture of the first slice.", examples=["/v1/reconstructions/example/slices/0.png"]
     )
@@ -471,6 +493,15 @@ class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
     state: JobState = Field(description="State of the job.", examples=["succeeded"])
+    name: Name | None = Field(
+        None,
+        description="Name that somebody gave it. Null: nobody did, and pages name it by scanner, number and time.",
+        examples=["spruce with a nail"],
+    )
+    number: int = Field(
+        description="Number of the log among the scanner's logs, from 1; the reconstructions of one scan share it.",
+        examples=[14],
+    )
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
     calibration_id: Identifier | None = Field(
@@ -499,6 +530,8 @@ DECLARATION = AskedKind(
     links=ReconstructionLinks,
     files={
         "volume": "volume.h5",
+        "volume_tiff": "volume.tif",
+        "volume_nrrd": "volume.nrrd",
         "first_slice": "slices/0.png",
         "first_slice_array": "slices/0.npy",
         "mosaic": "mosaic.png",

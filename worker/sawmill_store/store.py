@@ -8,7 +8,6 @@ from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.plans import Plan, PlanAsk
-from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.retention.retention_runner import RetentionKeeper
 from sawmill_platform.settings import StorageSettings
@@ -22,6 +21,7 @@ from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
+from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.retention.stocks import STOCKS, events_kept_by
@@ -30,7 +30,6 @@ from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MillSubjects
 
-Reconstructions = Asked[ReconstructionAsk, Reconstruction]
 Plans = Asked[PlanAsk, Plan]
 
 
@@ -56,7 +55,7 @@ class Store(JobServiceStore):
         self.scans = Scans(self.database, self.files, self.places)
         self.inspections = Inspections(self.database, self.files, self.places)
         self.calibrations = Calibrations(self.database, self.files, self.places)
-        self.reconstructions = self.asked(reconstructions.DECLARATION)
+        self.reconstructions = Reconstructions(self.database, self.files, self.places, reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.measurements = Measurements(self.database)

@@ -14,8 +14,11 @@ from sqlalchemy import (
     Index,
     String,
     UniqueConstraint,
+    func,
+    select,
     text,
 )
+from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import Mapped, declared_attr, mapped_column, relationship
 
@@ -163,6 +166,15 @@ class CalibrationRow(Answered):
     stored_bytes: Mapped[StoredBytes]
 
 
+def _log_number(context: DefaultExecutionContext) -> int:
+    """Return the number of the log that a new reconstruction shows: one that its scan has, or the scanner's next."""
+    row, rows = context.get_current_parameters(), ReconstructionRow  # type: ignore[no-untyped-call]
+    of_scan = select(rows.number).where(rows.scan_id == row["scan_id"]).limit(1)
+    following = select(func.coalesce(func.max(rows.number), 0) + 1).where(rows.scanner_id == row["scanner_id"])
+    connection = context.root_connection
+    return connection.scalar(of_scan) or connection.scalars(following).one()
+
+
 class ReconstructionRow(Answered):
     """A reconstruction."""
 
@@ -177,6 +189,8 @@ class ReconstructionRow(Answered):
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
     stored_bytes: Mapped[StoredBytes]
+    number: Mapped[int] = mapped_column(default=_log_number)
+    name: Mapped[str | None] = mapped_column(String(200))
 
 
 class DriftRow(Answered):

@@ -4,11 +4,12 @@ from sawmill_service.pages import jobs, logs, problem_types, scans
 from sawmill_service.pages.calibrate import calibrate, report
 from sawmill_service.pages.frame import look
 from sawmill_service.pages.phantoms import phantoms
-from sawmill_service.pages.scanners import scanner, scanner_history, today
+from sawmill_service.pages.scanners import comparison, scanner, scanner_history, today
 from sawmill_service.pages.system import retention, system, webhooks
 
 PAGES = (
     calibrate.router,
+    comparison.router,
     jobs.router,
     logs.router,
     look.router,

@@ -1,21 +1,27 @@
 """Pages of logs: the reconstructions, and the viewer of their slices."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import Query, Response
+from fastapi.responses import RedirectResponse
+from pydantic import ValidationError
 
-from sawmill_contracts.reconstructions import Reconstruction
-from sawmill_contracts.scans import Scan
-from sawmill_platform.contracts.base import Identifier
+from sawmill_contracts.calibrations import Calibration, CalibrationSucceeded
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
+from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheFiles, TheReconstructions, TheScanners, TheScans, TheStore
+from sawmill_service.dependencies import TheFiles, TheReconstructions, TheStore
+from sawmill_service.finished import scan_if_kept
+from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.words import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.lists import TheFilter
+from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
 # Number of logs for comparison from the same scan, and from the same scanner.
@@ -25,20 +31,31 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/logs")
-def logs(
-    page: ThePage, reconstructions: TheReconstructions, scanners: TheScanners, scans: TheScans, chosen: TheFilter
-) -> Response:
+def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
-    listed = reconstructions.page(**chosen.arguments())
+    listed = store.reconstructions.page(**chosen.arguments())
     return page.answer(
         "logs.html",
         chosen=chosen,
         found=listed,
-        scans=scans.several({log.scan_id for log in listed.items}),
-        scanners=scanners.names(),
+        scans=store.scans.several({log.scan_id for log in listed.items}),
+        scanners=store.scanners.names(),
+        calibrations=_calibrations_of(store, listed.items),
         states=LOG_STATES,
         method_of=method_of,
+        name_of=partial(name_of, page),
     )
+
+
+@router.post("/logs/{reconstruction_id}/name", needs=Scope.SUBMIT)
+def rename(reconstruction_id: Identifier, page: ThePage, store: TheStore, fields: TheForm) -> Response:
+    """Name a log; an empty name takes back the one that it had."""
+    try:
+        named = ReconstructionName(name=fields.get("name", "").strip() or None)
+    except ValidationError as error:
+        return _log_page(page, store, reconstruction_id, status=422, problem=placed_complaint(error))
+    store.reconstructions.rename(reconstruction_id, named.name)
+    return RedirectResponse(f"/logs/{reconstruction_id}", status_code=303)
 
 
 @router.get("/logs/{reconstruction_id}")
@@ -49,25 +66,34 @@ def log(
     beside: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
     """Show a log: its progress, why it failed, or its slices, with a second log for comparison."""
+    return _log_page(page, store, reconstruction_id, beside)
+
+
+def _log_page(
+    page: PageFrame, store: Store, reconstruction_id: str, beside: str = "", *, status: int = 200, problem: str = ""
+) -> Response:
     log = store.reconstructions.get(reconstruction_id)
     comparable = _others(store.reconstructions, log) if log.result else {}
-    shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
-    scans = store.scans.several({each.scan_id for each in (*shown, *comparable.values())})
+    shown = [log, store.reconstructions.get(beside)] if beside else [log]
+    jobs = [store.jobs.get(each.job_id) for each in shown]
+    scanners, calibrations = store.scanners.names(), _calibrations_of(store, [*shown, *comparable.values()])
     return page.answer(
         "log.html",
+        status=status,
+        problem=problem,
         log=log,
-        job=store.jobs.get(log.job_id),
-        volumes=[_volume(store.files, each) for each in shown if each.result],
+        job=next((job for job in jobs if not job.state.ended), jobs[0]),
+        volumes=[_volume(store.files, each, calibrations) for each in shown if each.result],
         shown=shown,
         others=comparable,
-        scans=scans,
-        scan=scans.get(log.scan_id),
-        scanner=store.scanners.get(log.scanner_id).name,
-        calibration=store.calibrations.get(log.calibration_id) if log.calibration_id else None,
+        scan=scan_if_kept(store.scans, log.scan_id),
+        scanners=scanners,
+        scanner=scanners[log.scanner_id],
+        calibrations=calibrations,
         state=LOG_STATES[JobState(log.state)],
         method_of=method_of,
         color_maps=COLOR_MAPS,
-        name_of=_name_of,
+        name_of=partial(name_of, page),
     )
 
 
@@ -77,10 +103,11 @@ def method_of(log: Reconstruction) -> ReconstructionMethod:
     return used.name if used else log.options.method
 
 
-def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
-    """Return the name of a log's scan; the id of a scan that was deleted."""
-    scan = scans.get(log.scan_id)
-    return scan.name if scan else log.scan_id
+def name_of(page: PageFrame, log: Reconstruction, scanner: str) -> str:
+    """Return the name of a log: the one that somebody gave it, or its scanner, its number and the hour."""
+    default = page.text.gettext("%(scanner)s, log %(number)s, %(time)s")
+    values = {"scanner": scanner, "number": log.number, "time": page.formats.hour(log.created_at)}
+    return log.name or default % values
 
 
 def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[str, Reconstruction]:
@@ -90,8 +117,13 @@ def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[st
     return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
-def _volume(files: TheFiles, log: Reconstruction) -> dict[str, Any] | None:
-    """Describe where a volume's slices and pixels lie, for the viewer's script; None where the file is gone."""
+def _calibrations_of(store: Store, logs: Iterable[Reconstruction]) -> dict[str, Calibration]:
+    """Find the calibrations with which logs were made, by their ids."""
+    return store.calibrations.several({log.calibration_id for log in logs if log.calibration_id})
+
+
+def _volume(files: TheFiles, log: Reconstruction, calibrations: Mapping[str, Calibration]) -> dict[str, Any] | None:
+    """Describe where a volume's slices and pixels lie, and how well, for the viewer's script; None without its file."""
     from sawmill_formats.output.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
 
     assert log.result is not None  # noqa: S101 - the caller has checked
@@ -108,4 +140,13 @@ def _volume(files: TheFiles, log: Reconstruction) -> dict[str, Any] | None:
         "spacingMm": grid.spacing_mm,
         "window": log.result.value_range,
         "unit": log.result.unit,
+        **_errors_of_lengths(calibrations.get(log.calibration_id or "")),
     }
+
+
+def _errors_of_lengths(calibration: Calibration | None) -> dict[str, float | None]:
+    """Return how well a log's calibration knows a length, with 95 %: its scale, and the rays at either end."""
+    if not isinstance(calibration, CalibrationSucceeded) or calibration.predicted_ray_error_mm is None:
+        return {"scalePercent": None, "raysMm": None}
+    rays_mm = calibration.predicted_ray_error_mm.upper_95
+    return {"scalePercent": calibration.scale_uncertainty_percent, "raysMm": rays_mm}

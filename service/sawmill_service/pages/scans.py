@@ -1,6 +1,7 @@
 """Pages of scans: what was uploaded, what became of it, and what to do with it."""
 
 import re
+from functools import partial
 from typing import Annotated
 
 from fastapi import Response
@@ -20,6 +21,7 @@ from sawmill_service.pages.frame.formats import plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.words import SCAN_STATES
 from sawmill_service.pages.lists import TheFilter, phantom_names
+from sawmill_service.pages.logs import name_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import CoordinateMm, ReconstructionMethod
 
@@ -115,5 +117,6 @@ def _scan_page(
         sizes=SIZES_PX,
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
         problem=problem,
+        name_of=partial(name_of, page),
         given=typed or {},
     )

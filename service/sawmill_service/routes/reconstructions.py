@@ -11,7 +11,9 @@ from typing import Annotated, Self
 from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
+from sawmill_contracts import reconstructions as contract
 from sawmill_contracts.choices import Axis
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
 from sawmill_contracts.row_ranges import STEPPED_ROWS, parse_span
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
@@ -19,12 +21,14 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
+from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT
+from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import Hdf5, Png, file, picture
 from sawmill_service.http.route_rules import Router
+from sawmill_service.routes.asked import linked
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
@@ -269,6 +273,21 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
         check_volume(path, shape)
 
     return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5", check=check)
+
+
+@router.put(
+    "/{reconstruction_id}/name",
+    needs=Scope.SUBMIT,
+    summary="Name a reconstruction",
+    openapi_extra=trying(body={"name": "spruce with a nail"}),
+    responses=refuses("reconstruction-not-found"),
+)
+def name_reconstruction(
+    reconstruction_id: Identifier, named: Sent[ReconstructionName], reconstructions: TheReconstructions
+) -> Reconstruction:
+    """Give a reconstruction a name of its own, or none; the history of names is in the audit."""
+    renamed: Reconstruction = linked(contract.DECLARATION, reconstructions.rename(reconstruction_id, named.name))
+    return renamed
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:

@@ -4,28 +4,33 @@ The first request imports the modules that read and draw, as in `routes/reconstr
 """
 # ruff: noqa: PLC0415 - for that reason
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import Path, Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import ReconstructionResult
+from sawmill_formats.output.volume_exports import nrrd_header, tiff_header
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
-from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.described_answers import NAMED, drawn, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT
+from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.responses.answers import Jpeg, Png, file, picture, unchanging
-from sawmill_service.http.responses.arrays import Npy, array
+from sawmill_service.http.responses.arrays import Npy, Nrrd, Tiff, array, exported
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
+
+if TYPE_CHECKING:
+    from sawmill_formats.output.volume_reader import VolumeGrid
 
 _FLOAT32_BYTES = 4
 # A list of three, not a tuple: some generators of clients ignore `prefixItems`.
@@ -180,6 +185,61 @@ def get_side_array(
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
     size_bytes = _FLOAT32_BYTES * slices * max(size)
     return unchanging(array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name))
+
+
+@router.get(
+    f"{folder}/volume.tif",
+    response_class=Tiff,
+    summary="Get the volume as a TIFF stack",
+    responses=NAMED | refuses(*OF_RESULT),
+)
+def get_volume_tiff(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+    """Return float32 pages for ImageJ, one a slice, with pixels and spacing in mm; a row of a page is +x, a column +y.
+
+    The file is written while it is sent: a part of it cannot be requested.
+    """
+    return _export(request, reconstructions, reconstruction_id, "tif", Tiff, tiff_header)
+
+
+@router.get(
+    f"{folder}/volume.nrrd",
+    response_class=Nrrd,
+    summary="Get the volume as NRRD",
+    responses=NAMED | refuses(*OF_RESULT),
+)
+def get_volume_nrrd(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
+    """Return float32 for 3D Slicer, the axes y, x, slice from the fastest on, with spacings and the origin in mm.
+
+    The file is written while it is sent: a part of it cannot be requested.
+    """
+    return _export(request, reconstructions, reconstruction_id, "nrrd", Nrrd, nrrd_header)
+
+
+def _export(
+    request: Request,
+    reconstructions: TheReconstructions,
+    reconstruction_id: str,
+    suffix: str,
+    answer: type[Response],
+    header_of: Callable[["VolumeGrid", str], bytes],
+) -> Response:
+    """Return the volume as a file of another program."""
+    from sawmill_formats.output import volume_reader
+
+    result = result_of(reconstructions, reconstruction_id)
+    path, shape = reconstructions.files.volume(reconstruction_id), result.shape
+    volume_reader.check_volume(path, shape)
+    header = header_of(volume_reader.volume_grid(path, shape), result.unit)
+
+    def pieces() -> Iterator[bytes]:
+        yield header
+        for image in volume_reader.volume_slices(path, shape, range(shape[0])):
+            yield image.data.astype("<f4", copy=False).tobytes()
+
+    length = len(header) + _FLOAT32_BYTES * math.prod(shape)
+    largest = max(len(header), _FLOAT32_BYTES * shape[1] * shape[2])
+    name = f"reconstruction-{reconstruction_id}.{suffix}"
+    return exported(request, answer, length, largest, pieces(), save_as=name)
 
 
 @router.get(

@@ -20,6 +20,7 @@ PAGES = {
     "report": "/calibrations/example/report",
     "scanner": "/scanners/example",
     "history": "/scanners/example/history",
+    "comparison": "/scanners/example/compare?first=example&second=example",
     "new-scanner": "/scanners/new",
     "phantoms": "/phantoms",
     "new-phantom": "/phantoms/new",

@@ -2,6 +2,7 @@
 
 import io
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -155,6 +156,23 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     # A value between two steps may be rounded either way.
     assert np.mean((pixels(page)[..., :3] != expected).any(axis=-1)) < 0.02
 
+    picture = page.locator(".pane canvas")
+    whole = picture.bounding_box()["width"]
+    picture.click()
+    for key, times in (("+", 1.5), ("0", 1.0)):
+        page.keyboard.press(key)
+        assert picture.bounding_box()["width"] == pytest.approx(times * whole, rel=0.01)
+    hover(page, 3, 28)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -200)
+    page.keyboard.up("Control")
+    expect(page.locator("#viewer")).to_have_attribute("data-zoomed", "")
+    hover(page, 3, 28)  # still there: the place under the pointer stays
+    assert readout(page)[0] == pytest.approx(-12.5 * PIXEL_MM, abs=0.06)
+    picture.dblclick()
+    expect(page.locator("#viewer")).not_to_have_attribute("data-zoomed", "")
+    shows(page, 11)
+
     box = page.locator(".navigator canvas").bounding_box()
     assert box["y"] + box["height"] < 800  # in sight below the picture
     page.mouse.click(box["x"] + box["width"] * 0.25, box["y"] + box["height"] / 2)
@@ -268,6 +286,81 @@ def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
     assert page.evaluate(fetched)[0] == 401
 
 
+def fingers(page: Page) -> Callable[..., None]:
+    """Fingers on the screen, as a tablet reports them: where they are, or that they are gone."""
+    session = page.context.new_cdp_session(page)
+
+    def press(*points: tuple[float, float], kind: str = "touchStart") -> None:
+        touched = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touched})
+
+    return press
+
+
+def test_a_knot_is_measured_with_gloves(site, logs):
+    """The view, the ruler and the region stay in the address, and the ± is that of the calibration."""
+    page = site.open("/logs/example?slice=10", viewport={"width": 800, "height": 1280}, has_touch=True, locale="fi-FI")
+    shows(page, 10)
+    press = fingers(page)
+    box = page.locator(".stage").bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    before = page.locator(".pane canvas").bounding_box()["width"]
+
+    # Two fingers that move apart from 100 to 400 pixels: four times as large, and the place between them stays.
+    press(*((middle[0] + side * 50, middle[1]) for side in (-1, 1)))
+    for apart in (100, 150, 200):
+        press(*((middle[0] + side * apart, middle[1]) for side in (-1, 1)), kind="touchMove")
+    press(kind="touchEnd")
+    zoomed = page.locator(".pane canvas").bounding_box()
+    assert zoomed["width"] == pytest.approx(4 * before, rel=0.01)
+    assert zoomed["x"] + zoomed["width"] / 2 == pytest.approx(middle[0], abs=2)
+
+    # 100 mm along y: the field of 400 mm is as wide as the stage, four times enlarged.
+    page.get_by_role("button", name="Mittaa").click()
+    mm = 4 * min(box["width"], box["height"]) / 400
+    press((middle[0] - 40 * mm, middle[1]))
+    press((middle[0] + 20 * mm, middle[1]), kind="touchMove")
+    press(kind="touchEnd")
+    measured = page.locator(".measured")
+    expect(measured).to_contain_text(re.compile(r"Pituus 60(,0)? ± 0,"))
+    # An end is moved to where it should be.
+    press((middle[0] + 20 * mm + 10, middle[1]))
+    press((middle[0] + 40 * mm, middle[1]), kind="touchMove")
+    press(kind="touchEnd")
+    length, error = (float(text.replace(",", ".")) for text in re.findall(r"[\d,]+", measured.inner_text())[:2])
+    assert length == pytest.approx(80, abs=0.2)
+    known = page.request.get("/v1/calibrations/example").json()
+    expected = np.hypot(
+        0.8 * known["scale_uncertainty_percent"], np.sqrt(2) * known["predicted_ray_error_mm"]["upper_95"]
+    )
+    assert error == pytest.approx(expected, abs=0.06)
+    assert overflowing(page) + small_targets(page) == []
+    shot(page, "viewer-ruler-800-light-fi")
+
+    page.wait_for_url(re.compile(r"view=.*ruler="))
+    page.reload()
+    shows(page, 10)
+    expect(measured).to_contain_text("Pituus 80")
+    assert page.locator(".pane canvas").bounding_box()["width"] == pytest.approx(4 * before, rel=0.01)
+    for _ in range(2):
+        page.touchscreen.tap(*middle)
+    page.wait_for_function("width => document.querySelector('.pane canvas').clientWidth <= width", arg=before + 1)
+
+    page.get_by_role("button", name="Alue").click()
+    mm /= 4
+    press((middle[0] - 50 * mm, middle[1] - 100 * mm))
+    press((middle[0] + 50 * mm, middle[1] + 100 * mm), kind="touchMove")
+    press(kind="touchEnd")
+    x, y = (np.mgrid[:SIDE, :SIDE] - 15.5) * PIXEL_MM
+    inside = logs["example"][10][(x / 100) ** 2 + (y / 50) ** 2 <= 1]
+    mean, spread = (float(text.replace(",", ".")) for text in re.findall(r"[\d]+,[\d]+", measured.inner_text())[:2])
+    assert (mean, spread) == pytest.approx((inside.mean(), inside.std()), rel=0.02)
+
+    low = page.locator("#low").input_value()
+    page.get_by_role("button", name="Oksat").click()
+    expect(page.locator("#low")).not_to_have_value(low)
+
+
 def test_two_logs_move_together_by_height(site, logs):
     # A clock that no server has.
     here = {"viewport": {"width": 800, "height": 1100}, "timezone_id": "Pacific/Kiritimati"}
@@ -294,6 +387,12 @@ def test_two_logs_move_together_by_height(site, logs):
     page.keyboard.press("Home")
     shows(page, 0)
     expect(page.locator(".away").nth(1)).to_be_visible()
+    page.get_by_role("button", name="To the nearest height that both have").click()
+    shows(page, 1)
+    shows(page, 0, pane=1)  # within half of the distance between its slices
+    # Heights from 0 to 290 mm, and from 20 mm on.
+    bars = [page.locator(".navigator .range").nth(n).bounding_box() for n in (0, 1)]
+    assert bars[1]["x"] - bars[0]["x"] == pytest.approx(bars[0]["width"] * 2 / 30, abs=2)
 
 
 def test_a_log_is_waited_for_and_then_looked_at_with_a_finger(site, store, worker):

@@ -59,11 +59,11 @@ def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(store, scan
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, theta=THETA, **options))
         return needs_of(attempt(job_kinds.RECONSTRUCT))
 
-    usual = needs()
+    usual = needs(method="fbp")
     # Half of what is free is for the blocks, which take 0.8 GB.
     assert 2 * 805_000_000 < usual.memory_bytes <= DATA_BYTES
     assert 4 * ROWS * 256**2 < usual.file_bytes < 2**31
-    large = needs(size=2048)
+    large = needs(method="fbp", size=2048)
     assert large.file_bytes > 4 * ROWS * 2048**2
     assert large.memory_bytes < STACK
     # Thirty-two slices iterate together, each with two dozen images, and forty times its data.

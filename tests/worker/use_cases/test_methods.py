@@ -44,7 +44,7 @@ def log(scanner, theta, turn):
 @pytest.fixture
 def reconstruct(tmp_path):
     def run(given, **options):
-        asked = ReconstructionOptions(**{"size": SIZE, "field_mm": FIELD_MM} | options)
+        asked = ReconstructionOptions(**{"method": "fbp", "size": SIZE, "field_mm": FIELD_MM} | options)
         path = tmp_path / "volume.h5"
         result = run_reconstruction(given, asked, path, lambda _: None)
         with h5py.File(path) as file:
@@ -274,11 +274,11 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"alpha": 1.0}, "alpha belongs to method tikhonov, not fbp"),
+        ({"alpha": 1.0}, "alpha belongs to method tikhonov, not auto"),
         ({"method": "tikhonov", "filter": "ram-lak"}, "filter belongs to method auto or fbp, not tikhonov"),
         ({"method": "tikhonov", "alpha": 1.0, "alpha_rule": "gcv"}, "alpha_rule has nothing to choose"),
         ({"method": "fbp", "prefer": "speed"}, "prefer belongs to method auto, not fbp"),
-        ({"non_negative": False}, "non_negative belongs to method cauchy_map or total_variation, not fbp"),
+        ({"non_negative": False}, "non_negative belongs to method cauchy_map or total_variation, not auto"),
         ({"method": "cauchy_map", "preset": "paper", "beta": 0.1}, "preset brings its own sigma and beta"),
         ({"method": "cauchy_map", "sigma": -1.0}, "greater than 0"),
     ],
@@ -305,7 +305,7 @@ def test_the_fields_of_a_method_are_its_options_of_the_contract(name):
     assert {field.name: field.default for field in fields(METHODS[name])} == own
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "cauchy_map", "sigma": 0.05}])
+@pytest.mark.parametrize("options", [{"method": "fbp"}, {"method": "cauchy_map", "sigma": 0.05}])
 def test_a_volume_in_memory_is_that_of_the_file(log, reconstruct, options):
     given, seen = log(rows=17), []
     result, volume = reconstruct(given, **options)

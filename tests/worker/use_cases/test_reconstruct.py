@@ -16,7 +16,7 @@ from sawmill_worker.use_cases.reconstruction.value_range import SAMPLED_VALUES, 
 pytestmark = pytest.mark.slow
 
 SLICES = 70
-OPTIONS = ReconstructionOptions(size=32, field_mm=420.0)
+OPTIONS = ReconstructionOptions(method="fbp", size=32, field_mm=420.0)
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ def scan():
 
 
 def made(given, **options):
-    asked = ReconstructionOptions(**{"metal": "none", **options})
+    asked = ReconstructionOptions(**{"method": "fbp", "metal": "none", **options})
     return reconstruct_in_memory(given, asked, lambda _: None)
 
 

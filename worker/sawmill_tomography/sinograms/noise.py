@@ -126,7 +126,7 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
     1 means that the data are explained to their noise; pixels of finite size add a little. For methods that fit the
     data, a wrong geometry gives a misfit far above 1.
     """
-    counted = np.isfinite(noise) & projector.crossing
+    counted = (noise <= np.finfo(np.float32).max) & projector.crossing
     relative = (projector.forward(images) - lines) / np.where(counted, noise, math.inf).astype(np.float32)
     squares = np.einsum("skm,skm->s", relative, relative, dtype=np.float64)
     misfit: FloatArray = np.sqrt(squares / counted.sum(axis=(1, 2)))

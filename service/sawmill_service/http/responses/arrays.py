@@ -1,7 +1,7 @@
-"""Answers that are arrays: NPY files, sent in pieces, with a bound on the memory of all of them together."""
+"""Answers that are arrays, sent in pieces, with a bound on the memory of all of them together."""
 
 import threading
-from collections.abc import AsyncIterator, Callable, Hashable, Mapping
+from collections.abc import AsyncIterator, Callable, Hashable, Iterable, Mapping
 
 from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
@@ -22,6 +22,18 @@ class Npy(Response):
     """An array, as NumPy stores it (`numpy.load`)."""
 
     media_type = "application/x-npy"
+
+
+class Tiff(Response):
+    """A stack of images."""
+
+    media_type = "image/tiff"
+
+
+class Nrrd(Response):
+    """A volume with its place, as 3D Slicer reads it."""
+
+    media_type = "application/x-nrrd"
 
 
 class HeldBytes:
@@ -96,16 +108,43 @@ def array(
     counted = min(size, len(content))
     held.give_back(size - counted)
     described = {**headers, **own, **of_range, "Content-Length": str(len(part))}
-    return _Sent(part, status, described, held=held, counted=counted)
+    return _Sent(_pieces(part), Npy, described, status=status, held=held, counted=counted)
+
+
+def exported(
+    request: Request,
+    answer: type[Response],
+    length: int,
+    largest_piece: int,
+    pieces: Iterable[bytes],
+    *,
+    save_as: str,
+) -> Response:
+    """Return a file of `length` bytes that is written while it is sent, of which one piece is held at a time."""
+    held: HeldBytes = request.app.state.held_arrays
+    held.take(largest_piece)
+    headers = {
+        "Content-Disposition": f'attachment; filename="{save_as}"',
+        "Content-Length": str(length),
+        "Cache-Control": "no-store",
+    }
+    return _Sent(pieces, answer, headers, held=held, counted=largest_piece)
 
 
 class _Sent(StreamingResponse):
     """An answer whose bytes are counted until the client has them, or is gone."""
 
     def __init__(
-        self, content: bytes, status: int, headers: Mapping[str, str], *, held: HeldBytes, counted: int
+        self,
+        pieces: AsyncIterator[bytes] | Iterable[bytes],
+        answer: type[Response],
+        headers: Mapping[str, str],
+        *,
+        status: int = 200,
+        held: HeldBytes,
+        counted: int,
     ) -> None:
-        super().__init__(_pieces(content), status, media_type=Npy.media_type, headers=headers)
+        super().__init__(pieces, status, media_type=answer.media_type, headers=headers)
         self._held, self._counted = held, counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

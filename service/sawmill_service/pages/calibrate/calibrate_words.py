@@ -111,7 +111,7 @@ def parameters_of(page: PageFrame, geometry: FoundGeometry) -> list[Row]:
     spreads = geometry.deviations.source_frame
 
     def rows() -> Iterator[Row]:
-        for name, label in _PARAMETERS.items():
+        for name, label in PARAMETERS.items():
             angle = name.endswith("_rad")
             written = formats.degrees if angle else formats.mm
             value, spread = getattr(frame, name), getattr(spreads, name)
@@ -122,7 +122,7 @@ def parameters_of(page: PageFrame, geometry: FoundGeometry) -> list[Row]:
     return list(rows())
 
 
-_PARAMETERS = {
+PARAMETERS = {
     "psi_rad": marked("First angle (psi)"),
     "source_distance_mm": marked("Source to centre of rotation (R)"),
     "source_to_detector_mm": marked("Source to detector (SDD)"),

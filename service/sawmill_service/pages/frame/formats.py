@@ -44,6 +44,7 @@ class Formats:
             "bytes": self.bytes,
             "moment": self.moment,
             "day": self.day,
+            "hour": self.hour,
             "axis": self.axis,
             "age": self.age,
             "iso": iso,
@@ -91,8 +92,12 @@ class Formats:
         """Write day and minute in a zone or in this machine's, which the pages' script turns into the browser's."""
         if time is None:
             return self._text.gettext("never")
-        hour = format_time(_local(time, zone), "short", locale=self._locale)
+        hour = self.hour(time, zone)
         return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time, zone))
+
+    def hour(self, time: datetime | str, zone: str | None = None) -> str:
+        """Write hour and minute alone, in a time zone or, without one, in this machine's."""
+        return str(format_time(_local(time, zone), "short", locale=self._locale))
 
     def day(self, time: datetime | str | None, zone: str | None = None) -> str:
         """Write the day alone, in a time zone or, without one, in this machine's."""

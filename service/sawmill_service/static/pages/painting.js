@@ -35,13 +35,29 @@ export function paint(canvas, { data, rows, columns }, { low, high }, table, tur
   context.putImageData(image, 0, 0);
 }
 
-// A window between two percentiles of some values, a sample of them where there are many.
-export function windowOf(data) {
+// Percentiles of some values, of a sample of them where there are many.
+function percentiles(data) {
   const step = Math.max(1, Math.floor(data.length / 20000));
   const sample = data.filter((_, n) => n % step === 0).sort();
-  const at = (share) => sample[Math.round(share * (sample.length - 1))];
-  const [low, high] = [at(0.001), at(0.999)];
-  return low < high ? { low, high } : { low: low - 0.5, high: low + 0.5 };
+  return (share) => sample[Math.round(share * (sample.length - 1))];
+}
+
+const open = (low, high) => (low < high ? { low, high } : { low: low - 0.5, high: low + 0.5 });
+
+// A window between two percentiles of some values.
+export function windowOf(data) {
+  const at = percentiles(data);
+  return open(at(0.001), at(0.999));
+}
+
+// Windows for a slice: all of the wood, and the part of it that is denser than its middle, as knots are. Metal is too
+// little of a slice to count.
+export function woodWindows(data) {
+  const air = 0.4 * percentiles(data)(0.95);
+  const at = percentiles(data.filter((value) => value > air));
+  const [light, dense] = [at(0.05), at(0.95)];
+  const top = dense + 0.5 * (dense - light);
+  return { wood: open(2 * light - dense, top), knots: open(0.5 * (light + dense), top) };
 }
 
 // The largest of 1, 2, 5 times a power of ten that is not above a length.

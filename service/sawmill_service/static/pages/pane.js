@@ -1,4 +1,5 @@
 // One picture of the viewer: shows the newest slice that is wanted, and values at places in mm.
+import { draw, errorOf, lengthOf, statistics } from "./mark.js";
 import { paint, roundLength } from "./painting.js";
 import { Volume } from "./volume.js";
 
@@ -15,7 +16,7 @@ export class Pane {
     this.figure = figure;
     this.viewer = viewer;
     this.volume = new Volume(JSON.parse(figure.dataset.volume));
-    this.canvas = figure.querySelector("canvas");
+    [this.canvas, this.stage, this.marks] = ["canvas", ".stage", ".marks"].map((name) => figure.querySelector(name));
     [this.canvas.width, this.canvas.height] = [this.volume.columns, this.volume.rows];
     // The index of the slice on the screen and of the one that should be, and the values of the former once they are here.
     [this.shown, this.wanted, this.values] = [null, null, null];
@@ -23,7 +24,9 @@ export class Pane {
     [this.drawn, this.drawing] = [null, null];
     this.outdated = new AbortController();
     this.pointed = [null, false];
-    this.#drawScale();
+    const averaged = this.slot("averaged");
+    averaged.textContent = this.volume.factor > 1 ? averaged.dataset.text.replaceAll("{factor}", this.volume.factor) : "";
+    new ResizeObserver(() => this.lay()).observe(this.stage);
   }
 
   slot(name) {
@@ -37,6 +40,7 @@ export class Pane {
     this.outdated = new AbortController();
     const { signal } = this.outdated;
     this.figure.querySelector(".away").hidden = index !== null;
+    this.figure.querySelector(".scale").hidden = index === null;
     if (index === null) {
       this.#put(null);
       return;
@@ -47,12 +51,12 @@ export class Pane {
       await new Promise((resolve) => setTimeout(resolve, REST_MS));
       if (!signal.aborted) {
         this.#put(index, await this.volume.values(index, signal));
-        this.#complain("");
+        this.complain("");
         this.#loadAhead(index, direction, signal).catch(() => {}); // loaded again when wanted
       }
     } catch (problem) {
       if (!signal.aborted) {
-        this.#complain(problem.message);
+        this.complain(problem.message);
       }
     }
   }
@@ -101,16 +105,38 @@ export class Pane {
     }
   }
 
-  // The pixel under a pointer's event: [row, column], a row is +x and a column +y.
-  pixelAt(event) {
-    const box = this.canvas.getBoundingClientRect();
-    const share = [(event.clientY - box.top) / box.height, (event.clientX - box.left) / box.width];
-    return [Math.floor(share[0] * this.canvas.height), Math.floor(share[1] * this.canvas.width)];
+  // Lay the picture, the marks and the scale where the view has them.
+  lay() {
+    const { view, mark } = this.viewer;
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    this.perMm = Math.min(width, height) / view.side;
+    this.toPixels = ([x, y]) => [(y - view.centre[1]) * this.perMm + width / 2, (x - view.centre[0]) * this.perMm + height / 2];
+    const [[top, bottom], [left, right]] = this.volume.edges();
+    const corner = this.toPixels([top, left]);
+    const box = [corner[0], corner[1], (right - left) * this.perMm, (bottom - top) * this.perMm];
+    ["left", "top", "width", "height"].forEach((name, n) => { this.canvas.style[name] = `${box[n]}px`; });
+    const length = roundLength(width / this.perMm / 4);
+    this.figure.querySelector(".rule").style.width = `${length * this.perMm}px`;
+    this.slot("length").textContent = `${written(length, 3)} mm`;
+    this.point(...this.pointed);
+    this.#mark();
   }
 
-  placeOf([row, column]) {
-    const { firstMm, pixelMm } = this.volume;
-    return [firstMm[0] + row * pixelMm, firstMm[1] + column * pixelMm];
+  // The place in mm under a pointer: [x, y], x runs down and y to the right.
+  placeAt({ clientX, clientY }) {
+    const { left, top, width, height } = this.stage.getBoundingClientRect();
+    const { centre } = this.viewer.view;
+    return [centre[0] + (clientY - top - height / 2) / this.perMm, centre[1] + (clientX - left - width / 2) / this.perMm];
+  }
+
+  // The pixel at a place: [row, column], a row is +x and a column +y.
+  pixelAt(place) {
+    return place.map((mm, axis) => Math.round((mm - this.volume.firstMm[axis]) / this.volume.pixelMm));
+  }
+
+  // The middle of that pixel, in mm.
+  middleAt(place) {
+    return this.pixelAt(place).map((n, axis) => this.volume.firstMm[axis] + n * this.volume.pixelMm);
   }
 
   // Say the value at (x, y) in mm; `marked` draws a cross there, where the pointer is over another picture.
@@ -121,16 +147,49 @@ export class Pane {
       cross.hidden = true;
       return;
     }
-    const { firstMm, pixelMm, rows, columns, unit } = this.volume;
-    const [row, column] = place.map((mm, axis) => Math.round((mm - firstMm[axis]) / pixelMm));
+    const { rows, columns, unit } = this.volume;
+    const [row, column] = this.pixelAt(place);
     const inside = row >= 0 && row < rows && column >= 0 && column < columns;
     const [x, y] = place.map((mm) => written(mm, 1));
     this.slot("place").textContent = `x ${x} mm, y ${y} mm:`;
     const value = this.values && significant.format(this.values.data[row * columns + column]);
     this.slot("value").textContent = !inside ? "–" : value === null ? "…" : `${value} ${unit}`;
     cross.hidden = !marked || !inside;
-    cross.style.top = `${(100 * (row + 0.5)) / rows}%`;
-    cross.style.left = `${(100 * (column + 0.5)) / columns}%`;
+    [cross.style.left, cross.style.top] = this.toPixels(place).map((pixels) => `${pixels}px`);
+  }
+
+  // Draw the ruler or the region, and say what it measures here.
+  #mark() {
+    const { mark } = this.viewer;
+    const measured = this.slot("measured");
+    measured.hidden = !mark || (mark.kind === "region" && !this.values);
+    draw(this.marks, mark, this.toPixels, measured.hidden ? "" : this.#measure(measured, mark));
+  }
+
+  // Fill the sentence, and return its number.
+  #measure(measured, { kind, ends }) {
+    const { scalePercent, raysMm, pixelMm, unit } = this.volume;
+    if (kind === "ruler") {
+      const [length, error] = [lengthOf(ends), errorOf(lengthOf(ends), this.volume)];
+      const digits = error === null || error >= 0.1 ? 1 : 2;
+      this.#fill(measured, error === null ? "unsure" : "ruler", {
+        length: written(length, digits), error: written(Math.max(error, 0.01), digits),
+        scale: written(scalePercent, 2), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
+      });
+      return `${written(length, digits)} mm`;
+    }
+    const { count, mean, spread } = statistics(this.values, this.volume, ends);
+    const [middle, deviation] = [mean, spread].map((value) => significant.format(value));
+    this.#fill(measured, count ? "region" : "empty", {
+      mean: middle, spread: deviation, unit, count: written(count, 0), area: written(count * pixelMm ** 2, 0),
+    });
+    return count ? middle : "";
+  }
+
+  // Fill the sentence of this name with values.
+  #fill(element, name, values) {
+    const sentence = this.figure.querySelector(`template[data-sentence="${name}"]`).content.textContent;
+    element.textContent = sentence.replace(/\{(\w+)\}/g, (_, key) => values[key]);
   }
 
   // A slice is on the screen, with its values once they are here; null: none is.
@@ -143,19 +202,10 @@ export class Pane {
       this.repaint();
     }
     this.point(...this.pointed);
+    this.#mark();
   }
 
-  #drawScale() {
-    const { pixelMm, columns, factor } = this.volume;
-    const side = pixelMm * columns;
-    const length = roundLength(side / 4);
-    this.figure.querySelector(".rule").style.width = `${(100 * length) / side}%`;
-    this.slot("length").textContent = `${written(length, 3)} mm`;
-    const averaged = this.slot("averaged");
-    averaged.textContent = factor > 1 ? averaged.dataset.text.replaceAll("{factor}", factor) : "";
-  }
-
-  #complain(sentence) {
+  complain(sentence) {
     const problem = this.figure.querySelector(".problem");
     problem.textContent = sentence;
     problem.hidden = !sentence;

@@ -1,11 +1,16 @@
 // The slice viewer: one slice of one or two logs, linked by height; its state stays in the address.
+import { gestures } from "./gestures.js";
+import { MARKS, lengthOf } from "./mark.js";
 import { navigator } from "./navigator.js";
 import { numberOf } from "./numbers.js";
-import { GREY, colorTables } from "./painting.js";
+import { GREY, colorTables, woodWindows } from "./painting.js";
 import { Pane } from "./pane.js";
+import { View } from "./view.js";
 
 const KEYS = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -Infinity, End: Infinity };
-const WHEEL_STEP = 60; // a notch of a wheel is 100 or more, a trackpad's steps are small
+const STEP = 1.5; // of the zoom's buttons and keys
+const SHORTEST_PX = 5; // of a mark: shorter ones were a tap
+const GRASP_PX = 28; // near an end of a mark, a finger takes hold of it
 
 const root = document.querySelector("#viewer");
 const find = (selector) => root.querySelector(selector);
@@ -13,12 +18,16 @@ const [slider, low, high, colors] = ["#slice", "#low", "#high", "#colors"].map(f
 const asked = new URLSearchParams(location.search);
 let tables = { grey: GREY };
 
-const viewer = { index: Number(slider.value), window: null, colors: "grey", table: tables.grey };
+const viewer = { index: Number(slider.value), window: null, colors: "grey", table: tables.grey, tool: "contrast", mark: null };
 const panes = [...root.querySelectorAll(".pane")].map((figure) => new Pane(figure, viewer));
 const first = panes[0].volume;
+viewer.view = new View(panes.map((pane) => pane.volume), () => {
+  root.toggleAttribute("data-zoomed", viewer.view.zoomed);
+  lay();
+});
 const height = find('[data-slot="height"]');
 const millimetres = new Intl.NumberFormat(document.documentElement.lang, { maximumFractionDigits: 1 });
-const side = await navigator(find(".navigator"), first, viewer, (index) => go(index));
+const side = await navigator(find(".navigator"), panes.map((pane) => pane.volume), viewer, (index) => go(index));
 
 function go(wanted) {
   const index = Math.min(Math.max(wanted, 0), first.slices - 1);
@@ -78,6 +87,35 @@ function lookByFields() {
   }
 }
 
+// The nearest slice to the present one at whose height the other log has one too; null where they share no height.
+function nearestCommon() {
+  const away = [...Array(first.slices).keys()].sort((a, b) => Math.abs(a - viewer.index) - Math.abs(b - viewer.index));
+  return away.find((index) => linked(panes[1].volume, index, first.heightOf(index)) !== null) ?? null;
+}
+
+function lay() {
+  if (viewer.window) {
+    panes.forEach((pane) => pane.lay());
+    changed();
+  }
+}
+
+function choose(tool) {
+  root.dataset.tool = viewer.tool = tool;
+  root.querySelectorAll("[data-tool-choice]").forEach((button) =>
+    button.setAttribute("aria-pressed", String(button.dataset.toolChoice === tool)));
+}
+
+function mark(shown) {
+  viewer.mark = shown;
+  lay();
+}
+
+async function preset(name) {
+  const middle = await first.values(Math.floor(first.slices / 2)).catch((problem) => panes[0].complain(problem.message));
+  middle && look(woodWindows(middle.data)[name]);
+}
+
 function usual() {
   look({ low: first.window[0], high: first.window[1] });
 }
@@ -95,7 +133,18 @@ async function color(name) {
 }
 
 function shownNow() {
-  return { slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: viewer.colors };
+  const { view, mark: marked } = viewer;
+  return {
+    slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: viewer.colors,
+    ...(view.zoomed ? { view: view.toText() } : {}),
+    ...(marked ? { [marked.kind]: marked.ends.flat().map((mm) => mm.toFixed(2)).join(",") } : {}),
+  };
+}
+
+// What the address says of a part of the view: as many numbers, or null.
+function numbersAsked(name, count) {
+  const numbers = (asked.get(name) ?? "").split(",").map(Number.parseFloat);
+  return numbers.length === count && numbers.every(Number.isFinite) ? numbers : null;
 }
 
 // The links to what is shown, and the address, when nothing has changed for a moment.
@@ -108,48 +157,78 @@ function changed() {
     for (const link of root.querySelectorAll("[data-download]")) {
       link.href = `${first.path}/${link.dataset.download.replace(/\{(\w+)\}/g, (_, name) => values[name])}`;
     }
-    history.replaceState(null, "", `?${new URLSearchParams({ ...Object.fromEntries(asked), ...values })}`);
+    const other = asked.has("beside") ? { beside: asked.get("beside") } : {};
+    history.replaceState(null, "", `?${new URLSearchParams({ ...other, ...values })}`);
   }, 600);
 }
 
 function pointAt(pane, event) {
-  const place = pane.placeOf(pane.pixelAt(event));
+  const place = pane.middleAt(pane.placeAt(event));
   panes.forEach((each) => each.point(place, each !== pane));
 }
 
-// Dragging changes the window: sideways its width, up and down its middle. A finger moving up or down scrolls the page.
-function follow(pane) {
-  let from = null;
-  pane.canvas.addEventListener("pointerdown", (event) => {
-    if (event.button === 0) {
-      from = { x: event.clientX, y: event.clientY, ...viewer.window };
-      pane.canvas.setPointerCapture(event.pointerId);
-      pointAt(pane, event);
-    }
-  });
-  pane.canvas.addEventListener("pointermove", (event) => {
-    pointAt(pane, event);
-    if (from) {
-      const width = (from.high - from.low) * 2 ** ((from.x - event.clientX) / 150);
-      const middle = (from.low + from.high) / 2 + ((event.clientY - from.y) / 300) * (from.high - from.low);
-      look({ low: middle - width / 2, high: middle + width / 2 });
-    }
-  });
-  for (const end of ["pointerup", "pointercancel"]) {
-    pane.canvas.addEventListener(end, () => { from = null; });
+// Dragging changes the window (sideways its width, up and down its middle), moves the picture, or draws a mark.
+function dragging(pane, from) {
+  const at = pane.placeAt(from);
+  const pixelsOf = (ends) => lengthOf(ends) * pane.perMm;
+  if (viewer.tool === "move" || from.button === 1) {
+    return { drag: (event) => hold(pane, at, event) };
   }
-  pane.canvas.addEventListener("pointerleave", () => panes.forEach((each) => each.point(null)));
-  let turned = 0;
-  pane.canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    turned += event.deltaY;
-    const steps = Math.trunc(turned / WHEEL_STEP);
-    if (steps !== 0) {
-      turned = 0;
-      go(viewer.index + Math.sign(steps));
-    }
-  }, { passive: false });
+  if (MARKS.includes(viewer.tool)) {
+    const before = viewer.mark;
+    const ends = before?.kind === viewer.tool ? before.ends : [];
+    const grasped = ends.findIndex((end) => pixelsOf([end, at]) < GRASP_PX);
+    const fixed = grasped < 0 ? at : ends[1 - grasped];
+    return {
+      drag: (event) => mark({ kind: viewer.tool, ends: [fixed, pane.placeAt(event)] }),
+      end: () => viewer.mark && pixelsOf(viewer.mark.ends) < SHORTEST_PX && mark(before),
+    };
+  }
+  const window = { ...viewer.window };
+  return { drag(event) {
+    const width = (window.high - window.low) * 2 ** ((from.clientX - event.clientX) / 150);
+    const middle = (window.low + window.high) / 2 + ((event.clientY - from.clientY) / 300) * (window.high - window.low);
+    look({ low: middle - width / 2, high: middle + width / 2 });
+  } };
 }
+
+// Move the picture so that a place lies under a pointer.
+function hold(pane, place, point) {
+  const under = pane.placeAt(point);
+  viewer.view.moveBy(place.map((mm, axis) => mm - under[axis]));
+}
+
+function follow(pane) {
+  let doing = null;
+  gestures(pane.stage, {
+    point: (event) => pointAt(pane, event),
+    leave: () => panes.forEach((each) => each.point(null)),
+    begin(event) { doing = dragging(pane, event); },
+    drag: (event) => doing?.drag(event),
+    end() {
+      doing?.end?.();
+      doing = null;
+    },
+    pinch(before, now) {
+      const place = pane.placeAt(before.middle);
+      viewer.view.zoom(before.apart / now.apart, place);
+      hold(pane, place, now.middle);
+    },
+    twice: () => viewer.view.fit(),
+    turn: (step) => go(viewer.index + step),
+    zoom: (event, factor) => viewer.view.zoom(factor, pane.placeAt(event)),
+  });
+}
+
+function fullScreen() {
+  document.fullscreenElement ? document.exitFullscreen() : root.requestFullscreen();
+}
+
+const COMMANDS = {
+  "+": () => viewer.view.zoom(1 / STEP), "-": () => viewer.view.zoom(STEP), 0: () => viewer.view.fit(), f: fullScreen,
+  c: () => choose("contrast"), v: () => choose("move"), m: () => choose("ruler"), r: () => choose("region"),
+  1: () => preset("wood"), 2: () => preset("knots"), Escape: () => mark(null),
+};
 
 panes.forEach(follow);
 slider.addEventListener("input", () => go(slider.valueAsNumber));
@@ -160,11 +239,21 @@ document.addEventListener("keydown", (event) => {
   if (free && event.key in KEYS && !event.ctrlKey && !event.altKey && !event.metaKey) {
     event.preventDefault();
     go(viewer.index + KEYS[event.key]);
+  } else if (event.target.tagName === "CANVAS" && event.key in COMMANDS && !event.ctrlKey && !event.altKey && !event.metaKey) {
+    event.preventDefault();
+    COMMANDS[event.key]();
   }
+});
+root.querySelectorAll("[data-tool-choice]").forEach((button) => button.addEventListener("click", () => choose(button.dataset.toolChoice)));
+root.querySelectorAll("[data-command]").forEach((button) => button.addEventListener("click", () => COMMANDS[button.dataset.command]()));
+find('[data-command="f"]').hidden = !document.fullscreenEnabled;
+root.querySelectorAll(".common").forEach((button) => {
+  button.hidden = nearestCommon() === null;
+  button.addEventListener("click", () => go(nearestCommon()));
 });
 [low, high].forEach((field) => field.addEventListener("input", lookByFields));
 colors.addEventListener("change", () => color(colors.value));
-find("#reset").addEventListener("click", () => { usual(); color("grey"); });
+find("#reset").addEventListener("click", () => { usual(); color("grey"); mark(null); viewer.view.fit(); });
 // Another log beside this one, which stays as it is shown.
 const beside = find(".beside");
 beside?.addEventListener("change", () => beside.requestSubmit());
@@ -176,4 +265,15 @@ beside?.addEventListener("submit", (event) => {
 const given = { low: Number.parseFloat(asked.get("low")), high: Number.parseFloat(asked.get("high")) };
 given.low < given.high ? look(given) : usual();
 color(asked.get("colors") ?? "grey");
+choose("contrast");
+const [x, y, across] = numbersAsked("view", 3) ?? [];
+across > 0 ? viewer.view.show([x, y], across) : viewer.view.fit();
+const marked = MARKS.find((kind) => numbersAsked(kind, 4));
+if (marked) {
+  const ends = numbersAsked(marked, 4);
+  mark({ kind: marked, ends: [ends.slice(0, 2), ends.slice(2)] });
+}
 go(asked.has("slice") ? Number.parseInt(asked.get("slice"), 10) || 0 : viewer.index);
+if (panes.length > 1 && panes[1].wanted === null) {
+  go(nearestCommon() ?? viewer.index);
+}

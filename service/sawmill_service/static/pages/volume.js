@@ -40,9 +40,19 @@ export class Volume {
     this.path = `/v1/reconstructions/${this.id}`;
   }
 
+  // The ends of the field in mm: those along x, which runs down the picture, and those along y.
+  edges() {
+    return [this.rows, this.columns].map((pixels, axis) => [-0.5, pixels - 0.5].map((n) => this.firstMm[axis] + n * this.pixelMm));
+  }
+
   // Where a slice lies along the log; null where slices have no spacing.
   heightOf(index) {
     return this.firstHeightMm === null ? null : this.firstHeightMm + index * (this.spacingMm ?? 0);
+  }
+
+  // The first and the last height, or null where slices have no heights.
+  range() {
+    return this.firstHeightMm === null ? null : [0, this.slices - 1].map((index) => this.heightOf(index)).sort((a, b) => a - b);
   }
 
   // The slice at a height, or null where the log has none.

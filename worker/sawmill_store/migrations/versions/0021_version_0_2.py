@@ -97,6 +97,7 @@ def upgrade() -> None:
     _change_tables_of_schedules()
     for table in ("scans", "calibrations", "reconstructions"):
         op.add_column(table, sa.Column("stored_bytes", _BYTES, nullable=True))
+    _number_logs()
     _create_asked()
     _create_tables_of_keys()
     _create_tables_of_requests()
@@ -177,6 +178,19 @@ def _change_tables_of_schedules() -> None:
     ):
         op.add_column("schedules", column)
     op.add_column("schedule_runs", sa.Column("drift_id", _ID, nullable=True))
+
+
+def _number_logs() -> None:
+    """Number each scanner's logs from the first on; the reconstructions of one scan show the same log."""
+    op.add_column("reconstructions", sa.Column("number", _INTEGER, nullable=False, server_default="0"))
+    op.add_column("reconstructions", sa.Column("name", _NAME, nullable=True))
+    numbers: dict[str, dict[str, int]] = {}
+    ordered = "SELECT id, scanner_id, scan_id FROM reconstructions ORDER BY created_at, id"
+    for identifier, scanner_id, scan_id in op.get_bind().execute(sa.text(ordered)).all():
+        of_scanner = numbers.setdefault(scanner_id, {})
+        number = of_scanner.setdefault(scan_id, len(of_scanner) + 1)
+        values = {"number": number, "id": identifier}
+        op.get_bind().execute(sa.text("UPDATE reconstructions SET number = :number WHERE id = :id"), values)
 
 
 def _create_asked() -> None:
