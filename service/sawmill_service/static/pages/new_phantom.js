@@ -39,13 +39,14 @@ function addShape(kind, corners = []) {
 function number() {
   [...shapes.children].forEach((shape, place) => {
     const named = document.querySelector(`#${shape.dataset.kind}`).dataset.legend;
-    shape.querySelector("legend").textContent = named.replace("{}", place);
-    shape.querySelector(".remove-shape").ariaLabel = words.removeShape.replace("{}", place);
+    shape.querySelector("legend").textContent = named.replace("{}", place + 1);
+    shape.querySelector(".remove-shape").ariaLabel = words.removeShape.replace("{}", place + 1);
     shape.querySelectorAll(".corners tbody tr").forEach((row, corner) => {
-      row.querySelector("th").textContent = corner;
-      row.querySelector(".x").ariaLabel = words.x.replace("{}", corner);
-      row.querySelector(".y").ariaLabel = words.y.replace("{}", corner);
-      row.querySelector("button").ariaLabel = words.remove.replace("{}", corner);
+      const count = corner + 1;
+      row.querySelector("th").textContent = count;
+      row.querySelector(".x").ariaLabel = words.x.replace("{}", count);
+      row.querySelector(".y").ariaLabel = words.y.replace("{}", count);
+      row.querySelector("button").ariaLabel = words.remove.replace("{}", count);
     });
   });
 }
