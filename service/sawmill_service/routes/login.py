@@ -19,7 +19,9 @@ from sawmill_service.pages.frame.addresses import local_path
 from sawmill_service.pages.frame.page_frame import ThePage
 
 # Files that the login page loads.
-FILES = frozenset({"/static/mark.svg", "/static/pages/base.css", "/static/pages/dark.css", "/static/pages/time.js"})
+FILES = frozenset(
+    f"/static/{name}" for name in ("mark.svg", "pages/base.css", "pages/dark.css", "pages/login.js", "pages/time.js")
+)
 
 router = Router(include_in_schema=False)
 

@@ -90,7 +90,7 @@ def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site
 def test_a_display_follows_until_its_key_ends(site, store, check):
     key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))
     page = site.open()
-    page.get_by_label("Key").fill(key.secret)
+    page.get_by_label("Key", exact=True).fill(key.secret)
     page.get_by_role("button", name="Log in").click()
     expect(page.locator(".scanner")).to_have_count(2)
     expect(page.locator(".scanner .button")).to_have_count(0)
@@ -101,4 +101,4 @@ def test_a_display_follows_until_its_key_ends(site, store, check):
     page.context.set_offline(False)
     expect(page.get_by_role("alert")).to_be_hidden()
     store.keys.revoke(key.id)
-    expect(page.get_by_label("Key")).to_be_visible()
+    expect(page.get_by_label("Key", exact=True)).to_be_visible()
