@@ -11,6 +11,7 @@ PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
     "today": "/",
+    "kiosk": "/?kiosk",
     "calibrate": "/calibrate?scanner=example",
     "calibrate-questions": "/calibrate?inspection=example",
     "calibrate-result": "/calibrate?calibration=example",
