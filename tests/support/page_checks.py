@@ -18,7 +18,7 @@ SMALL_TARGETS = """least => [...document.querySelectorAll('button, .button, sele
     .filter(([each, box]) => box.width > 0 && (box.height < least - 0.5 || box.width < least - 0.5))
     .map(([each, box]) => `${each.outerHTML.slice(0, 80)} is ${box.width.toFixed(0)} x ${box.height.toFixed(0)}`)"""
 WIDER = """() => [...document.querySelectorAll('main *, header, footer')]
-    .filter(each => each.getBoundingClientRect().right > innerWidth + 1 && !each.closest('.scrolls, nav, svg'))
+    .filter(each => each.getBoundingClientRect().right > innerWidth + 1 && !each.closest('.scrolls, svg'))
     .map(each => each.outerHTML.slice(0, 80))"""
 
 

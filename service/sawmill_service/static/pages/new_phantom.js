@@ -83,11 +83,11 @@ async function preview() {
   say(document.querySelector("#together"), sentence(null));
 }
 
-function changed() {
+function changed(pause = PAUSE_MS) {
   number();
   say(document.querySelector("#refused"), null);
   clearTimeout(timer);
-  timer = setTimeout(() => preview().catch((problem) => say(document.querySelector("#refused"), problem.message)), PAUSE_MS);
+  timer = setTimeout(() => preview().catch((problem) => say(document.querySelector("#refused"), problem.message)), pause);
 }
 
 // A comma alone stands between two numbers, as in 100,200; beside a space, a tab or a semicolon it may be a decimal one.
@@ -169,10 +169,11 @@ async function send(event) {
 if (shapes) {
   document.querySelector("#add-polygon").addEventListener("click", () => addShape("polygon", [["", ""], ["", ""], ["", ""]]));
   document.querySelector("#add-disc").addEventListener("click", () => addShape("disc"));
-  shapes.addEventListener("input", changed);
+  shapes.addEventListener("input", () => changed());
   shapes.addEventListener("click", pressed);
   shapes.addEventListener("paste", paste);
   document.querySelector("#draw").addEventListener("submit", save);
   document.querySelector("#picture").addEventListener("submit", send);
   addShape("polygon", BOARD);
+  changed(0);
 }

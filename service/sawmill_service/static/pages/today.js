@@ -190,7 +190,7 @@ function look() {
 
 // The clock of a display on the wall.
 function showClock(clock) {
-  clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit" });
+  clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
 }
 
 const clock = page.querySelector("#clock");
