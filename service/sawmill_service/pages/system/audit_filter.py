@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import date
 from typing import Annotated, Any, Literal, NamedTuple
 from urllib.parse import urlencode
 
@@ -11,13 +10,13 @@ from fastapi import Query
 
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
+from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 
 PER_PAGE = 50
 
 
 @dataclass(frozen=True)
-class AuditFilter:
+class AuditFilter(DaySpan):
     """Selection of the entries that the page lists.
 
     Attributes
@@ -26,26 +25,17 @@ class AuditFilter:
         Name of the actor; empty: everybody.
     action : EventKind or None
         Kind of the action; None: all kinds.
-    first, last : date or None
-        First and last day.
-    zone : str
-        Time zone of these days; empty: this machine's.
     after : str or None
         Cursor of the previous page.
     """
 
     who: str
     action: EventKind | None
-    first: date | None
-    last: date | None
-    zone: str
     after: str | None
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the audit."""
-        since = None if self.first is None else day_of(self.first, self.zone)[0]
-        until = None if self.last is None else day_of(self.last, self.zone)[1]
-        return {"who": self.who or None, "action": self.action, "since": since, "until": until}
+        return {"who": self.who or None, "action": self.action, "after": self.after, **self.bounds()}
 
     def address(self, after: str | None = None) -> str:
         """Return the query of this page from the first entry on, or from a cursor on."""
@@ -53,16 +43,13 @@ class AuditFilter:
 
 
 def read_filter(
+    span: TheSpan,
     who: Annotated[str, Query(max_length=200)] = "",
     action: EventKind | Literal[""] = "",
-    first: Annotated[str, Query(max_length=20)] = "",
-    last: Annotated[str, Query(max_length=20)] = "",
-    zone: Annotated[str, Query(max_length=64)] = "",
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> AuditFilter:
     """Read the selection from a form, which sends an empty text for an empty field."""
-    span = parse_day("first", first), parse_day("last", last)
-    return AuditFilter(who, action or None, *span, check_zone(zone), after or None)
+    return AuditFilter(**vars(span), who=who, action=action or None, after=after or None)
 
 
 class EntryValue(NamedTuple):

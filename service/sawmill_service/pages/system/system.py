@@ -103,7 +103,7 @@ def audit(page: ThePage, audit: TheAudit, shown: Annotated[AuditFilter, Depends(
     return page.answer(
         "audit.html",
         shown=shown,
-        found=audit.page(**shown.arguments(), after=shown.after, limit=PER_PAGE),
+        found=audit.page(**shown.arguments(), limit=PER_PAGE),
         actors=audit.actors(),
         actions=ACTIONS,
         values_of=values_of,
