@@ -67,6 +67,16 @@ class ScannerLine:
         return is_example(self.condition.scanner)
 
     @property
+    def needs_somebody(self) -> bool:
+        """Whether a person must do something."""
+        return not self.example and self.condition.state.needs_somebody
+
+    @property
+    def folds(self) -> bool:
+        """Whether the row is folded where there are many: nobody has to look at it."""
+        return self.example or (self.condition.state.standing.tone == "good" and not self.needs_somebody)
+
+    @property
     def rank(self) -> tuple[bool, int, float, str]:
         """Key for sorting: the worst comes first, among equals the scanner that has moved farthest; examples last."""
         state = self.condition.state
@@ -97,12 +107,12 @@ class Board:
     @property
     def folded(self) -> Sequence[ScannerLine]:
         """Rows of the scanners that are fine, where there are many."""
-        return [row for row in self.rows if self.compact and not row.condition.state.needs_somebody]
+        return [row for row in self.rows if self.compact and row.folds]
 
     @property
     def shown(self) -> Sequence[ScannerLine]:
         """Rows that are in sight at once."""
-        return [row for row in self.rows if not self.compact or row.condition.state.needs_somebody]
+        return [row for row in self.rows if not (self.compact and row.folds)]
 
 
 def _is_kiosk(kiosk: Annotated[str | None, Query(max_length=10)] = None) -> bool:
@@ -146,13 +156,13 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     now = store.now()
     movements = store.measurements.movements(now - SPAN, now)
     rows = [_row(condition, movements, now) for condition in conditions_of(store)]
-    states = [row.condition.state for row in rows if not row.example]
-    needy = [state.standing.tone for state in states if state.needs_somebody]
+    needy = [row.condition.state.standing.tone for row in rows if row.needs_somebody]
     red, others = needy.count("bad"), len(needy) - needy.count("bad")
+    fine = sum(not row.example for row in rows) - len(needy)
     return Board(
         rows=sorted((row for row in rows if not (kiosk and row.example)), key=lambda row: row.rank),
         title=_title(page.text, red, others),
-        headline=_headline(page.text, len(states) - red - others, red, others),
+        headline=_headline(page.text, fine, red, others),
         now=now,
         kiosk=kiosk,
     )
