@@ -64,7 +64,8 @@ def values_of(entry: AuditEntry) -> list[EntryValue]:
     """Return the values of an entry; of a change those that differ, each with the value before."""
     detail = entry.detail or {}
     if not entry.action.endswith("-changed"):
-        return [EntryValue(name, None, _written(value)) for name, value in detail.items() if value is not None]
+        written = ((name, _written(value)) for name, value in detail.items() if value not in (None, []))
+        return [EntryValue(name, None, text) for name, text in written if text]
     return [each for name, (before, now) in detail.items() for each in _differences(name, before, now)]
 
 
