@@ -105,9 +105,9 @@ function show(rows) {
     }
   }
   const focused = where(document.activeElement);
-  const [mine, folded] = [page.querySelector("#rows"), page.querySelector("#folded")];
-  mine.className = rows.className;
-  mine.style.setProperty("--rows", rows.style.getPropertyValue("--rows"));
+  const [board, folded] = [page.querySelector("#rows"), page.querySelector("#folded")];
+  board.className = rows.className;
+  board.style.setProperty("--rows", rows.style.getPropertyValue("--rows"));
   folded.hidden = rows.querySelector("#folded").hidden;
   folded.querySelector("summary").textContent = rows.querySelector("summary").textContent;
   const there = new Set([...rows.querySelectorAll(".scanner")].map((each) => each.id));
@@ -127,8 +127,8 @@ function show(rows) {
   }
 }
 
-function showList(list, wanted) {
-  wanted.forEach((row, place) => {
+function showList(list, rows) {
+  rows.forEach((row, place) => {
     let mine = document.getElementById(row.id);
     if (mine === null || known.get(row.id) !== row.outerHTML) {
       known.set(row.id, row.outerHTML);
