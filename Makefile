@@ -189,8 +189,12 @@ faults: install-dev
 faults-folder: install-dev
 	@$(BIN)/python benchmarks/watched_folder.py $(OPTIONS)
 
-# The pictures in docs/pictures, by Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
+# Every page in every state, language, width and colours, into SHOTS, which is outside of the repository; then the
+# pictures in docs/pictures. By Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
+SHOTS ?= /tmp/sawmill-screenshots
 screenshots: install-dev
+	@mkdir -p $(SHOTS)
+	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
 
 # One archive for a machine without a network, of the commit that is checked out, in dist/.

@@ -128,18 +128,20 @@ def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]")
 
 
 def draw_measured_phantom(axes: Axes) -> None:
-    """Draw the places on a phantom for a caliper: its whole extent along x and y, at both ends."""
-    outline(axes, L_SHAPE)
-    (corners,) = L_SHAPE.outlines()
+    """Draw where a caliper measures a phantom, x down and y across as on its page: its whole extent, at both ends."""
+    outline(axes, L_SHAPE, sideways)
+    corners = sideways(L_SHAPE.outlines()[0])
     (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
     for aside in (26.0, 62.0):
         dimension(axes, np.array([left, low - aside]), np.array([right, low - aside]), "", aside=0.0)
         dimension(axes, np.array([left - aside, low]), np.array([left - aside, high]), "", aside=0.0)
-    axes.text(0.5 * (left + right), low - 92.0, "x, at both ends", color=BLUE, ha="center", va="center", fontsize=12)
+    axes.text(
+        0.5 * (left + right), low - 92.0, "side y, at both ends", color=BLUE, ha="center", va="center", fontsize=12
+    )
     axes.text(
         left - 92.0,
         0.5 * (low + high),
-        "y, at both ends",
+        "side x, at both ends",
         color=BLUE,
         ha="center",
         va="center",

@@ -35,6 +35,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.inspections import Inspections
 from sawmill_store.requests.asked import NOTHING, Asked
 from sawmill_store.scans import Scans
@@ -48,7 +49,6 @@ from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
-EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206
 # The published scanner (arXiv 2206.14444) with another geometry.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
@@ -180,7 +180,7 @@ def _scanner_spec(identifier: str) -> ScannerSpec:
         detector_pitch_mm=SCANNER.detector_pitch_mm,
         row_pitch_mm=ROW_PITCH_MM,
     )
-    return ScannerSpec(name=f"{identifier} scanner", constants=constants)
+    return ScannerSpec(name=SCANNER_NAMES[identifier], constants=constants)
 
 
 def _spare_phantom() -> PhantomDrawing:

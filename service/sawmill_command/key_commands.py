@@ -61,16 +61,27 @@ def create(
     display: Annotated[
         bool, typer.Option("--display", help="For a display on the wall: it stays logged in. Scope read alone.")
     ] = False,
+    url: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of the service for a display, which it opens by a QR code.", envvar="SAWMILL_PUBLIC_URL"
+        ),
+    ] = None,
     data: Data = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a key and print its secret, which is shown this once."""
+    """Make a key and print its secret, which is shown this once; for a display also a link, as a QR code."""
     from sawmill_worker.commands.from_contract import wrong_use
 
     with wrong_use():
         ask = KeyAsk(name=name, scope=scope, expires_at=expires, display=display)
     with opened(data) as store:
-        _show(store.keys.create(ask), as_json=as_json)
+        made = store.keys.create(ask)
+        _show(made, as_json=as_json)
+        if display and url is not None:
+            _show_link(f"{url.rstrip('/')}/login/{store.sessions.invite(made.id)}")
+        elif display:
+            say("With --url ADDRESS or SAWMILL_PUBLIC_URL, a link for the display would be printed as a QR code.")
 
 
 @key_app.command("list", cls=Command)
@@ -144,6 +155,13 @@ def _show(key: NewKey, *, as_json: bool) -> None:
         return
     say(f"Key {key.id} of {key.name!r}, scope {key.scope}. Its secret is shown this once:")
     typer.echo(key.secret)
+
+
+def _show_link(link: str) -> None:
+    import segno
+
+    say(f"The display opens this link within ten minutes, once: {link}")
+    segno.make_qr(link).terminal(out=sys.stderr, compact=True)
 
 
 def _standing(key: Key) -> str:

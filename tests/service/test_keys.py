@@ -87,6 +87,7 @@ def test_no_route_but_health_the_login_and_the_problems_goes_without_a_key(keyed
         "/health/live": NoKey.MONITORING,
         "/health/ready": NoKey.MONITORING,
         "/login": NoKey.LOGIN,
+        "/login/{link}": NoKey.LOGIN,
         "/look": NoKey.LOGIN,
         "/problems/": NoKey.AFTER_REFUSAL,
         "/problems/{code}": NoKey.AFTER_REFUSAL,

@@ -6,10 +6,14 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from machine_faults import database_away
+from typer.testing import CliRunner
 
+from sawmill_command.commands import main
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.keys.key_store import hash_of
+from sawmill_platform.keys.sessions import hash_of_link
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.http.session_cookie import NAME, SECURE_NAME, csrf_token
@@ -245,6 +249,43 @@ def test_another_login_ends_the_browser_s_session_before_it(browser, store):
     assert session_of(browser) != before
     assert store.sessions.find(before) is None
     assert browser.get("/v1/keys/own").json()["scope"] == "read"
+
+
+def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
+    key = key_of(store, Scope.READ, display=True)
+    link = store.sessions.invite(key.id)
+    assert "Log this display in" in browser.get(f"/login/{link}").text  # and a program that only looks uses nothing up
+    fields = {"link": link, "next": "/?kiosk"}
+    answer = browser.post("/login", data=fields, headers={"Origin": ORIGIN})
+    assert (answer.status_code, answer.headers["Location"]) == (303, "/?kiosk")
+    assert "Max-Age=34560000" in answer.headers["Set-Cookie"]
+    again = browser.post("/login", data=fields, headers={"Origin": ORIGIN})
+    assert again.status_code == 401
+    assert "This link was used already" in again.text
+    browser.headers["Cookie"] = answer.headers["Set-Cookie"].partition(";")[0]
+    assert browser.get("/v1/keys/own").json()["key_id"] == key.id
+    store.keys.revoke(key.id)
+    assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk"
+
+
+def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
+    command = ["key", "create", "--name", "wall", "--scope", "read", "--data", str(store.files.folder)]
+    shown = CliRunner().invoke(main, [*command, "--display", "--url", "https://calibration.mill.example/"])
+    link = re.search(r"https://calibration\.mill\.example/login/([\w-]+)\n", shown.stderr)[1]
+    assert "▀▀▀▀▀▀▀" in shown.stderr
+    secret = re.search(r"^sawmill_\S+$", shown.stdout, re.MULTILINE)[0]
+    assert secret not in shown.stderr
+    assert store.sessions.use_link(link) == hash_of(secret)
+    assert "login/" not in CliRunner().invoke(main, command).stderr
+
+
+def test_neither_a_key_nor_a_session_s_secret_is_a_link_nor_a_link_a_session(browser, store):
+    key = key_of(store, Scope.READ, display=True)
+    link = store.sessions.invite(key.id)
+    for secret in (key.secret, store.sessions.open(hash_of(key.secret), lasting=True)):
+        assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
+    for secret in (link, hash_of_link(link)):
+        assert store.sessions.find(secret) is None
 
 
 @pytest.mark.parametrize("end", ["revoked", "rotated", "token changed"])

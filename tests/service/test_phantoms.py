@@ -85,11 +85,11 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
     [
         (
             [{"kind": "polygon", "vertices_mm": [[0, 0], [0, 50], [0, 100]]}],
-            "shape 0, counted from 0, is a polygon that encloses 0 mm²",
+            "shape 1 is a polygon that encloses 0 mm²",
         ),
         (
             [SQUARE, {"kind": "polygon", "vertices_mm": [[1, 1], [1, 1], [1, 1]]}],
-            "shape 1, counted from 0, is a polygon that encloses 0",
+            "shape 2 is a polygon that encloses 0",
         ),
         (
             [{"kind": "disc", "center_mm": [100, 0], "radius_mm": 1e-300}],
@@ -101,15 +101,15 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
         ([{**SQUARE, "density": 1e-300}], "has density 1e-300: give 0 or one of at least 1e-06"),
         (
             [{"kind": "polygon", "vertices_mm": [[-50, -50], [50, 50], [50, -60], [-50, 50]]}],
-            "crosses itself: side 0 (corner 0 to 1) meets side 2 (corner 2 to 3)",
+            "crosses itself: side 1 (corner 1 to 2) meets side 3 (corner 3 to 4)",
         ),
         (
             [{"kind": "polygon", "vertices_mm": [*SQUARE["vertices_mm"], [50, 50]]}],
-            "has the corner (50, 50) twice, as corners 2 and 4: give each corner once",
+            "has the corner (50, 50) twice, as corners 3 and 5: give each corner once",
         ),
         (
             [SQUARE, {"kind": "disc", "center_mm": [0, 48], "radius_mm": 5, "density": -1}],
-            "shape 1, counted from 0, is a hole from y = 43 to 53 mm: the wood is from -50 to 50 mm",
+            "shape 2 is a hole from y = 43 to 53 mm: the wood is from -50 to 50 mm",
         ),
     ],
 )

@@ -88,7 +88,7 @@ def test_a_preview_draws_what_it_can_and_names_the_shape_that_is_wrong(client):
     bow = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, 50], [50, -60], [-50, 50]]}
     shown = client.post("/phantoms/preview", json={"shapes": [SQUARE, bow, {"kind": "disc", "center_mm": [0, None]}]})
     faults = {fault["shape"]: fault["sentence"] for fault in shown.json()["faults"]}
-    assert "shape 1, counted from 0, is a polygon that crosses itself: side 0" in faults[1]
+    assert "shape 2 is a polygon that crosses itself: side 1" in faults[1]
     assert faults[2].startswith("center_mm.1 ")
     assert shown.json()["svg"].count('class="wood wrong"') == 1
     assert client.post("/phantoms/preview", json={"shapes": [SQUARE]}).json()["faults"] == []

@@ -57,7 +57,7 @@ def test_an_administrator_sees_keys_and_the_audit_without_secrets(client, store)
     assert key.secret not in page
     text = text_of(page)
     assert "scanner &lt;2&gt; Good submit: may also upload and ask for work" in text
-    assert "made the key scanner &lt;2&gt;" in text
+    assert "made the key" in text_of(client.get("/audit").text)
     store.keys.revoke(key.id)
     assert "scanner &lt;2&gt; Revoked" in text_of(client.get("/system/keys").text)
 
@@ -68,8 +68,22 @@ def test_nobody_else_does_and_is_told_so(client, store):
     text = text_of(client.get("/system").text)
     assert "Keys and the audit Your key may not see them. A key of the scope “admin” may." in text
     assert "Make a key" not in text
-    assert "made the key" not in text
-    assert client.get("/system/keys").status_code == 403
+    assert {client.get(path).status_code for path in ("/system/keys", "/audit")} == {403}
+
+
+def test_the_audit_answers_who_changed_a_tolerance_and_when(seeded, store):
+    key = store.keys.create(KeyAsk(name="anna", scope=Scope.ADMIN))
+    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+    spec = seeded.get("/v1/scanners/example").json()
+    looser = {name: spec[name] for name in ("name", "constants")} | {"tolerances": {"predicted_ray_error_mm": 0.25}}
+    seeded.put("/v1/scanners/example", json=looser)
+    seeded.delete("/v1/schedules/example")
+    table = seeded.get("/audit?who=anna&action=scanner-changed&zone=Europe/Helsinki").text.partition("<tbody>")[2]
+    assert "changed the scanner example tolerances.predicted_ray_error_mm 0.1 → 0.25" in text_of(table)
+    assert "deleted the schedule" not in text_of(table)
+    assert "There is no entry here." in seeded.get("/audit?last=2020-05-31").text
+    assert "There is no entry here." in seeded.get("/audit?who=nobody").text
+    assert {seeded.get(f"/audit?{query}").status_code for query in ("action=queue", "first=soon")} == {422}
 
 
 def test_every_action_of_the_audit_has_words():

@@ -9,6 +9,7 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_store.examples import SCANNER_NAMES
 from sawmill_vocabulary import DataKind
 
 FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows <0:4>")
@@ -152,16 +153,69 @@ def test_the_headline_counts_who_needs_somebody(seeded, store, checked):
     assert headline(seeded) == "1 fine, 1 needs you"
     assert "<title>(1) Today · Sawmill calibration</title>" in seeded.get("/").text
     checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
-    assert headline(seeded) == "0 fine, 2 need you"
+    assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
     store.scanners.delete("example-spare")
     checked()
     assert headline(seeded) == "The scanner is fine"
     assert "<title>Today · Sawmill calibration</title>" in seeded.get("/").text
 
 
-def test_without_a_scanner_the_page_leads_to_the_first(client):
+def test_without_a_scanner_the_page_leads_to_the_first_in_three_steps(client):
     assert headline(client) == "There is no scanner yet"
-    assert 'href="/scanners/new"' in client.get("/").text
+    steps = re.search(r'<ol class="card first">(.*?)</ol>', client.get("/").text, re.DOTALL)[1]
+    assert re.findall(r'href="([^"]+)"', steps) == ["/scanners/new", "/phantoms", "/calibrate"]
+
+
+def test_of_many_scanners_those_that_need_nobody_are_folded(seeded, store):
+    spec = store.scanners.get("example")
+    for number in range(6):
+        store.scanners.create(ScannerSpec(name=f"Line {number}", constants=spec.constants))
+    shown, folded = seeded.get("/").text.split('<details id="folded">')
+    assert (shown.count('<li class="scanner'), folded.count('<li class="scanner')) == (7, 1)
+    assert "Fine (1)" in folded
+    assert "1 fine, 7 need you" in shown
+
+
+def test_a_display_on_the_wall_shows_names_and_what_to_do_and_leads_nowhere(seeded):
+    shown = seeded.get("/?kiosk").text
+    assert "Line &lt;2&gt;" in shown
+    assert not re.findall(r"<(?:a|button|select|input)\b", shown.partition("<main")[2])
+    assert "<nav" not in shown
+
+
+@pytest.fixture
+def examples(seeded, store):
+    """The seeded scanners under the names that a new data folder gives them."""
+    for identifier, name in SCANNER_NAMES.items():
+        spec = ScannerSpec.model_validate(
+            store.scanners.get(identifier).model_dump(include=ScannerSpec.model_fields.keys())
+        )
+        store.scanners.update(identifier, spec.model_copy(update={"name": name}))
+    return seeded
+
+
+def test_examples_are_marked_and_counted_nowhere(examples, store, checked):
+    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    assert headline(examples) == "There is no scanner yet"
+    assert all('<span class="ribbon">Example</span>' in row for row in rows(examples).values())
+    spec = store.scanners.get("example")
+    mine = store.scanners.create(ScannerSpec(name="Line 1", constants=spec.constants)).id
+    assert list(rows(examples)) == [mine, "example", "example-spare"]
+    assert "example scanner" not in examples.get("/?kiosk").text
+
+
+def test_one_button_removes_the_examples_and_all_that_was_made_of_them(examples, store, worker):
+    job = examples.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
+    assert examples.post("/examples/delete").status_code == 409
+    worker.finish_calibration()
+    assert store.jobs.get(job).state == "succeeded"
+    assert examples.post("/examples/delete").headers["Location"] == "/"
+    assert rows(examples) == {}
+    for kind in ("scans", "calibrations", "reconstructions", "drifts", "plans", "inspections", "schedules"):
+        assert examples.get(f"/v1/{kind}").json()["items"] == [], kind
+    assert "example-spare" not in {each.id for each in store.phantoms.page().items}
+    assert "Remove the examples" not in examples.get("/").text
+    assert [each.action for each in store.audit.page(limit=2).items] == ["phantom-deleted", "scanner-deleted"]
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,17 @@ def test_a_lasting_session_has_no_end_of_its_own(store, clock):
 
 
 @pytest.mark.dialect
+def test_a_link_is_used_once_within_ten_minutes(store, clock):
+    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ, display=True))
+    first, second = store.sessions.invite(key.id), store.sessions.invite(key.id)
+    clock.advance(minutes=9)
+    assert [store.sessions.use_link(first), store.sessions.use_link(first)] == [hash_of(key.secret), None]
+    clock.advance(minutes=1)
+    assert store.sessions.use_link(second) is None
+    assert count(store) == 0
+
+
+@pytest.mark.dialect
 def test_a_login_removes_the_sessions_that_have_ended(store, clock):
     ask = KeyAsk(name="tablet", scope=Scope.READ, display=True)
     kept, revoked, rotated = (store.keys.create(ask) for _ in range(3))

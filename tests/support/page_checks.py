@@ -8,7 +8,6 @@ from urllib.parse import urlsplit
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
-SCREENSHOTS = Path(__file__).parent.parent.parent / "build" / "screenshots"
 SMALLEST_TARGET_PX = 44
 # Without pictures: what a page is made of.
 LARGEST_PAGE_BYTES = 300_000
@@ -19,16 +18,14 @@ SMALL_TARGETS = """least => [...document.querySelectorAll('button, .button, sele
     .filter(([each, box]) => box.width > 0 && (box.height < least - 0.5 || box.width < least - 0.5))
     .map(([each, box]) => `${each.outerHTML.slice(0, 80)} is ${box.width.toFixed(0)} x ${box.height.toFixed(0)}`)"""
 WIDER = """() => [...document.querySelectorAll('main *, header, footer')]
-    .filter(each => each.getBoundingClientRect().right > innerWidth + 1 && !each.closest('.scrolls, nav, svg'))
+    .filter(each => each.getBoundingClientRect().right > innerWidth + 1 && !each.closest('.scrolls, svg'))
     .map(each => each.outerHTML.slice(0, 80))"""
 
 
 def shot(page: Page, name: str) -> None:
-    """Keep the whole page as a picture in build/screenshots, where SAWMILL_SCREENSHOTS is set: it takes a while."""
-    if "SAWMILL_SCREENSHOTS" not in os.environ:
-        return
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=True)
+    """Keep the whole page as a picture in the folder that SAWMILL_SCREENSHOTS names: it takes a while."""
+    if folder := os.environ.get("SAWMILL_SCREENSHOTS"):
+        page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
 
 
 def axe_findings(page: Page) -> list[str]:

@@ -259,11 +259,11 @@ def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
     Parameters
     ----------
     shapes
-        Shapes by their numbers, counted from 0.
+        Shapes by their numbers, counted from 0; sentences count from 1, as people do.
     """
     for number, shape in shapes.items():
         if (fault := _fault(shape)) is not None:
-            yield number, f"shape {number}, counted from 0, {fault}"
+            yield number, f"shape {number + 1} {fault}"
     yield from _holes_outside(shapes)
     masses = [shape.density * shape.area_mm2 for shape in shapes.values()]
     if masses and sum(masses) <= ROUNDING * max(masses):
@@ -331,7 +331,7 @@ def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
             first, last = shape.extent_mm[axis], shape.extent_mm[axis + 2]
             if first < low - SMALLEST_RADIUS_MM or last > high + SMALLEST_RADIUS_MM:
                 sentence = (
-                    f"shape {number}, counted from 0, is a hole from {name} = {first:g} to {last:g} mm: the wood is "
+                    f"shape {number + 1} is a hole from {name} = {first:g} to {last:g} mm: the wood is "
                     f"from {low:g} to {high:g} mm, and nothing can be taken away beside it"
                 )
                 yield number, sentence

@@ -13,6 +13,8 @@ Corner = tuple[float, float]
 def fault_of_outline(corners: Sequence[Corner]) -> str | None:
     """Find what is wrong with a polygon, as the predicate of a sentence; None where its sides enclose one area.
 
+    The sentence counts corners and sides from 1, as the drawing of a phantom does.
+
     Parameters
     ----------
     corners : sequence of (x, y)
@@ -23,11 +25,12 @@ def fault_of_outline(corners: Sequence[Corner]) -> str | None:
         first = first_by_corner.setdefault(corner, number)
         if first != number:
             at = f"({corner[0]:g}, {corner[1]:g})"
-            return f"has the corner {at} twice, as corners {first} and {number}: give each corner once"
+            return f"has the corner {at} twice, as corners {first + 1} and {number + 1}: give each corner once"
     crossing = _Sweep(corners).first_crossing()
     if crossing is None:
         return None
-    one, other = (f"{side} (corner {side} to {(side + 1) % len(corners)})" for side in sorted(crossing))
+    count = len(corners)
+    one, other = (f"{side + 1} (corner {side + 1} to {(side + 1) % count + 1})" for side in sorted(crossing))
     return f"crosses itself: side {one} meets side {other}; give the corners in their order around the outline"
 
 

@@ -69,6 +69,41 @@ def _list_filter(
 TheFilter = Annotated[ListFilter, Depends(_list_filter)]
 
 
+@dataclass(frozen=True)
+class DaySpan:
+    """Span of days in a filter.
+
+    Attributes
+    ----------
+    first, last : date or None
+        First and last day.
+    zone : str
+        Time zone of these days; empty: this machine's.
+    """
+
+    first: date | None
+    last: date | None
+    zone: str
+
+    def bounds(self) -> dict[str, datetime | None]:
+        """Return the span as arguments for the store."""
+        since = None if self.first is None else day_of(self.first, self.zone)[0]
+        until = None if self.last is None else day_of(self.last, self.zone)[1]
+        return {"since": since, "until": until}
+
+
+def _day_span(
+    first: Annotated[str, Query(max_length=20)] = "",
+    last: Annotated[str, Query(max_length=20)] = "",
+    zone: Annotated[str, Query(max_length=64)] = "",
+) -> DaySpan:
+    """Read the days from a form, which sends an empty text for an empty field."""
+    return DaySpan(parse_day("first", first), parse_day("last", last), check_zone(zone))
+
+
+TheSpan = Annotated[DaySpan, Depends(_day_span)]
+
+
 def parse_day(name: str, text: str) -> date | None:
     """Parse the day in a field of this name; None where the field is empty.
 

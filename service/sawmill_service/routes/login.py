@@ -3,13 +3,14 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
 from sawmill_platform.acting import acting_as
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.keys.key_store import hash_of
+from sawmill_platform.keys.sessions import hash_of_link
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheSessions
 from sawmill_service.http.bodies.forms import TheForm
@@ -19,7 +20,9 @@ from sawmill_service.pages.frame.addresses import local_path
 from sawmill_service.pages.frame.page_frame import ThePage
 
 # Files that the login page loads.
-FILES = frozenset({"/static/mark.svg", "/static/pages/base.css", "/static/pages/dark.css", "/static/pages/time.js"})
+FILES = frozenset(
+    f"/static/{name}" for name in ("mark.svg", "pages/base.css", "pages/dark.css", "pages/login.js", "pages/time.js")
+)
 
 router = Router(include_in_schema=False)
 
@@ -30,12 +33,22 @@ def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/")
     return page.answer("login.html", onward=local_path(onward), error="")
 
 
+@router.get(f"{LOGIN}/{{link}}", needs=NoKey.LOGIN)
+def display_page(link: Annotated[str, Path(max_length=64, pattern=r"^[\w-]+$")], page: ThePage) -> Response:
+    """Show one button that logs a display in; a program that only looks into the link does not use it up."""
+    return page.answer("login_display.html", link=link)
+
+
 @router.post(LOGIN, needs=NoKey.LOGIN)
 async def log_in(
     request: Request, fields: TheForm, sessions: TheSessions, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
-    """Open a session, and lead the browser to the page that it requested."""
-    secret_hash, onward = hash_of(fields.get("key", "").strip()), local_path(fields.get("next", "/"))
+    """Open a session by a key or a link, and lead the browser to the page that it requested."""
+    onward, link = local_path(fields.get("next", "/")), fields.get("link")
+    secret_hash = hash_of(fields.get("key", "").strip())
+    if link is not None:
+        opener = await run_in_threadpool(sessions.use_link, link)
+        secret_hash = hash_of_link(link) if opener is None else opener
     try:
         holder = await access.holder(request.scope, secret_hash)
     except Refused as refused:
@@ -45,6 +58,8 @@ async def log_in(
         error = page.text.gettext(
             "This key opens nothing here: it is not one of this service, or it was revoked or has expired."
         )
+        if link is not None:
+            error = page.text.gettext("This link was used already, or is older than ten minutes: make a new one.")
         challenge = {"WWW-Authenticate": CHALLENGES[1]}
         return page.answer("login.html", status=401, headers=challenge, onward=onward, error=error)
     request.state.caller = holder

@@ -1,5 +1,6 @@
-"""What holds for every page: it fits, a glove hits it, axe-core finds nothing, it is small, its scripts run."""
+"""What holds for every page: it fits, a glove hits it, axe-core finds nothing, it prints bare, its scripts run."""
 
+import mill_states
 import pytest
 from page_checks import LARGEST_PAGE_BYTES, axe_findings, overflowing, page_bytes, shot, small_targets
 from playwright.sync_api import Page
@@ -10,6 +11,7 @@ PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
     "today": "/",
+    "kiosk": "/?kiosk",
     "calibrate": "/calibrate?scanner=example",
     "calibrate-questions": "/calibrate?inspection=example",
     "calibrate-result": "/calibrate?calibration=example",
@@ -27,13 +29,17 @@ PAGES = {
     "phantom": "/phantoms/l-shape",
     "jobs": "/jobs",
     "system": "/system",
+    "audit": "/audit",
     "webhooks": "/system/webhooks",
     "retention": "/retention",
 }
 # The widths that each page is looked at in, the first when it is opened; and in which colours and language.
-LOOKS = [((390,), "light", "en"), ((1280, 800), "dark", "fi")]
+LOOKS = [((390, 800, 1280, 1920), "light", "en"), ((1280, 800, 390, 1920), "dark", "fi")]
+WIDTHS = LOOKS[0][0]
 # What a technician does every day.
 BY_KEYBOARD = ("today", "scanner", "calibrate", "calibrate-questions", "calibrate-result")
+ON_PAPER = """() => [...document.querySelectorAll('header.top, footer.bottom, form, button, .button, .skip')]
+    .filter(each => each.checkVisibility()).map(each => each.outerHTML.slice(0, 80))"""
 REACHABLE = """() => [...document.querySelectorAll('main a[href], main button, main input, main select, main summary')]
     .filter(each => each.checkVisibility() && !each.disabled && each.type !== 'hidden')
     .filter(each => each.type !== 'radio' || each.checked)"""
@@ -58,7 +64,26 @@ def test_pages_fit_and_are_accessible(site, widths, colours, language):
         page.wait_for_load_state("load")
         errors += [f"{path} in {colours}: {each}" for each in axe_findings(page)]
         errors += [each for width in widths for each in misfits(page, name, width, colours)]
+        page.emulate_media(media="print")
+        errors += [f"{path} prints {each}" for each in page.evaluate(ON_PAPER)]
+        page.emulate_media(media="screen")
     assert not errors
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("colours", "language"), [("light", "en"), ("light", "fi"), ("dark", "en"), ("dark", "fi")])
+def test_no_state_of_a_page_scrolls_sideways(site, store, worker, colours, language):
+    """With SAWMILL_SCREENSHOTS it is the walk that photographs every page, state and language."""
+    found: list[str] = []
+    page = site.open(f"/look?language={language}&theme={colours}&next=/login")
+    for name, path in mill_states.fill(store, worker).items():
+        answered = page.goto(path)
+        assert answered.ok or name == "nothing", path
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 844})
+            shot(page, f"{name}-{width}-{language}-{colours}")
+            found += [f"{page.url} at {width} px: {each}" for each in overflowing(page)]
+    assert not found
 
 
 def not_reached(page: Page) -> list[str]:

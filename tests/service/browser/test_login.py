@@ -39,11 +39,14 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
     page = site.open("/docs")
     # The console draws one operation: the whole document takes it seconds.
     page.route("**/openapi.json", lambda route: route.fulfill(json=ONE_OPERATION))
-    expect(page.get_by_label("Key")).to_be_focused()
+    expect(page.get_by_label("Key", exact=True)).to_be_focused()
     page.keyboard.type("sawmill_wrong")
+    expect(page.get_by_label("Key", exact=True)).to_have_attribute("type", "password")
+    page.get_by_label("Show the key").check()
+    expect(page.get_by_label("Key", exact=True)).to_have_attribute("type", "text")
     page.get_by_role("button", name="Log in").click()
     expect(page.get_by_role("alert")).to_contain_text("This key opens nothing here")
-    page.get_by_label("Key").fill(TOKEN)
+    page.get_by_label("Key", exact=True).fill(TOKEN)
     page.get_by_role("button", name="Log in").click()
     expect(page.get_by_role("heading", name="Sawmill calibration")).to_be_visible()
     # What the console sends bears the session's token, and nothing else that the page sends does.
@@ -59,6 +62,6 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
     expect(page.get_by_role("button", name="Accept this calibration")).to_have_count(0)
     assert store.scanners.get("example").active_calibration_id == newer
     page.get_by_role("button", name="Log out").click()
-    expect(page.get_by_label("Key")).to_be_visible()
+    expect(page.get_by_label("Key", exact=True)).to_be_visible()
     page.go_back()
-    expect(page.get_by_label("Key")).to_be_visible()
+    expect(page.get_by_label("Key", exact=True)).to_be_visible()

@@ -5,6 +5,7 @@ from page_checks import shot
 from playwright.sync_api import Page, expect
 
 from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
@@ -45,8 +46,8 @@ def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, 
         page.get_by_role("link", name="Calibrate Line <2>").last.focus()
         check(**OUT)
         expect(example).to_contain_text("Out of tolerance")
-        expect(page.get_by_role("heading", level=1)).to_have_text("0 fine, 2 need you")
-        expect(page).to_have_title("(2) Today · Sawmill calibration")
+        expect(page.get_by_role("heading", level=1)).to_have_text("0 fine, 2 need you, 1 of them red")
+        expect(page).to_have_title("(1 red + 1) Today · Sawmill calibration")
         assert names(page)[0] == "scanner-example"
         # The row was replaced and went to the top; who works without a mouse stands where he stood.
         assert page.evaluate("document.activeElement.closest('.scanner').id") == "scanner-example"
@@ -86,19 +87,44 @@ def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site
     expect(example).to_contain_text("Out of tolerance")
 
 
+def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
+    spec = store.scanners.get("example")
+    for number in range(48):
+        store.scanners.create(ScannerSpec(name=f"Mill {number}", constants=spec.constants))
+    page = site.open("/", viewport={"width": 800, "height": 900})
+    expect(page.locator("#folded summary")).to_have_text("Fine (1)")
+    example = page.locator("#scanner-example")
+    expect(example).to_be_hidden()
+    page.get_by_label("Find a scanner by its name").fill("line <2>")
+    expect(example).to_be_visible()
+    expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
+    check(**OUT)
+    expect(page.locator("#scanners").locator("#scanner-example")).to_contain_text("Out of tolerance")
+    expect(page.locator("#folded")).to_be_hidden()
+    expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
+
+
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])
 def test_a_display_follows_until_its_key_ends(site, store, check):
     key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))
     page = site.open()
-    page.get_by_label("Key").fill(key.secret)
+    page.get_by_label("Key", exact=True).fill(key.secret)
     page.get_by_role("button", name="Log in").click()
     expect(page.locator(".scanner")).to_have_count(2)
     expect(page.locator(".scanner .button")).to_have_count(0)
     check(**OUT)
     expect(page.locator("#scanner-example")).to_contain_text("Out of tolerance")
+    page.goto("/?kiosk")
+    red = page.locator("#scanner-example")
+    expect(page.locator("#clock")).to_contain_text(":")
+    # The colour fills the row, and the name is as tall as a thumb.
+    assert (
+        page.evaluate("getComputedStyle(document.querySelector('.scanner.bad')).backgroundColor") == "rgb(179, 38, 30)"
+    )
+    assert red.get_by_role("heading").evaluate("name => parseFloat(getComputedStyle(name).fontSize)") > 60
     page.context.set_offline(True)
     expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
     page.context.set_offline(False)
     expect(page.get_by_role("alert")).to_be_hidden()
     store.keys.revoke(key.id)
-    expect(page.get_by_label("Key")).to_be_visible()
+    expect(page.get_by_label("Key", exact=True)).to_be_visible()

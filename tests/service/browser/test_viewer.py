@@ -273,7 +273,7 @@ def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
 def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
     page = site.open("/login")
-    page.get_by_label("Key").fill(TOKEN)
+    page.get_by_label("Key", exact=True).fill(TOKEN)
     page.get_by_role("button", name="Log in").click()
     expect(page.get_by_role("button", name="Log out")).to_be_visible()
     fetched = (
@@ -282,7 +282,7 @@ def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
     assert page.evaluate(fetched) == page.evaluate(fetched) == [200, 4 * SIDE**2 + 128]
     assert len(page.evaluate(TRANSFERRED)) == 1
     page.get_by_role("button", name="Log out").click()
-    expect(page.get_by_label("Key")).to_be_visible()
+    expect(page.get_by_label("Key", exact=True)).to_be_visible()
     assert page.evaluate(fetched)[0] == 401
 
 

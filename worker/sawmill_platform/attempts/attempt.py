@@ -12,6 +12,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -42,6 +43,9 @@ from sawmill_platform.files.file_store import flush_tree, work_of
 from sawmill_platform.workers.logs import about_attempt, configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
+
+# Share of the progress after which the result is written: gigabytes, on a slow disk, take minutes.
+STORED_FROM = 0.95
 
 
 def main(work: Work[Any]) -> None:
@@ -142,7 +146,8 @@ def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
 
 def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> Attempt[Any]:
     def report(progress: Progress) -> None:
-        channel.write(to_line(ProgressMade(progress=progress)))
+        shown = replace(progress, fraction=STORED_FROM * progress.fraction)
+        channel.write(to_line(ProgressMade(progress=shown)))
 
     def announce(names: Sequence[str]) -> None:
         channel.write(to_line(Kept(names=list(names))))
@@ -171,6 +176,6 @@ def _run(
     # The supervisor may be taking checkpoints; none is needed any more, and none of these files is a result.
     for folder in (attempt.checkpoints, work_of(attempt.output)):
         shutil.rmtree(folder, ignore_errors=True)
-    attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
+    attempt.report(Progress(fraction=1.0, stage="store"))
     flush_tree(attempt.output)
     return result

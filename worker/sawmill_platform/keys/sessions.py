@@ -12,6 +12,7 @@ from sqlalchemy import ColumnElement, and_, delete, or_, select, update
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import KeyRow, SessionRow
 from sawmill_platform.keys.key_store import RANDOM_BYTES, hash_of, opened_by
 from sawmill_platform.ledger.events import announce
@@ -20,6 +21,8 @@ from sawmill_platform.ledger.events import announce
 LASTS = timedelta(hours=12)
 # Precision of the time of the last request: each step is a write.
 RENEWAL_STEP = timedelta(hours=1)
+# Time within which a link for a display must be opened, once.
+LINK_LASTS = timedelta(minutes=10)
 # Sessions of one key: a newer one replaces the oldest.
 MOST_OF_A_KEY = 20
 
@@ -82,6 +85,31 @@ class Sessions:
             announce(session, now, event_kinds.LOGGED_IN, "key", _who(), decided={"lasting": lasting})
         return secret
 
+    def invite(self, key_id: str) -> str:
+        """Make a link that logs one browser in with a key, once and soon; return its secret, which is stored nowhere.
+
+        Raises
+        ------
+        NotFound
+            There is no such key.
+        """
+        now, secret = self._database.now(), secrets.token_urlsafe(RANDOM_BYTES)
+        with self._database.write() as session:
+            opener = found(session, KeyRow, "key", key_id).secret_hash
+            hashed, until = hash_of_link(secret), now + LINK_LASTS
+            session.add(SessionRow(secret_hash=hashed, opened_by_hash=opener, created_at=now, expires_at=until))
+        return secret
+
+    def use_link(self, secret: str) -> str | None:
+        """Use a link up; return the hash of the key that it logs in with, or None if it was used or has expired."""
+        now = self._database.now()
+        with self._database.write() as session:
+            row = session.get(SessionRow, hash_of_link(secret), with_for_update=True)
+            if row is None:
+                return None
+            session.delete(row)
+            return row.opened_by_hash if row.expires_at is not None and row.expires_at > now else None
+
     def find(self, secret: str) -> BrowserSession | None:
         """Return the session of a secret, or None if it has ended."""
         now = self._database.now()
@@ -91,13 +119,13 @@ class Sessions:
                 return None
             return BrowserSession(row.secret_hash, row.opened_by_hash, row.expires_at)
 
-    def renew(self, found: BrowserSession) -> None:
+    def renew(self, used: BrowserSession) -> None:
         """Extend a session in use to `LASTS` from now; at most one write an hour."""
         now = self._database.now()
-        if found.expires_at is None or found.expires_at > now + LASTS - RENEWAL_STEP:
+        if used.expires_at is None or used.expires_at > now + LASTS - RENEWAL_STEP:
             return
         with self._database.write() as session:
-            this = SessionRow.secret_hash == found.secret_hash
+            this = SessionRow.secret_hash == used.secret_hash
             session.execute(update(SessionRow).where(this).values(expires_at=now + LASTS))
 
     def end(self, secret: str) -> None:
@@ -108,6 +136,11 @@ class Sessions:
             if row is not None:
                 session.delete(row)
                 announce(session, now, event_kinds.LOGGED_OUT, "key", _who())
+
+
+def hash_of_link(secret: str) -> str:
+    """Return what is stored of a link's secret: no session's secret and no key has such a hash."""
+    return f"link-{hash_of(secret)}"[:64]
 
 
 def _who() -> str:

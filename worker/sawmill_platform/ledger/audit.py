@@ -1,12 +1,14 @@
 """The audit: decisions of the ledger, which the database itself refuses to change or to remove."""
 
 from collections.abc import Iterator, Mapping
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Select, func, select, text
 
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import read_numbered_page
 from sawmill_platform.database.tables import DECIDED, EventRow
@@ -28,18 +30,47 @@ class Audit:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def page(self, *, after: str | None = None, limit: int = 50) -> Page[AuditEntry]:
+    def page(
+        self,
+        *,
+        who: str | None = None,
+        action: EventKind | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        after: str | None = None,
+        limit: int = 50,
+    ) -> Page[AuditEntry]:
         """Return a page of entries, newest first.
+
+        Parameters
+        ----------
+        who, action
+            Name of the actor, and kind of the action; None: all.
+        since, until
+            Times from which and before which the entries were made; None: no bound.
+        after, limit
+            Cursor of the previous page, and the number of entries.
 
         Raises
         ------
         Invalid
             `after` is not a cursor from an earlier page.
         """
+        conditions = (
+            None if who is None else EventRow.who == who,
+            None if action is None else EventRow.what == action,
+            None if since is None else EventRow.at >= since,
+            None if until is None else EventRow.at < until,
+        )
+        statement = _decisions().where(*(each for each in conditions if each is not None))
         with self._database.read() as session:
-            return read_numbered_page(
-                session, _decisions(), EventRow.number, read_audit_entry, after=after, limit=limit
-            )
+            return read_numbered_page(session, statement, EventRow.number, read_audit_entry, after=after, limit=limit)
+
+    def actors(self) -> list[str]:
+        """Return the names of everybody with an entry, in alphabetical order."""
+        names = select(EventRow.who).where(_DECIDED, EventRow.who.is_not(None)).distinct().order_by(EventRow.who)
+        with self._database.read() as session:
+            return list(session.scalars(names))
 
     def all(self) -> Iterator[AuditEntry]:
         """Yield every entry, the oldest first, with a transaction for each few hundred."""

@@ -1,7 +1,7 @@
 """`/scanners/{scanner_id}/history`: measurements over months, and everything that happened, by whom and why."""
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -28,7 +28,7 @@ from sawmill_service.pages.frame.page_frame import (
 from sawmill_service.pages.frame.words import (
     Word,
 )
-from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
+from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 from sawmill_service.pages.scanners.scanner import SPANS
 
 PER_PAGE = 50
@@ -71,17 +71,13 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @dataclass(frozen=True)
-class ShownHistory:
+class ShownHistory(DaySpan):
     """Selection of the entries that the page lists, and the span of the chart.
 
     Attributes
     ----------
     kind : HistoryKind or None
         Kind of the entries; None: all kinds.
-    first, last : date or None
-        First and last day.
-    zone : str
-        Time zone of these days; empty: this machine's.
     days : float
         Span of the chart, days.
     after : str or None
@@ -89,17 +85,12 @@ class ShownHistory:
     """
 
     kind: HistoryKind | None
-    first: date | None
-    last: date | None
-    zone: str
     days: float
     after: str | None
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the store."""
-        since = None if self.first is None else day_of(self.first, self.zone)[0]
-        until = None if self.last is None else day_of(self.last, self.zone)[1]
-        return {"kind": self.kind, "since": since, "until": until}
+        return {"kind": self.kind, **self.bounds()}
 
     def address(self, **changes: str | float | None) -> str:
         """Return the query of this page with some values changed; from the first entries on unless `after` is given."""
@@ -115,16 +106,13 @@ class ShownHistory:
 
 
 def _shown(
+    span: TheSpan,
     kind: HistoryKind | Literal[""] = "",
-    first: Annotated[str, Query(max_length=20)] = "",
-    last: Annotated[str, Query(max_length=20)] = "",
-    zone: Annotated[str, Query(max_length=64)] = "",
     days: Annotated[float, Query(ge=0.1, le=3660)] = 365,
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> ShownHistory:
     """Read the selection from a form, which sends an empty text for an empty field."""
-    span = parse_day("first", first), parse_day("last", last)
-    return ShownHistory(kind or None, *span, check_zone(zone), days, after or None)
+    return ShownHistory(**vars(span), kind=kind or None, days=days, after=after or None)
 
 
 @router.get("/scanners/{scanner_id}/history")

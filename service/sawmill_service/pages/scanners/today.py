@@ -4,8 +4,10 @@ import gettext
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Annotated
 
-from fastapi.responses import HTMLResponse
+from fastapi import Depends, Query
+from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.measurements import Movement
@@ -22,9 +24,12 @@ from sawmill_service.pages.frame.page_frame import (
     ThePage,
 )
 from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
+from sawmill_store.examples import is_example, remove_examples
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
+# From this number of scanners on, rows are compact and those of fine scanners are folded.
+COMPACT_FROM = 8
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # Events that no row of a scanner shows.
 _NOT_SHOWN = {
@@ -58,31 +63,76 @@ class ScannerLine:
     movements: Sparkline | None
 
     @property
-    def rank(self) -> tuple[int, float, list[str | int]]:
-        """Key for sorting: the worst comes first; among equals the scanner that has moved farthest."""
+    def example(self) -> bool:
+        """Whether it is an example, which needs nobody."""
+        return is_example(self.condition.scanner)
+
+    @property
+    def needs_somebody(self) -> bool:
+        """Whether a person must do something."""
+        return not self.example and self.condition.state.needs_somebody
+
+    @property
+    def folds(self) -> bool:
+        """Whether the row is folded where there are many: nobody has to look at it."""
+        return self.example or (self.condition.state.standing.tone == "good" and not self.needs_somebody)
+
+    @property
+    def rank(self) -> tuple[bool, int, float, list[str | int]]:
+        """Key for sorting: the worst comes first, among equals the scanner that has moved farthest; examples last."""
         state = self.condition.state
         share = state.moved.share if state.moved is not None and state.moved.since_active else 0.0
-        return _WORST_FIRST.index(state.standing.tone), -share, natural_order(self.condition.scanner.name)
+        name = natural_order(self.condition.scanner.name)
+        return self.example, _WORST_FIRST.index(state.standing.tone), -share, name
 
 
 @dataclass(frozen=True)
 class Board:
-    """Part of the page that changes: all scanners, the number of them that need somebody, and the time of the state."""
+    """Part of the page that changes: all scanners, the worst first, at a time; `kiosk` is for a display on the wall."""
 
     rows: Sequence[ScannerLine]
-    needy: int
+    title: str
     headline: str
     now: datetime
+    kiosk: bool
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no scanner but examples."""
+        return all(row.example for row in self.rows)
+
+    @property
+    def compact(self) -> bool:
+        """Whether there are so many scanners that rows must be small."""
+        return len(self.rows) >= COMPACT_FROM
+
+    @property
+    def folded(self) -> Sequence[ScannerLine]:
+        """Rows of the scanners that are fine, where there are many."""
+        return [row for row in self.rows if self.compact and row.folds]
+
+    @property
+    def shown(self) -> Sequence[ScannerLine]:
+        """Rows that are in sight at once."""
+        return [row for row in self.rows if not (self.compact and row.folds)]
+
+
+def _is_kiosk(kiosk: Annotated[str | None, Query(max_length=10)] = None) -> bool:
+    """Return whether the address asks for the view of a display on the wall, as in `/?kiosk`."""
+    return kiosk is not None
+
+
+ForKiosk = Annotated[bool, Depends(_is_kiosk)]
 
 
 @router.get("/")
-def today(page: ThePage, store: TheStore, times: TheStreamTimes) -> HTMLResponse:
+def today(page: ThePage, store: TheStore, times: TheStreamTimes, kiosk: ForKiosk) -> HTMLResponse:
     """Show the whole page; its script follows the events after the number that was read before the rows."""
     number = store.events.reader().number
     kinds = " ".join(kind for kind in EventKind.published() if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html",
-        board=_board(page, store),
+        board=_board(page, store, kiosk=kiosk),
         alarms=ALARMS,
         number=number,
         kinds=kinds,
@@ -92,17 +142,32 @@ def today(page: ThePage, store: TheStore, times: TheStreamTimes) -> HTMLResponse
 
 
 @router.get("/today/rows")
-def rows(page: ThePage, store: TheStore) -> HTMLResponse:
+def rows(page: ThePage, store: TheStore, kiosk: ForKiosk) -> HTMLResponse:
     """Return the part of the page that changes."""
-    return page.answer("today_rows.html", board=_board(page, store), alarms=ALARMS)
+    return page.answer("today_rows.html", board=_board(page, store, kiosk=kiosk), alarms=ALARMS)
 
 
-def _board(page: PageFrame, store: Store) -> Board:
+@router.post("/examples/delete", needs=Scope.ADMIN)
+def delete_examples(store: TheStore) -> RedirectResponse:
+    """Remove the examples and return to the page."""
+    remove_examples(store)
+    return RedirectResponse("/", status_code=303)
+
+
+def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     now = store.now()
     movements = store.measurements.movements(now - SPAN, now)
-    scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
-    needy = sum(row.condition.state.needs_somebody for row in scanners)
-    return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
+    rows = [_row(condition, movements, now) for condition in conditions_of(store)]
+    needy = [row.condition.state.standing.tone for row in rows if row.needs_somebody]
+    red, others = needy.count("bad"), len(needy) - needy.count("bad")
+    fine = sum(not row.example for row in rows) - len(needy)
+    return Board(
+        rows=sorted((row for row in rows if not (kiosk and row.example)), key=lambda row: row.rank),
+        title=_title(page.text, red, others),
+        headline=_headline(page.text, fine, red, others),
+        now=now,
+        kiosk=kiosk,
+    )
 
 
 def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerLine:
@@ -110,11 +175,21 @@ def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]
     return ScannerLine(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, now - SPAN, now))
 
 
-def _headline(text: gettext.NullTranslations, scanners: int, needy: int) -> str:
-    fine = scanners - needy
-    if not scanners:
+def _title(text: gettext.NullTranslations, red: int, others: int) -> str:
+    """Write the page's name, before it the red scanners and the others that need somebody, for a tab at the side."""
+    if not red:
+        return (f"({others}) " if others else "") + text.gettext("Today")
+    count = text.gettext("%(red)s red + %(others)s") if others else text.gettext("%(red)s red")
+    return f"({count % {'red': red, 'others': others}}) " + text.gettext("Today")
+
+
+def _headline(text: gettext.NullTranslations, fine: int, red: int, others: int) -> str:
+    needy = red + others
+    if not fine + needy:
         return text.gettext("There is no scanner yet")
     if not needy:
         return text.ngettext("The scanner is fine", "All %(fine)s scanners are fine", fine) % {"fine": fine}
     both = text.ngettext("%(fine)s fine, %(needy)s needs you", "%(fine)s fine, %(needy)s need you", needy)
-    return both % {"fine": fine, "needy": needy}
+    if red and others:
+        both += text.gettext(", %(red)s of them red")
+    return both % {"fine": fine, "needy": needy, "red": red}

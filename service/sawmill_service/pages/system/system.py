@@ -1,17 +1,19 @@
-"""Page of the system: disk, workers, database, clock, limits; for administrators keys and the audit."""
+"""Page of the system: disk, workers, database, clock, limits; for administrators keys, and the audit as a page."""
 
 from datetime import UTC, datetime
+from typing import Annotated
 
-from fastapi import Request
+from fastapi import Depends, Request
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheKeys, TheSettings, TheStore
+from sawmill_service.dependencies import TheAudit, TheKeys, TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.system.audit_filter import PER_PAGE, AuditFilter, read_filter, values_of
 from sawmill_service.pages.system.system_parts import (
     PLENTY_DAYS,
     clock_remarks,
@@ -24,7 +26,6 @@ from sawmill_service.pages.system.system_parts import (
 from sawmill_service.routes.health import Readiness, broker_of, health_of
 
 SYSTEM = "/system"
-AUDITED = 20
 SCOPES = {
     Scope.READ: marked("may look"),
     Scope.SUBMIT: marked("may also upload and ask for work"),
@@ -68,7 +69,7 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 @router.get(SYSTEM)
 def system(request: Request, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
-    """Show the page, with keys and the audit for administrators alone."""
+    """Show the page, with keys for administrators alone."""
     admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
     return page.answer(
         "system.html",
@@ -86,8 +87,6 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         versions=versions(),
         limits=limits_of(settings, store.settings),
         keys=store.keys.all().keys if admin else None,
-        audit=store.audit.page(limit=AUDITED).items if admin else None,
-        actions=ACTIONS,
         scopes=SCOPES,
         now=now,
     )
@@ -97,3 +96,16 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
 def keys(page: ThePage, keys: TheKeys) -> HTMLResponse:
     """Return the part of the page with the keys, for when a key was made or has ended."""
     return page.answer("system_keys.html", keys=keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
+
+
+@router.get("/audit", needs=Scope.ADMIN)
+def audit(page: ThePage, audit: TheAudit, shown: Annotated[AuditFilter, Depends(read_filter)]) -> HTMLResponse:
+    """Show who did what, the newest first, with a filter."""
+    return page.answer(
+        "audit.html",
+        shown=shown,
+        found=audit.page(**shown.arguments(), limit=PER_PAGE),
+        actors=audit.actors(),
+        actions=ACTIONS,
+        values_of=values_of,
+    )

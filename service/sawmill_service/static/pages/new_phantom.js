@@ -39,13 +39,14 @@ function addShape(kind, corners = []) {
 function number() {
   [...shapes.children].forEach((shape, place) => {
     const named = document.querySelector(`#${shape.dataset.kind}`).dataset.legend;
-    shape.querySelector("legend").textContent = named.replace("{}", place);
-    shape.querySelector(".remove-shape").ariaLabel = words.removeShape.replace("{}", place);
+    shape.querySelector("legend").textContent = named.replace("{}", place + 1);
+    shape.querySelector(".remove-shape").ariaLabel = words.removeShape.replace("{}", place + 1);
     shape.querySelectorAll(".corners tbody tr").forEach((row, corner) => {
-      row.querySelector("th").textContent = corner;
-      row.querySelector(".x").ariaLabel = words.x.replace("{}", corner);
-      row.querySelector(".y").ariaLabel = words.y.replace("{}", corner);
-      row.querySelector("button").ariaLabel = words.remove.replace("{}", corner);
+      const count = corner + 1;
+      row.querySelector("th").textContent = count;
+      row.querySelector(".x").ariaLabel = words.x.replace("{}", count);
+      row.querySelector(".y").ariaLabel = words.y.replace("{}", count);
+      row.querySelector("button").ariaLabel = words.remove.replace("{}", count);
     });
   });
 }
@@ -82,11 +83,11 @@ async function preview() {
   say(document.querySelector("#together"), sentence(null));
 }
 
-function changed() {
+function changed(pause = PAUSE_MS) {
   number();
   say(document.querySelector("#refused"), null);
   clearTimeout(timer);
-  timer = setTimeout(() => preview().catch((problem) => say(document.querySelector("#refused"), problem.message)), PAUSE_MS);
+  timer = setTimeout(() => preview().catch((problem) => say(document.querySelector("#refused"), problem.message)), pause);
 }
 
 // A comma alone stands between two numbers, as in 100,200; beside a space, a tab or a semicolon it may be a decimal one.
@@ -185,12 +186,13 @@ async function send(event) {
 if (shapes) {
   document.querySelector("#add-polygon").addEventListener("click", () => addShape("polygon", [["", ""], ["", ""], ["", ""]]));
   document.querySelector("#add-disc").addEventListener("click", () => addShape("disc"));
-  shapes.addEventListener("input", changed);
+  shapes.addEventListener("input", () => changed());
   shapes.addEventListener("click", pressed);
   shapes.addEventListener("paste", paste);
   document.querySelector("#draw").addEventListener("submit", save);
   document.querySelector("#picture").addEventListener("submit", send);
   addShape("polygon", BOARD);
+  changed(0);
   // Before this script was there, a browser would have sent the form itself, and forgotten the scan that waits.
   document.querySelectorAll("button.primary:disabled").forEach((button) => {
     button.disabled = false;

@@ -84,7 +84,7 @@ async function fetchWanted() {
 }
 
 async function fetchRows() {
-  const answer = await fetch("/today/rows", { headers: { Accept: "text/html" }, signal: AbortSignal.timeout(SILENT_MS) });
+  const answer = await fetch(`/today/rows${location.search}`, { headers: { Accept: "text/html" }, signal: AbortSignal.timeout(SILENT_MS) });
   if (answer.redirected) {
     location.reload(); // to the login: the key has ended
     return;
@@ -105,15 +105,30 @@ function show(rows) {
     }
   }
   const focused = where(document.activeElement);
-  const list = page.querySelector("#scanners");
-  const wanted = [...rows.querySelectorAll(".scanner")];
-  for (const row of [...list.children]) {
-    if (!wanted.some((each) => each.id === row.id)) {
+  const [board, folded] = [page.querySelector("#rows"), page.querySelector("#folded")];
+  board.className = rows.className;
+  board.style.setProperty("--rows", rows.style.getPropertyValue("--rows"));
+  folded.hidden = rows.querySelector("#folded").hidden;
+  folded.querySelector("summary").textContent = rows.querySelector("summary").textContent;
+  const there = new Set([...rows.querySelectorAll(".scanner")].map((each) => each.id));
+  for (const row of page.querySelectorAll(".scanner")) {
+    if (!there.has(row.id)) {
       row.remove();
       known.delete(row.id);
     }
   }
-  wanted.forEach((row, place) => {
+  for (const list of ["scanners", "fine"]) {
+    showList(page.querySelector(`#${list}`), [...rows.querySelectorAll(`#${list} > .scanner`)]);
+  }
+  find();
+  showTimes(page);
+  if (focused) {
+    document.getElementById(focused.row)?.querySelector(focused.part)?.focus({ preventScroll: true });
+  }
+}
+
+function showList(list, rows) {
+  rows.forEach((row, place) => {
     let mine = document.getElementById(row.id);
     if (mine === null || known.get(row.id) !== row.outerHTML) {
       known.set(row.id, row.outerHTML);
@@ -125,9 +140,16 @@ function show(rows) {
       list.insertBefore(mine, list.children[place] ?? null);
     }
   });
-  showTimes(page);
-  if (focused) {
-    document.getElementById(focused.row)?.querySelector(focused.part)?.focus({ preventScroll: true });
+}
+
+// Only the scanners whose name has what is typed stay in sight, the fine ones too.
+function find() {
+  const typed = page.querySelector("#find input")?.value.trim().toLowerCase() ?? "";
+  for (const row of page.querySelectorAll(".scanner")) {
+    row.hidden = !row.querySelector("h2").textContent.toLowerCase().includes(typed);
+  }
+  if (typed) {
+    page.querySelector("#folded").open = true;
   }
 }
 
@@ -166,6 +188,17 @@ function look() {
   }
 }
 
+// The clock of a display on the wall.
+function showClock(clock) {
+  clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+}
+
+const clock = page.querySelector("#clock");
+if (clock) {
+  showClock(clock);
+  setInterval(showClock, 1000, clock);
+}
+page.querySelector("#find")?.addEventListener("input", find);
 document.addEventListener("visibilitychange", look);
 for (const change of ["online", "offline"]) {
   window.addEventListener(change, showSilence);

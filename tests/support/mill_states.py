@@ -1,0 +1,161 @@
+"""A mill in which every state of a page exists at once, made of a seeded store without any science."""
+
+from typing import Any, Protocol
+
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.phantoms import MeasurementsAsk, PhantomPicture, SizeMeasurement
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.jobs.job_store import Claim
+from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, Progress
+
+SCANNER, PHANTOM = "sorting-line-4", "l-shape"
+NAME = "Sorting line 4, log scanner behind the debarker (Pohjois-Karjala)"
+MOVED = (
+    "the rays moved 0.66 mm RMS where 0.50 mm is allowed: the COR moved -2.12 mm on the detector and the tilt followed"
+)
+SLIPPED = "the phantom slipped by 2.5 mm in view 131: fasten the phantom on the log's end, and repeat the scan"
+COMPARISON = {
+    "calibration_id": "passed",
+    "ray_change_mm": 0.66,
+    "scale_change_percent": 0.12,
+    "angle_change_deg": 0.1,
+    "cor_column_change_mm": -2.12,
+    "source_distance_change_mm": 2.5,
+    "tilt_change_deg": 0.05,
+    "tolerance_mm": 0.5,
+    "within_tolerance": False,
+    "reason": MOVED,
+}
+FAILURE = Failure(
+    kind=FailureKind.INPUT,
+    code="phantom-not-found",
+    detail="no row from 0 to 4 shows the phantom L-shape: the best of them leaves 31 % of the sinogram unexplained",
+)
+
+
+class Finisher(Protocol):
+    """The parts of `FakeWorker` that give a job its end."""
+
+    def claim(self) -> Claim: ...
+    def finish_scan(self) -> None: ...
+    def finish_tracing(self) -> None: ...
+    def finish_calibration(self, **changes: Any) -> None: ...
+    def finish_drift(self, **changes: Any) -> None: ...
+    def finish_inspection(self, **changes: Any) -> None: ...
+
+
+def fill(store: Store, worker: Finisher) -> dict[str, str]:
+    """Bring a seeded store into every state; return the paths of the pages by the names of the states."""
+    _scans_and_calibrations(store, worker)
+    _inspected(store, "refused")
+    worker.finish_inspection(verdict="refused", missing=[], reading=None, refusal=FAILURE.model_dump(mode="json"))
+    _phantoms(store, worker)
+    store.webhooks.create(WebhookAsk(url="https://alarms.mill.example/" + "long/" * 30, description=NAME, enabled=True))
+    store.alarms.check()
+    measured = SizeMeasurement(what="x", measured_mm=199.8, standard_uncertainty_mm=0.15, instrument="caliper 12")
+    measured_id = store.phantoms.measure("l-shape", MeasurementsAsk(measurements=[measured])).id
+    _unfinished(store, worker)
+    results = ("passed", "watched", "moved", "slipped", "failed", "queued")
+    return {
+        "today": "/",
+        "kiosk": "/?kiosk",
+        "scanner": f"/scanners/{SCANNER}?days=90",
+        "scanner-failed": "/scanners/example",
+        "scanner-new": "/scanners/example-spare",
+        "history": f"/scanners/{SCANNER}/history",
+        "new-scanner": "/scanners/new",
+        "file": f"/calibrate?scanner={SCANNER}",
+        "inspecting": "/calibrate?inspection=waiting",
+        "questions": "/calibrate?inspection=example",
+        "refused": "/calibrate?inspection=refused",
+        **{f"calibration-{each}": f"/calibrate?calibration={each}" for each in results},
+        **{f"report-{each}": f"/calibrations/{each}/report" for each in results[:4]},
+        "scans": "/scans",
+        "scan": "/scans/example",
+        "scan-refused": "/scans/unreadable",
+        "logs": "/logs",
+        "log": "/logs/example",
+        "log-compared": "/logs/example?beside=example-sparse",
+        "log-failed": "/logs/failed",
+        "log-queued": "/logs/queued",
+        "phantoms": "/phantoms",
+        "phantom": "/phantoms/l-shape",
+        "phantom-measured": f"/phantoms/{measured_id}",
+        "phantom-traced": "/phantoms/traced",
+        "phantom-refused": "/phantoms/untraced",
+        "new-phantom": "/phantoms/new",
+        "jobs": "/jobs",
+        "system": "/system",
+        "audit": "/audit",
+        "webhooks": "/system/webhooks",
+        "retention": "/retention",
+        "problems": "/problems/",
+        "problem": "/problems/phantom-not-found",
+        "nothing": "/nothing/here",
+    }
+
+
+def _scans_and_calibrations(store: Store, worker: Finisher) -> None:
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=16, detector_pitch_mm=1.5)
+    store.scanners.create(
+        ScannerSpec(name=NAME, constants=constants, alarms=AlarmLimits(quiet_after_hours=1)), scanner_id=SCANNER
+    )
+    spec = ScanSpec(
+        scanner_id=SCANNER,
+        data=DataKind.LINE_INTEGRALS,
+        phantom_id=PHANTOM,
+        name="line-4_2026-11-26_0557_phantom-and-log.nxs",
+    )
+    store.scans.accept(spec, store.files.receive([b"a scan"], max_bytes=100), scan_id="scan")
+    worker.finish_scan()
+    store.scans.accept(spec, store.files.receive([b"no scan"], max_bytes=100), scan_id="unreadable")
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="unreadable-file", detail=SLIPPED))
+    _calibrated(store, worker, "passed", activate=True)
+    for number in range(12):
+        store.drifts.accept(DriftAsk(scan_id="scan"))
+        worker.finish_drift(ray_change_mm=0.02 + 0.03 * number)
+    _calibrated(store, worker, "watched", verdict="watch", rays_verdict="watch", reasons=[SLIPPED, MOVED])
+    _calibrated(store, worker, "slipped", verdict="fail", rays_verdict="fail", reasons=[SLIPPED])
+    _calibrated(store, worker, "moved", comparison=COMPARISON, adjustments=[MOVED])
+    store.drifts.accept(DriftAsk(scan_id="scan"))
+    worker.finish_drift(within_tolerance=False, ray_change_mm=0.8, reason=MOVED)
+    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="failed")
+    store.jobs.fail(worker.claim(), FAILURE)
+    store.reconstructions.accept(ReconstructionAsk(scan_id="example"), identifier="failed")
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=SLIPPED))
+
+
+def _calibrated(store: Store, worker: Finisher, identifier: str, *, activate: bool = False, **changes: Any) -> None:
+    store.calibrations.accept(CalibrationAsk(scan_id="scan", activate=activate), identifier=identifier)
+    worker.finish_calibration(**changes)
+
+
+def _inspected(store: Store, identifier: str) -> None:
+    received = store.files.receive([b"a file"], max_bytes=100)
+    name = "IMG_20261126_055712_line_4_phantom_and_log.jpg"
+    store.inspections.accept_file(InspectionOptions(), received, name=name, identifier=identifier)
+
+
+def _phantoms(store: Store, worker: Finisher) -> None:
+    picture = PhantomPicture(name="the cross of the hall", width_mm=400)
+    for identifier in ("traced", "untraced"):
+        store.phantoms.accept_picture(picture, store.files.receive([b"PNG"], max_bytes=100), phantom_id=identifier)
+    worker.finish_tracing()
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-outline", detail=SLIPPED))
+
+
+def _unfinished(store: Store, worker: Finisher) -> None:
+    """Leave one job running and others in the queue, which nothing may claim later."""
+    store.reconstructions.accept(ReconstructionAsk(scan_id="example"), identifier="queued")
+    running = worker.claim()
+    store.jobs.heartbeat(running, Progress(fraction=0.4, stage="reconstruct", seconds_left=75.0))
+    store.calibrations.accept(CalibrationAsk(scan_id="scan"), identifier="queued")
+    _inspected(store, "waiting")
