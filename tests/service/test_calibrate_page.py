@@ -181,9 +181,9 @@ def test_a_form_that_is_too_large_is_refused_as_such(seeded):
 
 
 def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
-    refusal = {"kind": "input", "code": "not-a-scan", "detail": "it is a picture and no scan"}
+    refusal = {"kind": "input", "code": "picture-file", "detail": "it is a picture and no scan"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
-    assert "it is a picture and no scan" in shown(page)
+    assert "This is a picture, not a scan" in shown(page)
     assert "Choose another file" in shown(page)
 
 
@@ -204,7 +204,7 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     failed(store, "scan-refused", "the scan was refused")
     page = seeded.get(started)
     assert "12 angles were given for 20 views" in shown(page)
-    assert "Write one angle for each view" in shown(page)
+    assert "one angle for each view" in shown(page)
     again = unescape(re.search(r'href="([^"]*)">Try again with other answers', page.text)[1])
     assert "calibration=" not in again
     asked_again = seeded.get(again)

@@ -88,6 +88,7 @@ def test_no_route_but_health_the_login_and_the_problems_goes_without_a_key(keyed
         "/health/ready": NoKey.MONITORING,
         "/login": NoKey.LOGIN,
         "/look": NoKey.LOGIN,
+        "/problems": NoKey.AFTER_REFUSAL,
         "/problems/": NoKey.AFTER_REFUSAL,
         "/problems/{code}": NoKey.AFTER_REFUSAL,
     }

@@ -11,7 +11,7 @@ from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_vocabulary import DataKind
 
-FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows <0:4>")
+FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom in rows <0:4>")
 
 
 def comparison(*, within: bool = True, moved_mm: float = 0.05) -> dict:

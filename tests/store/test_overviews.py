@@ -21,7 +21,7 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
     drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="no-log", detail="none"))
     store.calibrations.accept(ask, identifier="second")
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="none"))
+    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="none"))
     store.calibrations.accept(ask, identifier="third")
 
     new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)

@@ -6,6 +6,7 @@ In addition to other parameters, `inspection` is where "other answers" leads bac
 were given before.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import urlencode
@@ -29,7 +30,7 @@ from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import questions_of, usable_phantoms
-from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.calibrate.calibrate_words import changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_store.store import Store
 
@@ -186,11 +187,19 @@ def _of_inspection(page: PageFrame, store: Store, where: PageAddress, inspection
     result = inspection.result
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
-        return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
+        held = _held_calibration(store, inspection)
+        return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
     questions = questions_of(
         store, inspection, {"scanner_id": where.scanner or "", **_earlier(store.scans, where.scan)}
     )
     return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
+
+
+def _held_calibration(store: Store, inspection: Inspection) -> str | None:
+    """Return the id of the stored calibration that the file was downloaded from; an HDF5 file has it in its name."""
+    named = re.match(r"calibration-([a-z0-9][a-z0-9-]{0,63})", inspection.options.name)
+    identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
+    return identifier if identifier and store.calibrations.several([identifier]) else None
 
 
 def _of_scan(
@@ -245,7 +254,6 @@ def _of_calibration(
         cancelled=calibration.state == "cancelled",
         unread=unread is not None,
         failure=failure,
-        advice=advice_for(page, failure, unread=unread is not None),
         again=_again(store.files, where, scan),
     )
 

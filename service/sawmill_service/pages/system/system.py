@@ -3,12 +3,12 @@
 from datetime import UTC, datetime
 
 from fastapi import Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheKeys, TheSettings, TheStore
+from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
@@ -92,7 +92,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
     )
 
 
-@router.get(f"{SYSTEM}/keys", needs=Scope.ADMIN)
-def keys(page: ThePage, keys: TheKeys) -> HTMLResponse:
-    """Return the part of the page with the keys, for when a key was made or has ended."""
-    return page.answer("system_keys.html", keys=keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
+@router.get(f"{SYSTEM}/keys")
+def keys() -> RedirectResponse:
+    """Lead to the page's part with the keys."""
+    return RedirectResponse(f"{SYSTEM}#keys")

@@ -38,6 +38,10 @@ function takeFiles(step) {
 
   async function send(file) {
     show(problem, "");
+    if (file.size === 0) {
+      show(problem, filled(words.empty, { name: file.name }));
+      return;
+    }
     if (file.size > Number(words.maxBytes)) {
       const most = bytes(Number(words.maxBytes));
       show(problem, filled(words.tooLarge, { name: file.name, size: bytes(file.size), most }));
