@@ -98,8 +98,8 @@ def test_a_calibration_is_entered_with_what_it_says_and_measured(store, scanner)
     assert made.why.startswith("In 95 of 100 cases the rays are off by less than 0.040 mm")
     assert made.measured == store.measurements.page(scanner.id).items[0]
     assert (activated.kind, activated.who, activated.why) == ("activation", "ben", "checked by hand")
-    assert store.history.activation_of(scanner.id, "first") == activated
-    assert store.history.activation_of(scanner.id, "second") is None
+    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "first") == activated
+    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "second") is None
 
 
 @pytest.mark.dialect

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import Inspection, InspectionOptions
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
@@ -222,12 +223,17 @@ def _of_scan(
 def _of_calibration(
     page: PageFrame, store: Store, where: PageAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
+    number = store.events.reader().number
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
+    discarded = store.history.newest(scanner.id, HistoryKind.DISCARD, calibration.id)
     if isinstance(calibration, CalibrationSucceeded):
         return page.answer(
             "calibrate_result.html",
             where=where,
             calibration=calibration,
+            number=number,
+            activation=store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id),
+            discarded=discarded,
             scanner=scanner,
             scan=scan,
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
@@ -252,6 +258,7 @@ def _of_calibration(
         where=where,
         scanner=scanner,
         cancelled=calibration.state == "cancelled",
+        discarded=discarded,
         unread=unread is not None,
         failure=failure,
         again=_again(store.files, where, scan),

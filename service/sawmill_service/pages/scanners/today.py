@@ -66,12 +66,16 @@ class ScannerLine:
 
 @dataclass(frozen=True)
 class Board:
-    """Part of the page that changes: all scanners, the number of them that need somebody, and the time of the state."""
+    """Part of the page that changes: all scanners, the number of them that need somebody, and the time of the state.
+
+    At `changes_at` the first acknowledgement of an alarm ends, which no event tells.
+    """
 
     rows: Sequence[ScannerLine]
     needy: int
     headline: str
     now: datetime
+    changes_at: datetime | None
 
 
 @router.get("/")
@@ -101,7 +105,14 @@ def _board(page: PageFrame, store: Store) -> Board:
     movements = store.measurements.movements(now - SPAN, now)
     scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
     needy = sum(row.condition.state.needs_somebody for row in scanners)
-    return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
+    ends = [
+        alarm.acknowledged.until
+        for row in scanners
+        for alarm in row.condition.alarms
+        if alarm.acknowledged is not None and alarm.what in row.condition.acknowledged
+    ]
+    headline = _headline(page.text, len(scanners), needy)
+    return Board(sorted(scanners, key=lambda row: row.rank), needy, headline, now, min(ends, default=None))
 
 
 def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerLine:

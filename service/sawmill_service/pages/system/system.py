@@ -39,6 +39,8 @@ STATES = {
 ACTIONS = {
     mill_events.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
     mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
+    mill_events.CALIBRATION_DISCARDED: marked("discarded the calibration"),
+    mill_events.ALARM_ACKNOWLEDGED: marked("acknowledged an alarm of the scanner"),
     mill_events.SCANNER_CREATED: marked("added the scanner"),
     mill_events.SCANNER_CHANGED: marked("changed the scanner"),
     mill_events.SCANNER_DELETED: marked("deleted the scanner"),

@@ -68,6 +68,7 @@ function takeFiles(step) {
     } catch (error) {
       const unreachable = error.code === "unreachable";
       show(problem, error.name === "AbortError" ? words.cancelled : unreachable ? words.unreachable : error.message);
+      step.querySelector("#login").hidden = error.status !== 401;
       drop.hidden = false;
       sending.hidden = true;
       input.value = "";
