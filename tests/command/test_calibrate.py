@@ -266,7 +266,7 @@ def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text
 def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
     (tmp_path / "l.png").write_text("no picture")
     reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
-    assert reported["code"] == "unknown-format"
+    assert reported["code"] == "picture-not-png"
 
 
 def test_refusals_are_one_sentence_for_people(run, bare_scan):

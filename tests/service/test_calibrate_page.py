@@ -184,6 +184,10 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
     refusal = {"kind": "input", "code": "picture-file", "detail": "it is a picture and no scan"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
     assert "This is a picture, not a scan" in shown(page)
+    refusal = {"kind": "input", "code": "phantom-not-found", "detail": "as an earlier version called it"}
+    page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
+    assert "cannot be read as a scan" in shown(page)
+    assert "There is none with this id" not in shown(page)
     assert "Choose another file" in shown(page)
 
 

@@ -28,6 +28,7 @@ FILES = frozenset(
         "not-finite",
         "out-of-range",
         "picture-file",
+        "picture-not-png",
         "rows-missing",
         "too-large",
         "truncated-file",

@@ -9,6 +9,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
+    "failure": "/problems/phantom-not-seen",
     "today": "/",
     "calibrate": "/calibrate?scanner=example",
     "calibrate-questions": "/calibrate?inspection=example",

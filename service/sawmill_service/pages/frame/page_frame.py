@@ -122,6 +122,6 @@ def templates(language: str = ENGLISH) -> Environment:
     text, formats = texts(language), formats_of(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
-    environment.globals["kinds_of_problems"] = problem_types()
+    environment.globals["failures"] = {code: kind for code, kind in problem_types().items() if kind.failure}
     environment.globals["two_questions"] = shown_questions(text, formats)
     return environment
