@@ -24,9 +24,9 @@ DATASET = {"what": "array", "flag": "--dataset", "field": "dataset", "why": "it 
 def inspect(store, worker):
     """The id of an inspection with this result, as a worker left it."""
 
-    def inspected(**changes):
+    def inspected(name="morning <1>.npz", **changes):
         received = store.files.receive([b"a scan"], max_bytes=100)
-        inspection = store.inspections.accept_file(InspectionOptions(), received, name="morning <1>.npz")
+        inspection = store.inspections.accept_file(InspectionOptions(), received, name=name)
         worker.finish_inspection(**changes)
         return inspection.id
 
@@ -184,6 +184,10 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
     refusal = {"kind": "input", "code": "picture-file", "detail": "it is a picture and no scan"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
     assert "This is a picture, not a scan" in shown(page)
+    refusal = {"kind": "input", "code": "calibration-file", "detail": "it is a calibration and no scan"}
+    for name, leads in (("calibration-example.h5", True), ("calibration-none.h5", False), ("result.h5", False)):
+        page = seeded.get(f"/calibrate?inspection={inspect(name, verdict='refused', refusal=refusal, reading=None)}")
+        assert ("/calibrate?calibration=example" in page.text) is leads
     refusal = {"kind": "input", "code": "phantom-not-found", "detail": "as an earlier version called it"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
     assert "cannot be read as a scan" in shown(page)

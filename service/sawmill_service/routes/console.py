@@ -95,9 +95,7 @@ def acknowledge(scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, type
     """Acknowledge an alarm until an hour of the reader's clock, or until the end of the shift where none is given."""
     zone, hour = check_zone(typed.get("zone", "")), typed.get("until", "")
     now = datetime.now(ZoneInfo(zone)) if zone else datetime.now().astimezone()
-    until = shift_end(now)
-    if hour:
-        until = _next_at(now, hour)
+    until = _next_at(now, hour) if hour else shift_end(now)
     alarms.acknowledge(scanner_id, what, until, _reason(typed))
     return _back(typed)
 

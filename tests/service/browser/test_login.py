@@ -66,7 +66,7 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
-def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, store, newer):
+def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, store, worker, newer):
     anna, bert = (store.keys.create(KeyAsk(name=name, scope=Scope.ACTIVATE)) for name in ("Anna", "Bert"))
     result = f"/calibrate?calibration={newer}"
     hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
@@ -91,6 +91,14 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     expect(hers.get_by_role("heading", name="This calibration is in use")).to_be_visible()
     expect(his.get_by_role("heading", name="Tämä kalibrointi on käytössä")).to_be_visible()
     expect(his.get_by_text("Hyväksyjä: Anna")).to_be_visible()
+    hers.goto("/scanners/example")
+    expect(hers.get_by_role("heading", name="Calibration in use")).to_be_visible()
+    waiting = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    worker.finish_calibration()
+    hers.reload()
+    expect(hers.get_by_role("button", name="Accept this calibration")).to_be_visible()
+    store.calibrations.discard(waiting, "by another person")
+    expect(hers.get_by_role("button", name="Accept this calibration")).to_have_count(0)
     number = store.events.newest_number()
     store.calibrations.activate(newer, "a second click")
     assert store.events.newest_number() == number
