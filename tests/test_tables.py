@@ -37,8 +37,6 @@ PARTIAL = {
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
     "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
-    "worker/sawmill_worker/use_cases/scans/inspect.py: GIVEN_ELSEWHERE": "the other files are given nowhere else",
-    "worker/sawmill_worker/use_cases/scans/inspect.py: NO_SCAN": "a scan is one",
 }
 # Members that belong to no table of their enum but to those of other code.
 LEFT_OUT = {"worker/sawmill_tomography/reconstruction/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}

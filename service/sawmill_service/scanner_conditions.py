@@ -4,10 +4,11 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from sawmill_contracts.alarms import Alarm
+from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_mill.alarms import is_acknowledged
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.errors import NotFound
@@ -21,7 +22,8 @@ SHOWN_SCANNERS = 200  # more than any mill has
 class ScannerCondition:
     """Condition of one scanner, as pages show it.
 
-    `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
+    `newest` is the newest calibration that succeeded and was neither discarded nor passed over by a later decision,
+    else the one in use; `failed` is a newer one that failed since the last decision; `active` is in use; `drift` is
     the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
     `active`. `alarms` are those that are open. `state` decides how the scanner stands.
     """
@@ -29,12 +31,18 @@ class ScannerCondition:
     scanner: StoredScanner
     newest: CalibrationSucceeded | None
     active: CalibrationSucceeded | None
-    failure: Failure | None
+    failed: CalibrationUnfinished | None
     drift: Drift | None
     seen: Drift | None
     scanned: bool
     calibrating: bool
     alarms: tuple[Alarm, ...]
+    acknowledged: frozenset[AlarmKind]
+
+    @property
+    def failure(self) -> Failure | None:
+        """Why the newest calibration failed; None where it did not, or somebody has decided since."""
+        return None if self.failed is None else self.failed.failure
 
     @property
     def state(self) -> ScannerState:
@@ -50,7 +58,7 @@ class ScannerCondition:
             last_check=_checked(self.drift),
             seen=_checked(self.seen),
             scanned=self.scanned,
-            alarms=tuple(alarm.what for alarm in self.alarms),
+            alarms=tuple(alarm.what for alarm in self.alarms if alarm.what not in self.acknowledged),
         )
 
 
@@ -83,6 +91,7 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
     calibrations = store.calibrations.several([one for one in ids if one is not None])
     check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
     checks = store.drifts.several([one for one in check_ids if one is not None])
+    now = store.now()
     alarms: defaultdict[str, list[Alarm]] = defaultdict(list)
     for alarm in opened:
         alarms[alarm.scanner_id].append(alarm)
@@ -93,16 +102,20 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
 
     def condition(of: Overview) -> ScannerCondition:
         last = None if of.ended_id is None else calibrations.get(of.ended_id)
+        if not isinstance(last, CalibrationUnfinished) or not of.decisions.leave_failure_open(of.ended_at):
+            last = None
+        active, mine = succeeded(of.scanner.active_calibration_id), alarms[of.scanner.id]
         return ScannerCondition(
             scanner=of.scanner,
-            newest=succeeded(of.succeeded_id),
-            active=succeeded(of.scanner.active_calibration_id),
-            failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
+            newest=succeeded(of.succeeded_id) if of.decisions.leave_result_open(of.succeeded_at) else active,
+            active=active,
+            failed=last,
             drift=None if of.drift_id is None else checks.get(of.drift_id),
             seen=None if of.seen_id is None else checks.get(of.seen_id),
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
-            alarms=tuple(alarms[of.scanner.id]),
+            alarms=tuple(mine),
+            acknowledged=frozenset(alarm.what for alarm in mine if is_acknowledged(alarm, now)),
         )
 
     return [condition(each) for each in overviews]

@@ -78,7 +78,7 @@ def test_a_share_below_the_interval_has_a_star():
 
 
 def test_the_table_counts_refusals_and_wrong_passes():
-    refused = {"family": "wood", "refused": "phantom-not-found"}
+    refused = {"family": "wood", "refused": "phantom-not-seen"}
     row = families.table([line(), refused, line(error_mm=0.11), line(error_mm=0.11, rays_verdict="watch")])
     assert row.splitlines()[1].split()[:7] == ["wood", "4", "1", "100%", "0%", "0%", "1"]
 

@@ -134,12 +134,12 @@ def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted()
         for made in (
             Calibrated("a", views, "pass", ray_error_mm=0.004, bound_mm=0.02, scale_off_percent=0.05, **numbers),
             Calibrated("b", views, "pass", ray_error_mm=0.12, bound_mm=0.02, scale_off_percent=0.05, **numbers),
-            Calibrated("c", views, "phantom-not-found"),
+            Calibrated("c", views, "phantom-not-seen"),
         )
     ]
     table = calibration_table(results)
     assert table.splitlines()[2] == "| a " + "| `pass` | 0.0040, 0.020 | 0.05, 0.30 % " * 2 + "|"
-    assert table.splitlines()[4] == "| c " + "| refused, `phantom-not-found` |  |  " * 2 + "|"
+    assert table.splitlines()[4] == "| c " + "| refused, `phantom-not-seen` |  |  " * 2 + "|"
     figures = calibration_figures(results[:3])
     assert figures["calibrated"] == "2 of 3"
     assert figures["`pass`, and of these wrong"] == "2, 1"

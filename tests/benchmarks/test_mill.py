@@ -111,12 +111,12 @@ def test_a_bound_that_is_refuted_has_a_star():
 
 
 def test_the_table_counts_names_and_refusals():
-    refused = Outcome(2, "single", {"screws": 4.0}, effect_mm=0.3, refused="phantom-not-found")
+    refused = Outcome(2, "single", {"screws": 4.0}, effect_mm=0.3, refused="phantom-not-seen")
     unnamed = _outcome(number=3, adjustments=[])
     clean = _outcome(number=4, kind="clean", sizes={}, adjustments=[])
     text = table([_outcome(), refused, unnamed, clean])
     assert "single effects above 0.05 mm: 2, of which named 50.0%" in text
-    assert "1 x phantom-not-found" in text
+    assert "1 x phantom-not-seen" in text
     assert "100.0%" in next(line for line in text.splitlines() if line.startswith("clean"))
 
 

@@ -230,13 +230,13 @@ def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
     np.save(tmp_path / "noise.npy", noise)
     reported = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "7.5:15")
     assert reported["kind"] == "input"
-    assert reported["code"] == "phantom-not-found"
+    assert reported["code"] == "phantom-not-seen"
 
 
 def test_a_detector_that_no_scanner_has_is_refused(failure, tmp_path):
     np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
     reported = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
-    assert reported["code"] == "wrong-shape"
+    assert reported["code"] == "out-of-range"
     assert "num_detector_pixels is 4" in reported["detail"]
 
 
@@ -266,7 +266,7 @@ def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text
 def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
     (tmp_path / "l.png").write_text("no picture")
     reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
-    assert reported["code"] == "unknown-format"
+    assert reported["code"] == "picture-not-png"
 
 
 def test_refusals_are_one_sentence_for_people(run, bare_scan):

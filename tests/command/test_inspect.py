@@ -68,6 +68,13 @@ def test_our_own_scan_volume_and_calibration(inspect, run, phantom_scan, result_
     calibration = inspect(result_hdf5)
     assert calibration["own_kind"] == "calibration"
     assert "--calibration" in calibration["refusal"]["detail"]
+    with h5py.File(result_hdf5) as file:
+        document = json.loads(file["entry/calibration_json"][()]) | {"state": "succeeded"}
+    for identifier, known in (("c1", "c1"), ("../c1", None), (1, None)):
+        (tmp_path / "result.json").write_text(json.dumps(document | {"id": identifier}))
+        answer = inspect(tmp_path / "result.json")
+        assert (answer["own_kind"], answer["refusal"]["code"]) == ("calibration", "calibration-file")
+        assert answer["calibration_id"] == known
     volume = tmp_path / "volume.h5"
     known = ("--data", "line-integrals", "--calibration", result_hdf5, "--size", 16, "--rows", "0:1")
     run("reconstruct", phantom_scan, *known, "-o", volume)

@@ -1,11 +1,12 @@
 """Open alarms over HTTP, on the pages and in metrics."""
 
 from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import pytest
 
 from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
-from sawmill_service.scanner_conditions import SHOWN_SCANNERS
+from sawmill_service.scanner_conditions import SHOWN_SCANNERS, condition_of
 from sawmill_store.store import Store
 
 
@@ -37,6 +38,26 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     store.alarms.check()
     assert sentence not in seeded.get("/scanners/example").text
     assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 0.0' in seeded.get("/metrics").text
+
+
+def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seeded, store, later):
+    later.alarms.check()
+    path = "/v1/scanners/example/alarms/scanner-quiet/acknowledge"
+    ask = {"until": "2026-01-01T00:00:00Z", "reason": "maintenance"}
+    assert seeded.post(path, json=ask).json()["code"] == "acknowledgement-ended"
+    assert 'data-changes-at="' not in seeded.get("/").text
+    seeded.post("/operator/acknowledge/example/scanner-quiet", data={"reason": "Huolto", "zone": "Europe/Helsinki"})
+    (alarm,) = seeded.get("/v1/alarms").json()["alarms"]
+    assert alarm["acknowledged"]["reason"] == "Huolto"
+    until = datetime.fromisoformat(alarm["acknowledged"]["until"])
+    assert until.astimezone(ZoneInfo("Europe/Helsinki")).hour in {6, 14, 22}
+    for page in ("/", "/scanners/example"):
+        assert ": Huolto</strong>" in seeded.get(page).text
+    assert (condition_of(store, store.scanners.get("example")).state.alarms) == ()
+    assert f'data-changes-at="{until:%Y-%m-%dT%H:%M}' in seeded.get("/").text
+    wrong = seeded.post("/operator/acknowledge/example/scanner-quiet", data={"until": "noon"})
+    assert wrong.json()["detail"] == "until must be a time such as 14:00, not 'noon'"
+    assert "Acknowledged" in seeded.get("/scanners/example/history?kind=alarm").text
 
 
 def test_every_alarm_of_a_scanner_that_is_not_fine_is_on_the_first_page(seeded, store, later):

@@ -26,9 +26,9 @@ DATASET = {"what": "array", "flag": "--dataset", "field": "dataset", "why": "it 
 def inspect(store, worker):
     """The id of an inspection with this result, as a worker left it."""
 
-    def inspected(**changes):
+    def inspected(name="morning <1>.npz", **changes):
         received = store.files.receive([b"a scan"], max_bytes=100)
-        inspection = store.inspections.accept_file(InspectionOptions(), received, name="morning <1>.npz")
+        inspection = store.inspections.accept_file(InspectionOptions(), received, name=name)
         worker.finish_inspection(**changes)
         return inspection.id
 
@@ -219,9 +219,17 @@ def test_a_form_that_is_too_large_is_refused_as_such(seeded):
 
 
 def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
-    refusal = {"kind": "input", "code": "not-a-scan", "detail": "it is a picture and no scan"}
+    refusal = {"kind": "input", "code": "picture-file", "detail": "it is a picture and no scan"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
-    assert "it is a picture and no scan" in shown(page)
+    assert "This is a picture, not a scan" in shown(page)
+    refusal = {"kind": "input", "code": "calibration-file", "detail": "it is a calibration and no scan"}
+    for name, leads in (("calibration-example.h5", True), ("calibration-none.h5", False), ("result.h5", False)):
+        page = seeded.get(f"/calibrate?inspection={inspect(name, verdict='refused', refusal=refusal, reading=None)}")
+        assert ("/calibrate?calibration=example" in page.text) is leads
+    refusal = {"kind": "input", "code": "phantom-not-found", "detail": "as an earlier version called it"}
+    page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
+    assert "cannot be read as a scan" in shown(page)
+    assert "There is none with this id" not in shown(page)
     assert "Choose another file" in shown(page)
 
 
@@ -242,7 +250,7 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     failed(store, "scan-refused", "the scan was refused")
     page = seeded.get(started)
     assert "12 angles were given for 20 views" in shown(page)
-    assert "Write one angle for each view" in shown(page)
+    assert "one angle for each view" in shown(page)
     again = unescape(re.search(r'href="([^"]*)">Try again with other answers', page.text)[1])
     assert "calibration=" not in again
     asked_again = seeded.get(again)

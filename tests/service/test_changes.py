@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from example_requests import with_file
+from example_requests import add_what_is_decided, with_file
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_platform.contracts.keys import KeyAsk, Scope
@@ -22,6 +22,8 @@ FOLLOWED_BY = {
     "upload_scan": ("queued", "scan"),
     "upload_scan_form": ("queued", "scan"),
     "activate_calibration": ("calibration-rolled-back", "calibration"),
+    "discard_calibration": ("calibration-discarded", "calibration"),
+    "acknowledge_alarm": ("alarm-acknowledged", "scanner"),
     "cancel_job": ("cancelled", "calibration"),
     "ask_calibration": ("queued", "calibration"),
     "ask_drift": ("queued", "drift"),
@@ -78,6 +80,7 @@ def options_of(client, example):
 
 def test_every_request_that_changes_something_is_followed_by_an_event(changing, worker):
     store, examples = changing.app.state.store, changing_requests()
+    add_what_is_decided(store)
     another = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
     replace(worker, store=store).finish_calibration()
     store.calibrations.activate(another, "by hand")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from documented import check_documented
-from example_requests import with_file
+from example_requests import add_what_is_decided, with_file
 
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.http.document.openapi_document import write
@@ -25,6 +25,7 @@ def test_the_committed_example_request_works(seeded, store, path):
         options |= with_file(example, offered.content)
     elif example["media_type"]:
         options["json"] = example["body"]
+    add_what_is_decided(store)
     # A fresh data folder holds no key, one that nobody has would guard nothing, and no webhook, nor allows it one.
     key = store.keys.create(KeyAsk(name="example", scope=Scope.READ))
     asked = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")

@@ -50,7 +50,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
             fraction = 0.25 if known[1] is None else 0.5
             store.jobs.heartbeat(claims[0], Progress(fraction=fraction, stage="search", generation=3))
         elif known == ("running", 0.5):
-            failure = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here")
+            failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom here")
             store.jobs.fail(claims[0], failure)
 
     seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", work))
@@ -58,7 +58,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
     assert seen[-1] == ("end", "failed")
     states = [(job["state"], (job["progress"] or {}).get("fraction")) for _, job in seen[:-1]]
     assert [state for state in states if state[0] == "running"][-2:] == [("running", 0.25), ("running", 0.5)]
-    assert seen[-2][1]["failure"]["code"] == "phantom-not-found"
+    assert seen[-2][1]["failure"]["code"] == "phantom-not-seen"
 
 
 def test_the_stream_of_an_ended_job_ends_at_once(seeded):

@@ -131,9 +131,12 @@ def test_a_page_leads_to_the_login_and_from_there_on(browser):
     page = browser.get(asked.headers["Location"]).text
     assert 'value="/v1/calibrations/example/report.png?dpi=50"' in page
     assert log_in(browser, TOKEN, next=onward).headers["Location"] == onward
-    # A button that was pressed after the session's end: nothing was done, and the page comes back.
+    # A button that was pressed after the session's end: nothing was done, and its page comes back.
     del browser.headers["Cookie"]
-    assert browser.post("/operator/activate/example").headers["Location"] == "/login"
+    pressed = {"Referer": f"{ORIGIN}/calibrate?calibration=example"}
+    ended = browser.post("/operator/activate/example", headers=pressed).headers["Location"]
+    assert parse_qs(urlsplit(ended).query) == {"next": ["/calibrate?calibration=example"], "ended": ["true"]}
+    assert "Your session has ended; nothing was changed" in browser.get(ended).text
 
 
 @pytest.mark.parametrize(
@@ -234,7 +237,7 @@ def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
     answer = browser.post("/logout", data={"csrf": token_in(browser)})
     assert (answer.status_code, answer.headers["Location"]) == (303, "/login")
     assert answer.headers["Set-Cookie"].startswith(f'{NAME}=""; HttpOnly; Max-Age=0;')
-    assert browser.get("/").headers["Location"] == "/login?next=%2F"
+    assert browser.get("/").headers["Location"] == "/login?next=%2F&ended=true"
     went, came = store.audit.page(limit=2).items
     assert (came.action, went.action) == (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
     assert {entry.who for entry in (came, went)} == {key.name}

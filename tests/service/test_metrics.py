@@ -127,7 +127,7 @@ def test_a_log_that_shows_movement_turns_the_scanner_red(store, worker, scrape):
 def test_a_calibration_that_failed(store, worker, scrape, by):
     store.calibrations.accept(CalibrationAsk(scan_id="example"))
     if by == "failing":
-        fail(store, "phantom-not-found")
+        fail(store, "phantom-not-seen")
     else:
         worker.finish_calibration(verdict="fail", predicted_ray_error_mm=None)
     assert scrape("sawmill_scanner_calibration_failed", scanner="example") == 1

@@ -1,7 +1,9 @@
 """Kinds of problems: every code that the sources name has its page, and no page is of a code that none names."""
 
 import ast
+import re
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.http.problem_types import markdown_table, problem_types
+from sawmill_service.pages.frame.languages import texts
 from sawmill_service.settings import ServiceSettings
 
 ROOT = Path(__file__).parents[2]
@@ -126,13 +129,18 @@ def test_a_problem_leads_to_its_page(client):
 
 
 @pytest.mark.parametrize("language", ["en", "fi"])
-def test_a_page_for_people_has_the_frame_of_their_language(client, language):
-    headers = {"Accept": "text/html", "Accept-Language": language}
-    html = client.get("/problems/disk-full", headers=headers).text
-    assert f'<html lang="{language}"' in html
-    assert {"en": "What to do", "fi": "Mitä tehdä"}[language] in html
-    assert '<p lang="en">Make room' in html
-    listed = client.get("/problems/", headers=headers).text
+def test_each_end_of_a_job_has_a_page_for_technicians_in_their_language(client, language):
+    headers, text = {"Accept": "text/html", "Accept-Language": language}, texts(language)
+    for code in CODES:
+        kind, page = problem_types()[code], client.get(f"/problems/{code}", headers=headers)
+        content = unescape(page.text[page.text.index("<main") : page.text.index("</main>")])
+        assert page.status_code == 200, code
+        assert f'<html lang="{language}"' in page.text
+        for sentence in (kind.title, kind.when, kind.what_to_do):
+            assert text.gettext(sentence) in content, code
+        assert not re.search(r"HTTP|GET|POST|/v1/|request|`", content), code
+        assert language == "en" or 'lang="en"' not in content, code
+    listed = client.get("/problems", headers=headers, follow_redirects=True).text
     assert all(f'href="{kind.type}"' in listed for kind in problem_types().values())
 
 

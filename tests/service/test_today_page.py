@@ -12,7 +12,7 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_store.examples import SCANNER_NAMES
 from sawmill_vocabulary import DataKind
 
-FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows <0:4>")
+FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom in rows <0:4>")
 
 
 def comparison(*, within: bool = True, moved_mm: float = 0.05) -> dict:
@@ -139,6 +139,28 @@ def test_a_calibration_that_failed_since_is_shown_until_one_succeeds(seeded, sto
     assert word(rows(seeded)["example"]) == ("watch", "Last calibration failed")
     newest(comparison=comparison())
     assert word(rows(seeded)["example"]) == ("good", "Fine")
+
+
+def test_what_was_decided_colours_no_longer_and_what_was_rejected_is_not_called_unaccepted(
+    seeded, store, worker, newest
+):
+    rejected = newest(comparison=comparison(within=False, moved_mm=0.75))
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    store.jobs.fail(worker.claim(), FAILURE)
+    failed = store.overviews.read(scanner_id="example")[0].ended_id
+    seeded.post(f"/operator/discard/{failed}", data={"chosen": "Wrong file"})
+    assert word(rows(seeded)["example"]) == ("bad", "Out of tolerance"), "a discarded attempt hides no movement"
+    assert "Discarded by" in seeded.get(f"/calibrate?calibration={failed}").text
+    store.calibrations.activate(rejected, "by hand")
+    store.calibrations.activate("example", "the phantom had slipped")
+    row = rows(seeded)["example"]
+    assert word(row) == ("good", "Fine")
+    assert "is not accepted" not in row
+    unaccepted = newest(comparison=comparison(moved_mm=0.43))
+    assert "is not accepted" in rows(seeded)["example"]
+    assert seeded.post(f"/v1/calibrations/{unaccepted}/discard", json={"reason": "wrong phantom"}).status_code == 200
+    assert "is not accepted" not in rows(seeded)["example"]
+    assert "wrong phantom" in seeded.get("/scanners/example/history").text
 
 
 def test_a_passing_calibration_that_nobody_accepted_wants_a_review(seeded, worker, scanned):

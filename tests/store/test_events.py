@@ -78,7 +78,7 @@ def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock
     refused = upload(store)
     clock.advance(seconds=1)
     cancelled = upload(store)
-    failure = Failure(kind=FailureKind.INPUT, code="not-a-scan", detail="the file holds no stack")
+    failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file holds no stack")
     store.jobs.fail(store.jobs.claim("test"), failure)
     store.jobs.request_cancel(cancelled.job_id)
     store.scans.delete(refused.id)

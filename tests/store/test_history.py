@@ -47,7 +47,7 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock)
         store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
         finish(store, within_tolerance=False, reason="the turntable moved")
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="failing")
-        no_phantom = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom is seen")
+        no_phantom = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom is seen")
         store.jobs.fail(store.jobs.claim("test"), no_phantom)
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="stopped")
     running = store.jobs.claim("test")
@@ -98,8 +98,8 @@ def test_a_calibration_is_entered_with_what_it_says_and_measured(store, scanner)
     assert made.why.startswith("In 95 of 100 cases the rays are off by less than 0.040 mm")
     assert made.measured == store.measurements.page(scanner.id).items[0]
     assert (activated.kind, activated.who, activated.why) == ("activation", "ben", "checked by hand")
-    assert store.history.activation_of(scanner.id, "first") == activated
-    assert store.history.activation_of(scanner.id, "second") is None
+    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "first") == activated
+    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "second") is None
 
 
 @pytest.mark.dialect

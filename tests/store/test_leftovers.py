@@ -26,7 +26,7 @@ GRACE_S = 3600.0
 AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")
 FULL = sqlite3.OperationalError("database or disk is full")
 FULL.sqlite_errorcode = sqlite3.SQLITE_FULL
-INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here")
+INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom here")
 
 
 class Observer:

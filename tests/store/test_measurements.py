@@ -20,7 +20,7 @@ from sawmill_store.store import Store
 from sawmill_store.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
-FAILURE = '{"kind": "input", "code": "phantom-not-found", "detail": "no phantom"}'
+FAILURE = '{"kind": "input", "code": "phantom-not-seen", "detail": "no phantom"}'
 COMPARISON = {
     "calibration_id": "first",
     "ray_change_mm": 0.75,
@@ -72,7 +72,7 @@ def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
 def test_what_fails_measures_nothing(store, scanner, ready_scan):
     store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
     claim = store.jobs.claim("test")
-    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom"))
+    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom"))
     assert store.measurements.page(scanner.id).items == []
 
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from sawmill_contracts.scanner_drift import DriftFinding
-from sawmill_platform.contracts.base import Contract, Identifier, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Time
 
 
 class AlarmKind(StrEnum):
@@ -16,6 +16,14 @@ class AlarmKind(StrEnum):
     PHANTOM_EXPIRED = "phantom-expired"
     SCANNER_QUIET = "scanner-quiet"
     DRIFT = "drift"
+
+
+class Acknowledgement(Contract):
+    """Notice that a person took of an alarm: until its end the alarm is shown and asks for nothing."""
+
+    until: Time = Field(description="End of the acknowledgement, RFC 3339.", examples=["2026-03-16T14:00:00Z"])
+    by: str = Field(description="Name of the key of the person.", examples=["technician of line 2"])
+    reason: Name = Field(description="Reason.", examples=["maintenance"])
 
 
 class Alarm(Contract):
@@ -58,6 +66,9 @@ class Alarm(Contract):
 
     drift: DriftFinding | None = Field(
         None, description="Finding from the logs when the alarm was opened. Null: the alarm concerns no drift."
+    )
+    acknowledged: Acknowledgement | None = Field(
+        None, description="The last acknowledgement, which may have ended. Null: nobody acknowledged the alarm."
     )
 
 

@@ -18,6 +18,7 @@ class HistoryKind(StrEnum):
     CALIBRATION = "calibration"
     DRIFT_CHECK = "drift-check"
     ACTIVATION = "activation"
+    DISCARD = "discard"
     ALARM = "alarm"
     SETTINGS = "settings"
     SCHEDULE = "schedule"
@@ -31,8 +32,9 @@ class HistoryEntry(Contract):
     at: Time = Field(description="Time of the entry; for a calibration or a drift check, when its job ended.")
     kind: HistoryKind = Field(
         description="`calibration`, `drift-check`: a job that ended. `activation`: a calibration became the active "
-        "one. `alarm`: an alarm was opened or closed. `settings`: the scanner's description was changed. "
-        "`schedule`: a schedule was made, changed or deleted, or a due time was missed. `scan`: a scan was refused.",
+        "one. `discard`: a failed or unaccepted calibration was put aside. `alarm`: an alarm was opened, acknowledged "
+        "or closed. `settings`: the scanner's description was changed. `schedule`: a schedule was made, changed or "
+        "deleted, or a due time was missed. `scan`: a scan was refused.",
         examples=["calibration"],
     )
     what: EventKind = Field(

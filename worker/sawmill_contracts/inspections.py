@@ -163,6 +163,11 @@ class InspectionResult(Contract):
         "the file.",
         examples=["scan"],
     )
+    calibration_id: Identifier | None = Field(
+        None,
+        description="Id of the calibration whose answer, as JSON, the file is. Null: the file is none, or has no id.",
+        examples=[None],
+    )
     verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
     parts: list[FilePart] = Field(description="Parts of the file.")
     parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])

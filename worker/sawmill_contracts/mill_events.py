@@ -7,6 +7,9 @@ SCANNER_CHANGED = EventKind.register("scanner-changed", is_decision=True, topic=
 SCANNER_DELETED = EventKind.register("scanner-deleted", is_decision=True)
 CALIBRATION_ACTIVATED = EventKind.register("calibration-activated", is_decision=True, topic="activation")
 CALIBRATION_ROLLED_BACK = EventKind.register("calibration-rolled-back", is_decision=True, topic="activation")
+CALIBRATION_DISCARDED = EventKind.register(
+    "calibration-discarded", "a person put a failed or unaccepted calibration aside", is_decision=True, topic="discard"
+)
 SCAN_READY = EventKind.register("scan-ready")
 SCAN_REFUSED = EventKind.register("scan-refused", topic="scan")
 SCAN_DELETED = EventKind.register("scan-deleted", is_decision=True)
@@ -24,5 +27,8 @@ SCHEDULE_MISSED = EventKind.register(
 INSPECTION_DELETED = EventKind.register("inspection-deleted", is_decision=True)
 ALARM_OPENED = EventKind.register(
     "alarm-opened", "`detail` is the alarm, which `/v1/alarms` lists until `alarm-closed`", topic="alarm"
+)
+ALARM_ACKNOWLEDGED = EventKind.register(
+    "alarm-acknowledged", "a person took notice of an open alarm, `until` a time", is_decision=True, topic="alarm"
 )
 ALARM_CLOSED = EventKind.register("alarm-closed", topic="alarm")

@@ -48,10 +48,11 @@ class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot 
     Attributes
     ----------
     code : str
-        Stable, for programs: `empty-file`, `unknown-format`, `broken-file`, `truncated-file`, `too-large`,
-        `external-storage`, `linked-file-missing`, `unsupported-storage`, `dataset-missing`, `dataset-ambiguous`,
-        `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`, `angles-malformed`, `angles-repeated`,
-        `not-finite`, `out-of-range`, `no-signal`, `rows-missing`, `flats-missing`, `contradiction`, `unsafe-archive`.
+        Stable, for programs: `empty-file`, `picture-file`, `picture-not-png`, `unknown-format`, `broken-file`,
+        `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
+        `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`,
+        `angles-malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`,
+        `flats-missing`, `contradiction`, `unsafe-archive`.
     """
 
 

@@ -14,6 +14,7 @@ from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_vocabulary.texts import N_
 
+SHIFT_ENDS = (6, 14, 22)  # hours
 _NOT_YET = datetime.max.replace(tzinfo=UTC)
 # Another value of one of these makes an alarm another alarm.
 _REASONS = ("limit_hours", "phantom_id", "expired_on")
@@ -93,6 +94,17 @@ def alarm_changes(facts: ScannerFacts, open_alarms: Mapping[AlarmKind, Alarm], n
 def alarm_sentence(alarm: Alarm) -> str:
     """Return what is missing or was seen, in English."""
     return ALARMS[alarm.what].sentence(alarm)
+
+
+def is_acknowledged(alarm: Alarm, now: datetime) -> bool:
+    """Return whether somebody has taken notice of an alarm until later than now."""
+    return alarm.acknowledged is not None and now < alarm.acknowledged.until
+
+
+def shift_end(now: datetime) -> datetime:
+    """Return the end of the shift of a sawmill that works in three, in the time zone of `now`."""
+    ends = (now.replace(hour=hour, minute=0, second=0, microsecond=0) for hour in SHIFT_ENDS)
+    return min(end if end > now else end + timedelta(days=1) for end in ends)
 
 
 def _has_ended(alarm: Alarm, expected: Alarm) -> bool:

@@ -1,11 +1,14 @@
-"""Activations: the calibrations that a scanner has used, and the active one."""
+"""Decisions about calibrations: those that a scanner has used, the active one, and those that were discarded."""
 
 from datetime import datetime
+from typing import Any
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, func, select, text
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import mill_events
+from sawmill_contracts.history import HistoryKind
+from sawmill_platform.database.tables import IN_HISTORY, EventRow
 from sawmill_platform.ledger.events import announce
 from sawmill_store.tables import ActivationRow
 
@@ -47,3 +50,18 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
+
+
+def discard(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
+    """Put a calibration aside, with an entry in history and audit; do nothing where it was the last one put aside."""
+    if calibration_id == session.scalar(last_discarded(EventRow.subject_id, scanner_id)):
+        return
+    what, detail = mill_events.CALIBRATION_DISCARDED, {"reason": reason}
+    decided = {"scanner_id": scanner_id, **detail}
+    announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
+
+
+def last_discarded(column: InstrumentedAttribute[Any], scanner_id: ScannerId) -> Select[Any]:
+    """Select a column of the event by which a scanner's calibration was last discarded."""
+    mine = text(IN_HISTORY), EventRow.group_id == scanner_id, EventRow.topic == HistoryKind.DISCARD
+    return select(column).where(*mine).order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)

@@ -11,15 +11,17 @@ from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, 
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import job_kinds, mill_events
-from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.alarms import AlarmChange, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
+from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_platform.errors import Invalid, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_since
 from sawmill_store.tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
@@ -50,6 +52,28 @@ class Alarms:
             changing = {change.alarm.scanner_id for change in _changes(session, self._database.now())}
         return [change for scanner_id in sorted(changing) for change in self._bring_up_to_date(scanner_id)]
 
+    def acknowledge(self, scanner_id: str, what: AlarmKind, until: datetime, reason: str) -> Alarm:
+        """Take notice of an open alarm until a time.
+
+        Raises
+        ------
+        NotFound, Invalid
+            There is no such open alarm; the time has passed.
+        """
+        with self._database.write() as session:
+            row = session.get(AlarmRow, (scanner_id, what), with_for_update=True)
+            if row is None:
+                raise NotFound("alarm", f"{what} of scanner {scanner_id}")
+            now = self._database.now()
+            if until <= now:
+                raise Invalid("acknowledgement-ended", f"until must lie ahead, and {until.isoformat()} has passed")
+            notice = Acknowledgement(until=until, by=actor().name, reason=reason).model_dump(mode="json")
+            row.acknowledged = notice
+            detail = {"what": what, "until": notice["until"], "reason": reason}
+            kind, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
+            announce(session, now, kind, "scanner", scanner_id, group_id=scanner_id, detail=detail, decided=decided)
+            return read_alarm(row)
+
     def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
         with self._database.write() as session:
             # The lock makes a second process wait, which then finds the alarms that the first has written.
@@ -59,7 +83,7 @@ class Alarms:
             for what, alarm in changes:
                 if what is mill_events.ALARM_OPENED:
                     drift = None if alarm.drift is None else alarm.drift.model_dump(mode="json")
-                    session.add(AlarmRow(**alarm.model_dump(exclude={"drift"}), drift=drift))
+                    session.add(AlarmRow(**alarm.model_dump(exclude={"drift", "acknowledged"}), drift=drift))
                 else:
                     ended = AlarmRow.scanner_id == scanner_id, AlarmRow.what == alarm.what
                     session.execute(delete(AlarmRow).where(*ended))
@@ -75,7 +99,7 @@ def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
 
 
 def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) -> None:
-    detail = alarm.model_dump(mode="json", exclude={"scanner_id"}, exclude_none=True)
+    detail = alarm.model_dump(mode="json", exclude={"scanner_id", "acknowledged"}, exclude_none=True)
     announce(
         session,
         now,

@@ -7,7 +7,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
 from sawmill_platform.errors import Conflict
 from sawmill_platform.jobs.queue_limits import Places
-from sawmill_store.activations import activate
+from sawmill_store.activations import activate, active_calibration_id, discard
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners import read_scanner
@@ -43,4 +43,23 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
             scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
             hold(session, CalibrationRow, "calibration", row.id)
             activate(session, scanner.id, row.id, reason, self._database.now())
+            return read_scanner(session, scanner)
+
+    def discard(self, calibration_id: str, reason: str) -> StoredScanner:
+        """Put a failed or unaccepted calibration aside: it stays in the history, and its scanner is shown without it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such calibration; it has not ended, or it is in use.
+        """
+        with self._database.write() as session:
+            row = found(session, CalibrationRow, "calibration", calibration_id)
+            scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
+            if not row.job.state.ended:
+                raise Conflict("calibration-unfinished", f"calibration {row.id!r} is {row.job.state}: cancel its job")
+            if row.id == active_calibration_id(session, scanner.id):
+                msg = f"calibration {row.id!r} is in use: accept another one, or roll back to one"
+                raise Conflict("calibration-in-use", msg)
+            discard(session, scanner.id, row.id, reason, self._database.now())
             return read_scanner(session, scanner)

@@ -96,15 +96,11 @@ class Histories:
             rows = session.scalars(statement.order_by(EventRow.at, EventRow.number))
             return [_mark(row) for row in rows]
 
-    def activation_of(self, scanner_id: str, calibration_id: str) -> HistoryEntry | None:
-        """Return the newest activation of a calibration; None where the calibration was never active."""
-        activations = _entries(scanner_id, HistoryKind.ACTIVATION, None, None).where(
-            EventRow.subject_id == calibration_id
-        )
+    def newest(self, scanner_id: str, kind: HistoryKind, subject_id: str) -> HistoryEntry | None:
+        """Return the newest entry of a kind about a subject, as an activation of a calibration; None: there is none."""
+        entries = _entries(scanner_id, kind, None, None).where(EventRow.subject_id == subject_id)
         with self._database.read() as session:
-            row = session.execute(
-                activations.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)
-            ).one_or_none()
+            row = session.execute(entries.order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)).one_or_none()
             return None if row is None else _read(row)
 
     def _batches(self, statement: Select[Any]) -> Iterator[list[HistoryEntry]]:

@@ -406,3 +406,4 @@ class AlarmRow(Base):
     phantom_id: Mapped[str | None] = mapped_column(String(64))
     expired_on: Mapped[date | None]
     drift: Mapped[Json | None]
+    acknowledged: Mapped[Json | None]

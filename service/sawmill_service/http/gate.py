@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable
 from http import HTTPStatus
-from urllib.parse import urlencode
+from urllib.parse import urlencode, urlsplit
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
@@ -169,7 +169,7 @@ class Gate:
 def _refusal(scope: Scope, refused: Refused) -> Response:
     headers, unknown = Headers(scope=scope), refused.status_code == HTTPStatus.UNAUTHORIZED
     if unknown and is_navigation(headers):
-        return RedirectResponse(_login_before(scope), status_code=303)
+        return RedirectResponse(_login_before(scope, headers), status_code=303)
     answer = refusal_response(scope["path"], refused)
     for challenge in CHALLENGES if unknown else ():
         if challenge.startswith("Bearer") or not _is_browser(headers):
@@ -183,12 +183,14 @@ def _is_browser(headers: Headers) -> bool:
     return ours and "authorization" not in headers
 
 
-def _login_before(scope: Scope) -> str:
-    """Return the path of the login, with the page to show afterwards; a form is not sent again."""
-    if scope["method"] != "GET":
-        return LOGIN
-    query = scope["query_string"].decode("latin-1")
-    return f"{LOGIN}?{urlencode({'next': scope['path'] + (f'?{query}' if query else '')})}"
+def _login_before(scope: Scope, headers: Headers) -> str:
+    """Return the path of the login, with the page to show afterwards: that of the form where one was sent."""
+    path, query = scope["path"], scope["query_string"].decode("latin-1")
+    if of_form := scope["method"] != "GET":
+        page = urlsplit(headers.get("referer", ""))
+        path, query = page.path or "/", page.query
+    ended = {"ended": "true"} if of_form or NAME in headers.get("cookie", "") else {}
+    return f"{LOGIN}?{urlencode({'next': path + (f'?{query}' if query else ''), **ended})}"
 
 
 def _check_version(scope: Scope) -> None:

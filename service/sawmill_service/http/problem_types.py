@@ -4,11 +4,11 @@
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from pydantic import Field
 
@@ -70,6 +70,12 @@ def problem_types() -> Mapping[str, ProblemType]:
     """Return all kinds of problems, by code."""
     kinds = [kind for name in ("answers", "failures") for kind in _read(_TEXTS / f"{name}.toml")]
     return {kind.code: kind for kind in sorted(kinds, key=lambda kind: kind.code)}
+
+
+def failure_texts(file: IO[bytes], *_: object, **_options: object) -> Iterator[tuple[int, str, str, list[str]]]:
+    """Yield the texts of failures for the catalogues, as Babel takes them from an extractor."""
+    for entry in tomllib.loads(file.read().decode())["problem"]:
+        yield from ((1, "gettext", entry[name], []) for name in ("title", "when", "what_to_do"))
 
 
 def markdown_table() -> str:

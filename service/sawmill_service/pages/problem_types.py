@@ -3,6 +3,7 @@
 from typing import Annotated
 
 from fastapi import Path, Request, Response
+from fastapi.responses import RedirectResponse
 
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
@@ -23,6 +24,12 @@ def list_problem_types(request: Request, page: ThePage, response: Response) -> R
         return page.answer("problem_types.html", headers=_VARY, kinds=problem_types().values())
     response.headers.update(_VARY)
     return ProblemTypes(items=list(problem_types().values()))
+
+
+@router.get(PATH.rstrip("/"), needs=NoKey.AFTER_REFUSAL, include_in_schema=False)
+def lead_to_list() -> RedirectResponse:
+    """Lead to the list of the kinds of problems."""
+    return RedirectResponse(PATH, 308)
 
 
 @router.get(

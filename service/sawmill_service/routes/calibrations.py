@@ -36,6 +36,12 @@ class Activate(Given):
 BY_HAND = Activate()
 
 
+class Discard(Given):
+    """Reason for putting a calibration aside."""
+
+    reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["wrong file"])
+
+
 @router.get(
     "/{calibration_id}/report.png",
     response_class=Png,
@@ -119,6 +125,21 @@ def activate_calibration(
 ) -> StoredScanner:
     """Use the calibration from now on; an older one is a roll-back. Refused (409) where it has no answer."""
     return calibrations.activate(calibration_id, activate.reason)
+
+
+@router.post(
+    "/{calibration_id}/discard",
+    needs=Scope.ACTIVATE,
+    summary="Discard a failed or unaccepted calibration",
+    openapi_extra=trying(calibration_id="example-spare", body={"reason": "wrong file"}),
+    responses=refuses("calibration-not-found", "calibration-unfinished", "calibration-in-use"),
+)
+@repeatable
+def discard_calibration(
+    calibration_id: Identifier, calibrations: TheCalibrations, discard: Sent[Discard]
+) -> StoredScanner:
+    """Put it aside: its scanner is shown without it, and it stays stored. Refused (409) while it runs or is in use."""
+    return calibrations.discard(calibration_id, discard.reason)
 
 
 def _picture(

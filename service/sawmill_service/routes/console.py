@@ -1,7 +1,9 @@
-"""API console with its document and example file, and the buttons that accept and roll back."""
+"""API console with its document and example file, and the buttons that decide about calibrations and alarms."""
 
+from datetime import datetime, time, timedelta
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
@@ -9,15 +11,19 @@ from fastapi.staticfiles import StaticFiles
 from starlette.types import Receive, Send
 from starlette.types import Scope as RequestScope
 
+from sawmill_contracts.alarms import AlarmKind
+from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_service.dependencies import TheCalibrations, TheFiles
+from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheFiles
 from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import file, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.addresses import local_path
 from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.lists import check_zone
 
 STATIC = Path(__file__).parent.parent / "static"
 
@@ -73,6 +79,42 @@ def example_scan(request: Request, files: TheFiles) -> Response:
 @router.post("/operator/activate/{calibration_id}", needs=Scope.ACTIVATE)
 def accept_or_roll_back(calibration_id: Identifier, calibrations: TheCalibrations, typed: TheForm) -> RedirectResponse:
     """Activate a calibration, for the buttons that accept and roll back; the field `next` leads back to their page."""
-    reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]
-    calibrations.activate(calibration_id, reason or "by hand on a page")
+    calibrations.activate(calibration_id, _reason(typed))
+    return _back(typed)
+
+
+@router.post("/operator/discard/{calibration_id}", needs=Scope.ACTIVATE)
+def discard(calibration_id: Identifier, calibrations: TheCalibrations, typed: TheForm) -> RedirectResponse:
+    """Discard a calibration, for the button of pages."""
+    calibrations.discard(calibration_id, _reason(typed))
+    return _back(typed)
+
+
+@router.post("/operator/acknowledge/{scanner_id}/{what}", needs=Scope.ACTIVATE)
+def acknowledge(scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
+    """Acknowledge an alarm until an hour of the reader's clock, or until the end of the shift where none is given."""
+    zone, hour = check_zone(typed.get("zone", "")), typed.get("until", "")
+    now = datetime.now(ZoneInfo(zone)) if zone else datetime.now().astimezone()
+    until = _next_at(now, hour) if hour else shift_end(now)
+    alarms.acknowledge(scanner_id, what, until, _reason(typed))
+    return _back(typed)
+
+
+def _next_at(now: datetime, hour: str) -> datetime:
+    try:
+        at = time.fromisoformat(hour)
+    except ValueError as error:
+        raise Refused(422, "invalid-request", f"until must be a time such as 14:00, not {hour!r}") from error
+    until = datetime.combine(now.date(), at.replace(tzinfo=now.tzinfo))
+    return until if until > now else until + timedelta(days=1)
+
+
+def _reason(typed: dict[str, str]) -> str:
+    """Return the reason that was chosen, else the one that was typed."""
+    text = typed.get("chosen") or typed.get("reason", "")
+    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_REASON] or "by hand on a page"
+
+
+def _back(typed: dict[str, str]) -> RedirectResponse:
+    """Lead back to the page of the button."""
     return RedirectResponse(local_path(typed.get("next", "/")), status_code=303)

@@ -28,9 +28,9 @@ router = Router(include_in_schema=False)
 
 
 @router.get(LOGIN, needs=NoKey.LOGIN)
-def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/") -> Response:
+def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/", *, ended: bool = False) -> Response:
     """Show a field for the key, and a button."""
-    return page.answer("login.html", onward=local_path(onward), error="")
+    return page.answer("login.html", onward=local_path(onward), error="", ended=ended)
 
 
 @router.get(f"{LOGIN}/{{link}}", needs=NoKey.LOGIN)
@@ -53,7 +53,9 @@ async def log_in(
         holder = await access.holder(request.scope, secret_hash)
     except Refused as refused:
         error, headers = f"{refused.detail}.", dict(refused.headers or {})
-        return page.answer("login.html", status=refused.status_code, headers=headers, onward=onward, error=error)
+        return page.answer(
+            "login.html", status=refused.status_code, headers=headers, onward=onward, error=error, ended=False
+        )
     if holder is None:
         error = page.text.gettext(
             "This key opens nothing here: it is not one of this service, or it was revoked or has expired."
@@ -61,7 +63,7 @@ async def log_in(
         if link is not None:
             error = page.text.gettext("This link was used already, or is older than ten minutes: make a new one.")
         challenge = {"WWW-Authenticate": CHALLENGES[1]}
-        return page.answer("login.html", status=401, headers=challenge, onward=onward, error=error)
+        return page.answer("login.html", status=401, headers=challenge, onward=onward, error=error, ended=False)
     request.state.caller = holder
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):

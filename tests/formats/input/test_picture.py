@@ -54,7 +54,7 @@ def test_other_pictures_are_refused(tmp_path):
     Image.fromarray(GREY).save(tmp_path / "picture.png", format="JPEG")
     with pytest.raises(UnreadableScan, match="not a PNG file") as refusal:
         read_picture(tmp_path / "picture.png")
-    assert refusal.value.code == "unknown-format"
+    assert refusal.value.code == "picture-not-png"
 
 
 @pytest.mark.parametrize("keep", [8, 20, 40, -60])

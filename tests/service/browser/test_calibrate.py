@@ -69,7 +69,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     # A file that is no scan, dropped anywhere on the page, once its script listens.
     page.wait_for_load_state("load")
     page.evaluate(DROP, "Dear editor, " * 100)
-    expect(page.get_by_role("heading", name="letter.txt cannot be read as a scan")).to_be_visible()
+    expect(page.get_by_role("heading", name="The file is no scan that the service can read")).to_be_visible()
     looks_right(page, "refused")
     page.get_by_role("link", name="Choose another file").click()
 
@@ -107,6 +107,8 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.get_by_label(re.compile("l-shape", re.IGNORECASE)).check()
     looks_right(page, "questions")
     page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="The angles cannot be read")).to_be_visible()
+    page.get_by_text("Details", exact=True).click()
     expect(page.get_by_text("an angle must be a number of degrees, not 'six'")).to_be_visible()
     looks_right(page, "failed")
 
@@ -137,6 +139,20 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     active = scanner["active_calibration_id"]
     assert active is not None
     assert f"calibration={active}" in page.url
+
+    # Files that are no scans, in Finnish: a photo, and the result that was just made, which is opened instead.
+    result = service.get(f"/v1/calibrations/{active}").content
+    for name, content, sentence in [
+        ("kuva.jpg", b"\xff\xd8\xff\xe0\x00\x10JFIF", "Tämä on kuva eikä skannaus"),
+        ("tulos.json", result, "Tämä on kalibrointi eikä skannaus"),
+    ]:
+        page.goto("/look?language=fi&next=/calibrate")
+        sent = {"name": name, "mimeType": "", "buffer": content}
+        page.get_by_label("Valitse mallikappaleen skannaus").set_input_files(sent)
+        expect(page.get_by_role("heading", name=sentence)).to_be_visible()
+        looks_right(page, name.partition(".")[0])
+    page.get_by_role("link", name="Avaa tämä kalibrointi").click()
+    expect(page.get_by_role("heading", name="Tämä kalibrointi on käytössä")).to_be_visible()
 
 
 @pytest.mark.usefixtures("seeded")

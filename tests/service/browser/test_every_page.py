@@ -10,6 +10,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
+    "failure": "/problems/phantom-not-seen",
     "today": "/",
     "kiosk": "/?kiosk",
     "calibrate": "/calibrate?scanner=example",

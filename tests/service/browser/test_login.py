@@ -1,9 +1,10 @@
 """A login in a browser: what it opens, and until when."""
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
@@ -65,3 +66,58 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
     expect(page.get_by_label("Key", exact=True)).to_be_visible()
     page.go_back()
     expect(page.get_by_label("Key", exact=True)).to_be_visible()
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
+def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, store, worker, newer):
+    anna, bert = (store.keys.create(KeyAsk(name=name, scope=Scope.ACTIVATE)) for name in ("Anna", "Bert"))
+    result = f"/calibrate?calibration={newer}"
+    hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
+    log_in(hers, "Key", anna.secret)
+    log_in(his, "Avain", bert.secret)
+
+    # He is about to discard it when his session ends: nothing is changed, and his reason is still there.
+    his.get_by_text("Hylkää", exact=True).click()
+    his.get_by_label("Muu syy:").check()
+    his.get_by_label("Muu syy", exact=True).fill("tukki heilui")
+    store.keys.revoke(bert.id)
+    his.get_by_role("button", name="Kyllä, hylkää").click()
+    expect(his.get_by_role("status")).to_have_text(
+        "Istuntosi on päättynyt; mitään ei muutettu. Kirjaudu ja jatka tästä."
+    )
+    log_in(his, "Avain", TOKEN)
+    expect(his.get_by_label("Muu syy", exact=True)).to_have_value("tukki heilui")
+    expect(his.get_by_label("Muu syy:")).to_be_checked()
+
+    # She accepts it: his page follows, and names her. A second click would have changed nothing.
+    hers.get_by_role("button", name="Accept").click()
+    expect(hers.get_by_role("heading", name="This calibration is in use")).to_be_visible()
+    expect(his.get_by_role("heading", name="Tämä kalibrointi on käytössä")).to_be_visible()
+    expect(his.get_by_text("Hyväksyjä: Anna")).to_be_visible()
+    hers.goto("/scanners/example")
+    expect(hers.get_by_role("heading", name="Calibration in use")).to_be_visible()
+    waiting = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    worker.finish_calibration()
+    hers.reload()
+    expect(hers.get_by_role("button", name="Accept this calibration")).to_be_visible()
+    store.calibrations.discard(waiting, "by another person")
+    expect(hers.get_by_role("button", name="Accept this calibration")).to_have_count(0)
+    number = store.events.newest_number()
+    store.calibrations.activate(newer, "a second click")
+    assert store.events.newest_number() == number
+
+    # A file that is dropped after the session's end is answered in her language, with the way back.
+    hers.goto("/calibrate?scanner=example")
+    hers.get_by_label("Choose the phantom's scan").set_input_files({"name": "a.h5", "mimeType": "", "buffer": b""})
+    expect(hers.get_by_role("alert")).to_have_text("a.h5 is empty. Was the export finished?")
+    store.keys.revoke(anna.id)
+    hers.get_by_label("Choose the phantom's scan").set_input_files({"name": "a.h5", "mimeType": "", "buffer": b"1"})
+    expect(hers.get_by_role("alert")).to_contain_text("Your session has ended; nothing was changed.")
+    hers.get_by_role("main").get_by_role("link", name="Log in").click()
+    log_in(hers, "Key", TOKEN)
+    expect(hers).to_have_url(f"{site.address}/calibrate?scanner=example")
+
+
+def log_in(page: Page, label: str, secret: str) -> None:
+    page.get_by_label(label, exact=True).fill(secret)
+    page.keyboard.press("Enter")

@@ -1,14 +1,19 @@
 """Today on a tablet: it follows the service, says when it hears nothing, and a display on the wall does so too."""
 
+from datetime import timedelta
+from zoneinfo import ZoneInfo
+
 import pytest
 from page_checks import shot
 from playwright.sync_api import Page, expect
 
+from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.tables import AlarmRow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved 0.81 mm: look at the turntable"}
@@ -102,6 +107,26 @@ def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
     expect(page.locator("#scanners").locator("#scanner-example")).to_contain_text("Out of tolerance")
     expect(page.locator("#folded")).to_be_hidden()
     expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
+
+
+def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(site, store):
+    with store.database.write() as session:
+        session.add(AlarmRow(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=store.now()))
+    page = site.open("/scanners/example", locale="fi-FI", timezone_id="Asia/Tokyo")
+    expect(page.get_by_role("heading", name="Tarkkaile")).to_be_visible()
+    page.get_by_text("Kuittaa hälytys").click()
+    page.get_by_role("button", name="Kuittaa", exact=True).click()
+    expect(page.get_by_role("heading", name="Kunnossa")).to_be_visible()
+    expect(page.get_by_text("Kuitattu").first).to_contain_text("Huolto")
+    (alarm,) = store.alarms.open()
+    assert alarm.acknowledged.until.astimezone(ZoneInfo("Asia/Tokyo")).hour in {6, 14, 22}
+
+    store.alarms.acknowledge("example", AlarmKind.NO_PHANTOM_SCAN, store.now() + timedelta(seconds=4), "huolto")
+    page.goto("/")
+    example = page.locator("#scanner-example")
+    expect(example).to_contain_text("Kuitattu")
+    expect(example).to_contain_text("Tarkkaile")
+    expect(example).not_to_contain_text("Kuitattu")
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])

@@ -94,4 +94,4 @@ def test_another_built_in_drawing_that_explains_the_scan_is_named():
     sentence = "the built-in drawing 'rectangle-with-hole' explains the scan: was that phantom scanned"
     with pytest.raises(CalibrationError, match=sentence) as refusal:
         calibrate(task(angles, angles, shown=RECTANGLE_WITH_HOLE))
-    assert refusal.value.code == "phantom-not-found"
+    assert refusal.value.code == "phantom-not-seen"

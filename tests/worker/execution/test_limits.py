@@ -82,7 +82,7 @@ def test_a_job_whose_phantom_was_deleted_meanwhile_is_refused(store, start):
     store.phantoms.delete(phantom.id)
     assert start().run_next() is JobState.FAILED
     failure = store.jobs.get(plan.job_id).failure
-    assert (failure.kind, failure.code) == (FailureKind.INPUT, "phantom-not-found")
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "phantom-deleted")
 
 
 TOO_MUCH = (

@@ -49,7 +49,7 @@ def test_another_detectors_upload_is_refused(upload, attempt):
     upload(np.ones((6, 1, 100)), "0:60")
     with pytest.raises(JobFailure, match=r"100 detector cells .* num_detector_pixels 128") as failure:
         run(attempt(job_kinds.INGEST))
-    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "wrong-shape")
+    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "other-detector")
 
 
 def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):

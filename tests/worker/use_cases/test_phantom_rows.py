@@ -86,4 +86,4 @@ def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):
     assert _in_phantom_rows(given(log), log, CalibrationOptions(), lambda _: None) is None
     with pytest.raises(CalibrationError) as caught:
         run_calibration(given(log), CalibrationOptions(), lambda _: None, stack=log)
-    assert caught.value.code == "phantom-not-found"
+    assert caught.value.code == "phantom-not-seen"

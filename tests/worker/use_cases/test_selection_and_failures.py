@@ -49,7 +49,7 @@ def test_more_views_than_there_are_are_refused():
     ("error", "code"),
     [
         (UnreadableScan("empty-file", "the file is empty"), "empty-file"),
-        (CalibrationError("phantom-not-found", "no phantom"), "phantom-not-found"),
+        (CalibrationError("phantom-not-seen", "no phantom"), "phantom-not-seen"),
         (GeometryError("no geometry"), "geometry"),
         (PhantomError("no phantom"), "phantom"),
         (CountsError("no counts"), "counts"),

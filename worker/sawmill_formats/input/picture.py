@@ -39,7 +39,7 @@ def read_picture(path: Path, free_bytes: int | None = None) -> NDArray[np.float3
         The file is no PNG, is damaged, or has more pixels than are read or fit into the memory.
     """
     if not is_picture(path):
-        raise UnreadableScan("unknown-format", "the phantom's picture is not a PNG file; export it as one")
+        raise UnreadableScan("picture-not-png", "the phantom's picture is not a PNG file; export it as one")
     with opened_picture(path) as picture:
         _check_memory(*picture.size, free_bytes)
         return np.asarray(_grey(picture), np.float32)

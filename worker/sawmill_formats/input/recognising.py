@@ -50,6 +50,8 @@ _BY_FIRST_BYTES = (
     (b"MM\0+", TIFF),
 )
 
+_PICTURES = ((b"\x89PNG\r\n\x1a\n", "PNG"), (b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"))
+
 
 def recognise(path: Path) -> Format:
     """Recognise the format of a file or a folder; an upload is never a folder.
@@ -57,7 +59,7 @@ def recognise(path: Path) -> Format:
     Raises
     ------
     UnreadableScan
-        `empty-file` or `unknown-format`.
+        `empty-file`, `picture-file` or `unknown-format`.
     """
     if path.is_dir():
         return FOLDER
@@ -73,6 +75,9 @@ def recognise(path: Path) -> Format:
     for first_bytes, file_format in _BY_FIRST_BYTES:
         if head.startswith(first_bytes):
             return file_format
+    for first_bytes, name in _PICTURES:
+        if head.startswith(first_bytes):
+            raise UnreadableScan("picture-file", f"the file is a {name} picture and no scan; give the scanner's file")
     raise UnreadableScan(
         "unknown-format",
         f"the file, which begins with {head[:BYTES_SHOWN]!r}, is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of "

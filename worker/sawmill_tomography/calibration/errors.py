@@ -7,8 +7,8 @@ class CalibrationError(Exception):
     Attributes
     ----------
     code : str
-        Stable code for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
-        phantom-outside-field, phantom-not-found.
+        Stable code for programs: other-detector, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
+        phantom-outside-field, phantom-not-seen.
     """
 
     def __init__(self, code: str, message: str) -> None:

@@ -34,7 +34,7 @@ def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArr
     """Refuse data that do not belong together, or show nothing."""
     if sinogram.ndim != 2 or sinogram.shape[1] != scanner.num_detector_pixels:
         raise CalibrationError(
-            "wrong-shape",
+            "other-detector",
             f"the sinogram has shape {sinogram.shape}, but the scanner has {scanner.num_detector_pixels} "
             "detector cells: it must be (views, detector)",
         )
@@ -83,7 +83,7 @@ def refuse_unfound(
             f"the built-in drawing {other!r} explains the scan: was that phantom scanned? If not, " if other else ""
         )
         raise CalibrationError(
-            "phantom-not-found",
+            "phantom-not-seen",
             f"the phantom {phantom.name!r} was not found: the best geometry leaves {unexplained:.0%} of the "
             f"sinogram unexplained; {scanned}check that the scan (and its rows) shows this phantom, its size, the "
             "angles and the scanner's constants",
@@ -97,7 +97,7 @@ def refuse_other_scanner(scanner: Scanner, source_distance_mm: float) -> None:
     """
     if not NEAREST < source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
         raise CalibrationError(
-            "phantom-not-found",
+            "phantom-not-seen",
             f"the best geometry puts the source at {source_distance_mm:.4g} mm where source_to_cor_mm is "
             f"{scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size (in mm), and the handedness "
             "and rotation if they were given",

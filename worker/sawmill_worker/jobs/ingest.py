@@ -64,7 +64,7 @@ def needs(_: MillAttempt) -> Needs:
 def _check_detector(read: CanonicalScan, cells: int) -> None:
     if read.shape[2] != cells:
         raise refused(
-            "wrong-shape",
+            "other-detector",
             f"the file has {read.shape[2]} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
             f"num_detector_pixels {cells}",
         )

@@ -7,6 +7,7 @@ result; with `scan` it asks about a scan that was sent before. In addition to ot
 scanner or phantom is made for the file.
 """
 
+import re
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from pydantic import ValidationError
 
 from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
@@ -30,7 +32,7 @@ from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.responses.answers import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import LAST_SCANS, questions_of, usable_phantoms
-from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.calibrate.calibrate_words import changes_of, headline, parameters_of, stages
 from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardAddress, WizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
@@ -205,11 +207,19 @@ def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspecti
     result = inspection.result
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
-        return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
+        held = _held_calibration(store, inspection)
+        return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure, held=held)
     addressed = {name: getattr(where, parameter) or "" for name, parameter in ASKED.items()}
     earlier = {} if where.scan is None else _earlier(store.scans, where.scan)
     answers = earlier | {name: value for name, value in addressed.items() if value}
     return _asked(page, store, where, inspection, answers, status=200)
+
+
+def _held_calibration(store: Store, inspection: Inspection) -> str | None:
+    """Return the id of the stored calibration that the file was downloaded from; an HDF5 file has it in its name."""
+    named = re.match(r"calibration-([a-z0-9][a-z0-9-]{0,63})", inspection.options.name)
+    identifier = (inspection.result and inspection.result.calibration_id) or (named and named[1])
+    return identifier if identifier and store.calibrations.several([identifier]) else None
 
 
 def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, *problems: str) -> HTMLResponse:
@@ -230,13 +240,18 @@ def _of_scan(page: PageFrame, store: Store, where: WizardAddress, scan_id: str, 
 def _of_calibration(
     page: PageFrame, store: Store, where: WizardAddress, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
+    number = store.events.reader().number
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
+    discarded = store.history.newest(scanner.id, HistoryKind.DISCARD, calibration.id)
     if isinstance(calibration, CalibrationSucceeded):
         phantom, guessed = _outlined(store.files, calibration.id)
         return page.answer(
             "calibrate_result.html",
             where=where,
             calibration=calibration,
+            number=number,
+            activation=store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id),
+            discarded=discarded,
             scanner=scanner,
             scan=scan,
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
@@ -263,9 +278,9 @@ def _of_calibration(
         where=where,
         scanner=scanner,
         cancelled=calibration.state == "cancelled",
+        discarded=discarded,
         unread=unread is not None,
         failure=failure,
-        advice=advice_for(page, failure, unread=unread is not None),
         again=_again(store.files, where, scan),
     )
 

@@ -1,12 +1,10 @@
-"""Words of `/calibrate`: the quality of the result, the changes, and what to do about a failure."""
+"""Words of `/calibrate`: the quality of the result, and the changes."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sawmill_contracts.calibrations import Comparison, FoundGeometry, Judged
-from sawmill_contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
-from sawmill_platform.contracts.jobs import Failure
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame
 
@@ -21,21 +19,6 @@ STAGES = {
     "result": marked("Writing the result"),
     "store": marked("Writing the result"),
 }
-_EXPORT = marked("Export the scan again and send the new file.")
-_PHANTOM = marked("Choose the phantom that was scanned. Is it whole in the beam, with nothing else? Then scan again.")
-_ADVICE = {
-    "angles-malformed": marked("Write the angles as the sentence shows, and try again."),
-    "angles-mismatch": marked("Write one angle for each view, or the first angle and the step, and try again."),
-    "calibration": _PHANTOM,
-    "counts": marked("Answer the question about the numbers in the other way, and try again."),
-    "phantom": _PHANTOM,
-    "phantom-not-found": _PHANTOM,
-    "phantom-outside-field": _PHANTOM,
-    "wrong-shape": marked("Choose the scanner that made this scan, or correct its number of detector cells."),
-}
-_OURS = marked("This is no fault of yours. Try again; if it stays, tell whoever looks after the service.")
-_LARGE = marked("Send a smaller file, with fewer rows or views.")
-_OTHER = marked("Try again with other answers. If that does not help, scan the phantom again.")
 
 
 @dataclass(frozen=True)
@@ -77,16 +60,6 @@ def headline(page: PageFrame, judged: Judged, *, active: bool) -> Headline:
     if judged.verdict == "pass":
         return Headline("good", _("The calibration is good"), _("Accept it to use it."))
     return Headline("watch", _("Look before you accept"), _("Read what is not certain, then decide."))
-
-
-def advice_for(page: PageFrame, failure: Failure | None, *, unread: bool) -> str:
-    """Return what to do about a calibration without an answer or, with `unread`, a scan that could not be read."""
-    code = "" if failure is None else failure.code
-    if code in DEFECTS | LOSSES | OUTAGES:
-        return page.text.gettext(_OURS)
-    if code in LIMITS:
-        return page.text.gettext(_LARGE)
-    return page.text.gettext(_ADVICE.get(code, _EXPORT if unread else _OTHER))
 
 
 def changes_of(page: PageFrame, compared: Comparison | None) -> list[Row]:

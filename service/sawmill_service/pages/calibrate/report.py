@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
-from sawmill_contracts.history import HistoryEntry
+from sawmill_contracts.history import HistoryEntry, HistoryKind
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
@@ -43,7 +43,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
     from sawmill_worker.pictures.report_page import About
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
-    activation = store.history.activation_of(scanner.id, calibration.id)
+    activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
     return About(
         calibration_id=calibration.id,
         made_at=calibration.created_at.astimezone(),

@@ -9,6 +9,7 @@ from jinja2 import Environment
 
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
+from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.pages.frame.formats import Formats
 from sawmill_service.pages.frame.languages import (
@@ -121,5 +122,6 @@ def templates(language: str = ENGLISH) -> Environment:
     text, formats = texts(language), formats_of(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
+    environment.globals["failures"] = {code: kind for code, kind in problem_types().items() if kind.failure}
     environment.globals["two_questions"] = shown_questions(text, formats)
     return environment

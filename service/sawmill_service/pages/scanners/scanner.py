@@ -145,6 +145,7 @@ def _answer(
     form: ScannerForm | None = None,
     schedule: ScheduleForm | None = None,
 ) -> HTMLResponse:
+    number = store.events.reader().number
     condition, now = condition_of(store, stored), datetime.now(UTC)
     history = store.history.page(stored.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
     span = span_of(days, now)
@@ -157,6 +158,7 @@ def _answer(
         "scanner.html",
         status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
         scanner=stored,
+        number=number,
         condition=condition,
         alarms=ALARMS,
         active=active,

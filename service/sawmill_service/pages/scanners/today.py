@@ -88,12 +88,16 @@ class ScannerLine:
 
 @dataclass(frozen=True)
 class Board:
-    """Part of the page that changes: all scanners, the worst first, at a time; `kiosk` is for a display on the wall."""
+    """Part of the page that changes: all scanners, the worst first, at a time; `kiosk` is for a display on the wall.
+
+    At `changes_at` the first acknowledgement of an alarm ends, which no event tells.
+    """
 
     rows: Sequence[ScannerLine]
     title: str
     headline: str
     now: datetime
+    changes_at: datetime | None
     kiosk: bool
 
     @property
@@ -161,11 +165,18 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     needy = [row.condition.state.standing.tone for row in rows if row.needs_somebody]
     red, others = needy.count("bad"), len(needy) - needy.count("bad")
     fine = sum(not row.example for row in rows) - len(needy)
+    ends = [
+        alarm.acknowledged.until
+        for row in rows
+        for alarm in row.condition.alarms
+        if alarm.acknowledged is not None and alarm.what in row.condition.acknowledged
+    ]
     return Board(
         rows=sorted((row for row in rows if not (kiosk and row.example)), key=lambda row: row.rank),
         title=_title(page.text, red, others),
         headline=_headline(page.text, fine, red, others),
         now=now,
+        changes_at=min(ends, default=None),
         kiosk=kiosk,
     )
 

@@ -4,12 +4,12 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import Depends, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheAudit, TheKeys, TheSettings, TheStore
+from sawmill_service.dependencies import TheAudit, TheSettings, TheStore
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
@@ -40,6 +40,8 @@ STATES = {
 ACTIONS = {
     mill_events.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
     mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
+    mill_events.CALIBRATION_DISCARDED: marked("discarded the calibration"),
+    mill_events.ALARM_ACKNOWLEDGED: marked("acknowledged an alarm of the scanner"),
     mill_events.SCANNER_CREATED: marked("added the scanner"),
     mill_events.SCANNER_CHANGED: marked("changed the scanner"),
     mill_events.SCANNER_DELETED: marked("deleted the scanner"),
@@ -92,10 +94,10 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
     )
 
 
-@router.get(f"{SYSTEM}/keys", needs=Scope.ADMIN)
-def keys(page: ThePage, keys: TheKeys) -> HTMLResponse:
-    """Return the part of the page with the keys, for when a key was made or has ended."""
-    return page.answer("system_keys.html", keys=keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
+@router.get(f"{SYSTEM}/keys")
+def keys() -> RedirectResponse:
+    """Lead to the page's part with the keys."""
+    return RedirectResponse(f"{SYSTEM}#keys")
 
 
 @router.get("/audit", needs=Scope.ADMIN)

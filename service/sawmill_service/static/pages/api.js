@@ -3,7 +3,7 @@ const token = document.querySelector('meta[name="csrf-token"]')?.content;
 
 export class Problem extends Error {
   constructor(problem, status) {
-    super(problem?.detail ?? (status ? `status ${status}` : document.body.dataset.unreachable));
+    super(status === 401 ? document.body.dataset.ended : problem?.detail ?? (status ? `status ${status}` : document.body.dataset.unreachable));
     this.code = problem?.code ?? "unreachable";
     this.status = status;
     this.errors = problem?.errors ?? [];

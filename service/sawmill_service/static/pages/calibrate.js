@@ -41,6 +41,10 @@ function takeFiles(step) {
 
   async function send(file) {
     show(problem, "");
+    if (file.size === 0) {
+      show(problem, filled(words.empty, { name: file.name }));
+      return;
+    }
     if (file.size > Number(words.maxBytes)) {
       const most = bytes(Number(words.maxBytes));
       show(problem, filled(words.tooLarge, { name: file.name, size: bytes(file.size), most }));
@@ -67,6 +71,7 @@ function takeFiles(step) {
     } catch (error) {
       const unreachable = error.code === "unreachable";
       show(problem, error.name === "AbortError" ? words.cancelled : unreachable ? words.unreachable : error.message);
+      step.querySelector("#login").hidden = error.status !== 401;
       drop.hidden = false;
       sending.hidden = true;
       input.value = "";

@@ -7,9 +7,10 @@ const secret = document.querySelector("#secret");
 const refused = document.querySelector("#refused");
 
 async function showKeys() {
-  const answer = await fetch(keys.dataset.source);
+  const answer = await fetch("/system");
   if (answer.ok) {
-    keys.innerHTML = await answer.text();
+    const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+    keys.innerHTML = page.querySelector("#keys").innerHTML;
     showTimes(keys);
   }
 }

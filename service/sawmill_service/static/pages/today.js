@@ -19,6 +19,7 @@ let fetching; // the rows: one request at a time, so that older ones never come 
 let wanted = false; // once more, for something happened since
 let stale = false; // until the rows have come again
 let reconnecting;
+let changing; // the end of the next acknowledgement, which no event tells
 const known = new Map([...page.querySelectorAll(".scanner")].map((row) => [row.id, row.outerHTML]));
 
 function hear(event) {
@@ -98,6 +99,7 @@ async function fetchRows() {
 // Only what differs is replaced, so that what has the focus keeps it and nothing moves without need.
 function show(rows) {
   document.title = rows.dataset.title;
+  expect(rows);
   for (const id of ["headline", "as-of"]) {
     const [old, now] = [page.querySelector(`#${id}`), rows.querySelector(`#${id}`)];
     if (id === "as-of" || old.textContent !== now.textContent) {
@@ -153,6 +155,14 @@ function find() {
   }
 }
 
+function expect(rows) {
+  clearTimeout(changing);
+  if (rows.dataset.changesAt) {
+    const wait = new Date(rows.dataset.changesAt) - Date.now() + TOGETHER_MS;
+    changing = setTimeout(update, Math.min(Math.max(wait, AGAIN_MS), 2 ** 31 - 1)); // longer waits end at once
+  }
+}
+
 function where(element) {
   const row = element?.closest(".scanner");
   return row && { row: row.id, part: element.closest(".act") ? ".act a" : "h2 a" };
@@ -204,4 +214,5 @@ for (const change of ["online", "offline"]) {
   window.addEventListener(change, showSilence);
 }
 setInterval(showSilence, Math.min(1000, LOST_MS / 4));
+expect(page.querySelector("#rows"));
 look();

@@ -331,6 +331,7 @@ def _create_tables_of_alarms() -> None:
         "alarms",
         *_needed(scanner_id=_ID, what=_EVENT, since=_MOMENT),
         *_perhaps(last_at=_MOMENT, limit_hours=_REAL, phantom_id=_ID, expired_on=sa.Date(), drift=_JSON),
+        *_perhaps(acknowledged=_JSON),
         sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_alarms_scanner_id", ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("scanner_id", "what", name="pk_alarms"),
     )

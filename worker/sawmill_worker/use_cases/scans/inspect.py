@@ -1,11 +1,12 @@
 """Inspection of a file: contents, the part that would be read as a scan, and missing data; nothing is converted."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from sawmill_contracts.inspections import (
     PICTURE_PX,
@@ -28,9 +29,12 @@ from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
 from sawmill_formats.input.recognising import Format, recognise
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import DataKind
 from sawmill_worker.pictures.arrays import small_square
+from sawmill_worker.use_cases.calibration.result_file import read_saved_calibration
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.scans.scan_source import links_offered
 
@@ -38,14 +42,19 @@ from sawmill_worker.use_cases.scans.scan_source import links_offered
 MOST_PARTS = 2_000
 # Most bytes of the projections that are read for a picture.
 MOST_READ_BYTES = 2**28
-NO_SCAN = {
-    OwnKind.VOLUME: "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
-    OwnKind.CALIBRATION: "it is a calibration and no scan",
-}
-GIVEN_ELSEWHERE = {OwnKind.CALIBRATION: "give it as --calibration"}
 PNG = "PNG"
-PICTURE = "it is a picture and no scan"
-PICTURE_GIVEN = "a phantom's drawing is given as --phantom, with --phantom-width-mm"
+NO_SCAN: Mapping[OwnKind | str, tuple[str, str]] = {
+    OwnKind.VOLUME: (
+        "volume-file",
+        "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
+    ),
+    OwnKind.CALIBRATION: ("calibration-file", "it is a calibration and no scan"),
+    PNG: ("picture-file", "it is a picture and no scan"),
+}
+GIVEN_ELSEWHERE: Mapping[OwnKind | str, str] = {
+    OwnKind.CALIBRATION: "give it as --calibration",
+    PNG: "a phantom's drawing is given as --phantom, with --phantom-width-mm",
+}
 
 
 @dataclass(frozen=True)
@@ -99,13 +108,17 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     try:
         format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
-        refusal = _failure(error.code, str(error))
-        return InspectionResult(
-            file=file, size_bytes=size_bytes, verdict=FileVerdict.REFUSED, parts=[], refusal=refusal
+        refused = InspectionResult(
+            file=file,
+            size_bytes=size_bytes,
+            verdict=FileVerdict.REFUSED,
+            parts=[],
+            refusal=_failure(error.code, str(error)),
         )
+        return _of_calibration_json(source, refused) if error.code == "unknown-format" else refused
     kind = own_kind(source.path)
     parts, ended = _listed(source.path, format_, follow_links=source.follow_links)
-    result = _read(source, kind) if format_ else _no_scan(source, PICTURE, PICTURE_GIVEN)
+    result = _read(source, kind) if format_ else _no_scan(source, PNG)
     return InspectionResult(
         file=file,
         size_bytes=size_bytes,
@@ -119,6 +132,18 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
         missing=list(result.missing),
         refusal=result.refusal,
     )
+
+
+def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> InspectionResult:
+    """Name a file of no format that is a calibration's answer, as the service or the command line wrote it."""
+    try:
+        identifier = read_saved_calibration(source.path).header.get("id")
+    except JobFailure:
+        return refused
+    with suppress(ValidationError):  # another program may have written the id
+        refused = refused.model_copy(update={"calibration_id": TypeAdapter(Identifier).validate_python(identifier)})
+    refusal = _no_scan(source, OwnKind.CALIBRATION).refusal
+    return refused.model_copy(update={"own_kind": OwnKind.CALIBRATION, "refusal": refusal})
 
 
 def _size(path: Path) -> int:
@@ -142,8 +167,8 @@ def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[
 
 
 def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
-    if kind in NO_SCAN:
-        return _no_scan(source, NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind))
+    if kind is not None and kind in NO_SCAN:
+        return _no_scan(source, kind)
     try:
         opened = reading_contents(
             source.path,
@@ -160,9 +185,10 @@ def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
         return _refused_or_missing(error, source)
 
 
-def _no_scan(source: InspectionInput, what: str, given_elsewhere: str | None) -> _Found:
+def _no_scan(source: InspectionInput, kind: OwnKind | str) -> _Found:
+    (code, what), given_elsewhere = NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind)
     sentence = what if source.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}"
-    return _Found(refusal=_failure("not-a-scan", sentence))
+    return _Found(refusal=_failure(code, sentence))
 
 
 def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> _Found:

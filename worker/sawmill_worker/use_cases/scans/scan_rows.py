@@ -235,7 +235,9 @@ def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> S
         )
     except ValidationError as error:
         first = error.errors()[0]
-        raise refused("wrong-shape", f"the file's {first['loc'][0]} is {first['input']}: {complaint(error)}") from error
+        raise refused(
+            "out-of-range", f"the file's {first['loc'][0]} is {first['input']}: {complaint(error)}"
+        ) from error
 
 
 def _sha256(paths: Sequence[Path]) -> str:
