@@ -8,6 +8,7 @@ from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.scanners import StoredScanner
+from sawmill_mill.next_step import NextStep, next_step, older_step
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.errors import NotFound
@@ -23,7 +24,7 @@ class ScannerCondition:
 
     `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
     the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
-    `active`. `alarms` are those that are open. `state` decides how the scanner stands.
+    `active`. `alarms` are those that are open. `step` is what a person does next.
     """
 
     scanner: StoredScanner
@@ -38,20 +39,31 @@ class ScannerCondition:
 
     @property
     def state(self) -> ScannerState:
-        """The facts by which the scanner is judged."""
+        """The facts that decide the next step."""
         newest, failure, last = self.newest, self.failure, None
         if newest is not None:
-            last = Calibrated(newest.id, newest.created_at, newest.verdict, newest.reasons, newest.comparison)
+            last = Calibrated(newest.id, newest.created_at, newest)
         return ScannerState(
             newest=last,
             active_id=self.scanner.active_calibration_id,
-            ray_change_mm=self.scanner.tolerances.ray_change_mm,
+            tolerances=self.scanner.tolerances,
             failure=None if failure is None else failure.detail,
             last_check=_checked(self.drift),
             seen=_checked(self.seen),
             scanned=self.scanned,
             alarms=tuple(alarm.what for alarm in self.alarms),
         )
+
+    @property
+    def step(self) -> NextStep:
+        """The next step with the scanner, and with its newest calibration."""
+        return next_step(self.state)
+
+    def step_with(self, calibration_id: str) -> NextStep:
+        """Return the next step with one of the scanner's calibrations that succeeded."""
+        if self.newest is not None and self.newest.id != calibration_id:
+            return older_step(active=self.scanner.active_calibration_id == calibration_id)
+        return self.step
 
 
 def _checked(check: Drift | None) -> Checked | None:
@@ -60,7 +72,7 @@ def _checked(check: Drift | None) -> Checked | None:
     known, result = (check.created_at, check.calibration_id), check.result
     if result is None:
         return Checked(*known, within_tolerance=None)
-    return Checked(*known, result.within_tolerance, result.ray_change_mm, result.tolerance_mm, result.reason)
+    return Checked(*known, result.within_tolerance, result.ray_change_mm, result.tolerance_mm, result.explanation)
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:

@@ -124,7 +124,7 @@ class DriftResult(Contract):
         examples=[True],
     )
     reason: str = Field(
-        description="What the log shows, a likely cause and what to do, in English.",
+        description="Meaning of the change: what the log shows, a likely cause and what to do, in English.",
         examples=["A log shows that nothing has moved. Nothing needs to be done."],
     )
     coded_reason: CodedReason | None = Field(

@@ -63,6 +63,9 @@ class Sentences(NamedTuple):
         return " ".join(filter(None, self))
 
 
+_NONE = Sentences("", "", "")
+
+
 class Message(StrEnum):
     """Base of the enums of messages: each member is a code with its English templates.
 
@@ -126,17 +129,11 @@ class Reason(str):
 
 def _in_words(message: Message, values: Mapping[str, Value], parts: Sequence[Reason], reader: Reader) -> Sentences:
     of_parts = [part.in_words(reader) for part in parts]
-    below = Sentences(*(" ".join(filter(None, texts)) for texts in zip(*of_parts, strict=True))) if parts else None
+    inherited = Sentences(*(" ".join(filter(None, texts)) for texts in zip(*of_parts, strict=True))) if parts else _NONE
+    known = {**values, **inherited._asdict()}
     templates = (message.headline, message.action, message.details)
-    if below is None:
-        return Sentences(*(_filled(template, values, reader) for template in templates))
-    known = {**values, **below._asdict()}
-    return Sentences(
-        *(
-            _filled(template, known, reader) if template else inherited
-            for template, inherited in zip(templates, below, strict=True)
-        )
-    )
+    texts = [_filled(one, known, reader) if one else text for one, text in zip(templates, inherited, strict=True)]
+    return Sentences(*texts)
 
 
 def _filled(template: str, values: Mapping[str, Value], reader: Reader) -> str:

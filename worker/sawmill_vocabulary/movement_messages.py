@@ -54,6 +54,7 @@ class MovementMessage(Message):
             "source or turntable moved along the beam."
         ),
     )
+    UNKNOWN_CAUSE = "unknown-cause", "", N_("Check the turntable and the detector.")
     TURNTABLE = (
         "turntable",
         "",
@@ -115,10 +116,12 @@ class LogMessage(Message):
     MOVED = (
         "log-shows-moved",
         N_("A log shows that something has moved: %(moved_mm).2f mm, and %(allowed_mm).2f mm is allowed."),
+        N_("%(action)s Then scan the phantom, and calibrate."),
     )
     RESCALED = (
         "log-shows-rescaled",
         N_("A log shows that sizes have changed: by %(scale_percent)+.2f %%, and %(allowed_percent).2g %% is allowed."),
+        N_("%(action)s Then scan the phantom, and calibrate."),
     )
     WITHIN = (
         "log-shows-within",
@@ -211,7 +214,7 @@ class LogMessage(Message):
     MOUNTING = (
         "mounting",
         "",
-        N_("Look at the mounting of detector and source, then calibrate with the phantom."),
+        N_("Look at the mounting of detector and source."),
         N_(
             "The detector stands otherwise towards the source: COR %(column_mm)+.2f mm, tilt %(tilt_deg)+.3f degrees, "
             "distance %(distance_mm)+.1f mm."

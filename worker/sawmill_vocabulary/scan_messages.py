@@ -66,12 +66,12 @@ class EffectMessage(Message):
     PHANTOM_CREEP = (
         "phantom-creep",
         N_("The phantom creeps by %(creep_mm).2g mm over the scan."),
-        N_("Fasten the phantom on the turntable."),
+        N_("Fasten the phantom on the turntable, and repeat the scan."),
     )
     SCANNER_CREEP = (
         "scanner-creep",
         N_("Source, turntable or detector creep by %(scanner_creep_mm).2g mm over the scan."),
-        N_("Let the scanner warm up, and look at what carries source and detector."),
+        N_("Let the scanner warm up, look at what carries source and detector, and repeat the scan."),
     )
     ENCODER_LOW = (
         "encoder-once-and-twice",

@@ -5,11 +5,12 @@ from pydantic import Field
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheCalibrations
+from sawmill_service.dependencies import TheCalibrations, TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import stored
@@ -19,6 +20,7 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.route_rules import Router
+from sawmill_service.scanner_conditions import condition_of
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
@@ -34,6 +36,17 @@ class Activate(Given):
 
 
 BY_HAND = Activate()
+
+
+@router.get(
+    "/{calibration_id}/next-step",
+    summary="Get the next step with a calibration",
+    responses=refuses("calibration-not-found", "calibration-without-result"),
+)
+def get_calibration_step(calibration_id: Identifier, calibrations: TheCalibrations, store: TheStore) -> NextStepAnswer:
+    """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
+    calibration = succeeded(calibrations, calibration_id, "next step")
+    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration_id).answer
 
 
 @router.get(

@@ -14,8 +14,9 @@ from markupsafe import Markup
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
-from sawmill_mill.next_step import next_step
-from sawmill_mill.two_questions import VERDICTS, TwoQuestions, in_length, in_mm, in_percent
+from sawmill_mill.anything_moved import AnythingMoved
+from sawmill_mill.next_step import NextStep, step_alone
+from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percent
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
@@ -40,6 +41,8 @@ class About:
         True if the scanner uses the calibration; None without a service.
     activated : str
         Time and reason of the activation.
+    step : NextStep or None
+        Next step that the service gives with the scanner's state; None without a service.
     origin : str
         The file from which the report was made; empty if the service made the report.
     back : str
@@ -57,6 +60,7 @@ class About:
     asked_by: str | None = None
     active: bool | None = None
     activated: str = ""
+    step: NextStep | None = None
     origin: str = ""
     back: str = ""
 
@@ -75,6 +79,7 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
         The arrays do not agree with one another.
     """
     both = TwoQuestions.of(result, about.tolerances)
+    step = about.step or step_alone(result, about.tolerances, active=about.active is True)
     before, after = (None, None) if arrays is None else log_fields(arrays)
     page = (
         page_templates()
@@ -83,8 +88,9 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
             result=result,
             about=about,
             both=both,
-            step=next_step(result, both, active=about.active is True),
-            sentence=VERDICTS[result.verdict],
+            movement=AnythingMoved.of(result),
+            step=step,
+            words=step.reason.in_words(),
             has_arrays=arrays is not None,
             phantom=None if arrays is None else phantom_field(arrays),
             before=before,

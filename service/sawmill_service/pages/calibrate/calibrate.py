@@ -29,8 +29,9 @@ from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import questions_of, usable_phantoms
-from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.calibrate.calibrate_words import advice_for, changes_of, parameters_of, stages
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 
 CALIBRATE = "/calibrate"
@@ -215,13 +216,15 @@ def _of_calibration(
 ) -> HTMLResponse:
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
+        condition = condition_of(store, scanner)
         return page.answer(
             "calibrate_result.html",
             where=where,
             calibration=calibration,
             scanner=scanner,
             scan=scan,
-            headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
+            step=condition.step_with(calibration.id),
+            newest=condition.newest,
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
             log=shown_log(store.files, calibration.id),

@@ -20,6 +20,7 @@ from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.calibrations import succeeded
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         asked_by=_asked_by(store.jobs, calibration),
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else _in_use(activation),
+        step=condition_of(store, scanner).step_with(calibration.id),
         back=f"/scanners/{scanner.id}",
     )
 

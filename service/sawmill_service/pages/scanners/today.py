@@ -59,9 +59,9 @@ class ScannerLine:
     @property
     def rank(self) -> tuple[int, float, str]:
         """Key for sorting: the worst comes first; among equals the scanner that has moved farthest."""
-        state = self.condition.state
-        share = state.moved.share if state.moved is not None and state.moved.since_active else 0.0
-        return _WORST_FIRST.index(state.standing.tone), -share, self.condition.scanner.name
+        moved = self.condition.state.moved
+        share = moved.share if moved is not None and moved.since_active else 0.0
+        return _WORST_FIRST.index(self.condition.step.tone), -share, self.condition.scanner.name
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _board(page: PageFrame, store: Store) -> Board:
     now = store.now()
     movements = store.measurements.movements(now - SPAN, now)
     scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
-    needy = sum(row.condition.state.needs_somebody for row in scanners)
+    needy = sum(row.condition.step.needs_somebody for row in scanners)
     return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
 
 
