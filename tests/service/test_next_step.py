@@ -54,7 +54,7 @@ def text_of(html: str) -> str:
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_pages_report_and_answers_agree(seeded, worker, store, state):
+def test_pages_report_and_answers_agree(seeded, worker, state):
     changes, log, button = STATES[state]
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration(**changes)

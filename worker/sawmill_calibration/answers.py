@@ -117,7 +117,7 @@ class Calibration:
             raise InputError("no-arrays", "this calibration was read from a file: calibrate its scan again to plot it")
         from sawmill_worker.pictures.calibration_report import report_figure  # noqa: PLC0415 - matplotlib is slow
 
-        return report_figure(self.result, self.arrays())
+        return report_figure(self.result, self.arrays(), step_alone(self.result))
 
     def report(self, path: str | Path) -> None:
         """Write the report as one HTML page that prints on A4, as `sawmill report` does.

@@ -45,6 +45,12 @@ class Reader:
 
     words: Callable[[str], str] = str
     number: Callable[..., str] = english_number
+    language: str = "en"
+
+    def localised(self, text: str) -> str:
+        """Return a text in English with the decimal marks of the language."""
+        mark = self.number(0.5, 1)[1]
+        return re.sub(r"(?<=\d)\.(?=\d)", mark, text)
 
 
 ENGLISH = Reader()

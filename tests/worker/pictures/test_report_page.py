@@ -180,7 +180,11 @@ def test_what_is_not_known_is_shown_as_not_known():
     ("changes", "active", "words"),
     [
         ({}, False, "and accept it. [Accept]"),
-        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, False, "[Scan again] the fit broke"),
+        (
+            {"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]},
+            False,
+            "[Scan again] the fit broke",
+        ),
         ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, True, "Go back to an earlier one."),
         ({"verdict": "watch", "rays_verdict": "watch", "reasons": ["turn it"]}, False, "[Scan again] turn it"),
         ({"predicted_ray_error_mm": None}, False, "Look at the pictures"),
@@ -190,7 +194,11 @@ def test_what_is_not_known_is_shown_as_not_known():
             False,
             "For right sizes: Read the reason, which is in English. [Accept] more views",
         ),
-        ({"scale_uncertainty_percent": 0.6, "scale_uncertainty_mm": 2.7}, True, "Measure the phantom, and enter its measured size."),
+        (
+            {"scale_uncertainty_percent": 0.6, "scale_uncertainty_mm": 2.7},
+            True,
+            "Measure the phantom, and enter its measured size.",
+        ),
     ],
 )
 def test_what_to_do_next_is_one_sentence(changes, active, words):

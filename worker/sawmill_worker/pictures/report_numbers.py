@@ -10,8 +10,10 @@ import numpy as np
 from sawmill_contracts.calibrations import Comparison, FoundGeometry, PhantomPose, SecondWitness
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
+from sawmill_vocabulary.messages import ENGLISH, Reader
+from sawmill_vocabulary.texts import N_
 
-NOT_KNOWN = "not known"
+NOT_KNOWN = N_("not known")
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
 
 
@@ -135,18 +137,18 @@ def comparison_rows(change: Comparison | None) -> list[Row]:
     """Return the changes since the previously active calibration."""
     if change is None:
         return []
-    rows = [("rays moved (RMS)", f"{change.ray_change_mm:.3f} mm")]
+    rows = [(N_("rays moved (RMS)"), f"{change.ray_change_mm:.3f} mm")]
     if change.scale_change_percent is not None:
         spread = change.scale_change_uncertainty_percent
         rows.append(
-            ("scale", f"{change.scale_change_percent:+z.3f} %" + ("" if spread is None else f" ± {spread:.2g} %"))
+            (N_("scale"), f"{change.scale_change_percent:+z.3f} %" + ("" if spread is None else f" ± {spread:.2g} %"))
         )
     return [
         *rows,
-        ("COR on the detector", f"{change.cor_column_change_mm:+z.3f} mm"),
-        ("source distance", f"{change.source_distance_change_mm:+z.3f} mm"),
-        ("detector tilt", f"{change.tilt_change_deg:+z.3f}°"),
-        ("first angle", f"{change.angle_change_deg:+z.3f}°"),
+        (N_("COR on the detector"), f"{change.cor_column_change_mm:+z.3f} mm"),
+        (N_("source distance"), f"{change.source_distance_change_mm:+z.3f} mm"),
+        (N_("detector tilt"), f"{change.tilt_change_deg:+z.3f}°"),
+        (N_("first angle"), f"{change.angle_change_deg:+z.3f}°"),
     ]
 
 
@@ -179,22 +181,23 @@ def position(pose: PhantomPose) -> str:
     return f"x {x_mm:z.2f} mm, y {y_mm:z.2f} mm"
 
 
-def phantom_sides(drawing: PhantomDrawing) -> str:
+def phantom_sides(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Describe the phantom's measured sides with their dates, or its drawn extent if nobody measured it."""
     if drawing.measurements:
-        return "; ".join(_measured(each) for each in drawing.measurements)
+        return "; ".join(_measured(each, reader) for each in drawing.measurements)
     low_x, low_y, high_x, high_y = _extent(drawing)
-    return f"drawn {high_x - low_x:g} x {high_y - low_y:g} mm along x and y; no measurement is recorded"
+    drawn = reader.words(N_("drawn %(size)s along x and y; no measurement is recorded"))
+    return drawn % {"size": reader.localised(f"{high_x - low_x:g} x {high_y - low_y:g} mm")}
 
 
-def size_tolerance(drawing: PhantomDrawing) -> str:
+def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Format the relative standard uncertainty of the phantom's size."""
-    return f"± {100 * drawing.size_tolerance:.2g} % (standard uncertainty)"
+    return f"± {reader.localised(f'{100 * drawing.size_tolerance:.2g} %')} ({reader.words(N_('standard uncertainty'))})"
 
 
-def _measured(side: SizeMeasurement) -> str:
-    on = "no date" if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
-    return f"{side.what} {side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm ({on})"
+def _measured(side: SizeMeasurement, reader: Reader) -> str:
+    on = reader.words(N_("no date")) if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
+    return f"{side.what} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
 
 
 def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:

@@ -36,7 +36,7 @@ class Formats:
     @property
     def reader(self) -> Reader:
         """The language, for messages."""
-        return Reader(self._text.gettext, self.number)
+        return Reader(self._text.gettext, self.number, self._locale.language)
 
     def filters(self) -> dict[str, Callable[..., Any]]:
         """Return the formats by the names that templates use."""
