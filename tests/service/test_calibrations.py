@@ -101,7 +101,7 @@ def test_a_report_is_drawn_once_in_each_language(seeded, store):
         language: seeded.get(f"/v1/calibrations/example/report.png?language={language}") for language in ["en", "fi"]
     }
     assert [answer.status_code for answer in drawn.values()] == [200, 200]
-    assert drawn["en"].content == seeded.get("/v1/calibrations/example/report.png").content != drawn["fi"].content
+    assert drawn["en"].content == seeded.get(path).content != drawn["fi"].content
     kept = store.files.results(job_kinds.CALIBRATE, "example").glob("report-*.png")
     assert sorted(path.name[:9] for path in kept) == ["report-en", "report-fi"]
 

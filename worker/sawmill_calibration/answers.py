@@ -25,6 +25,7 @@ from sawmill_contracts.calibrations import (
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_mill.next_step import step_alone
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.sinograms.present_rows import mean_of_rows

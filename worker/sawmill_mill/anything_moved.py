@@ -61,17 +61,17 @@ class AnythingMoved:
             return cls(Answer.UNKNOWN if slip is None else Answer.LOOK, slip or StandIn.NOT_COMPARED())
         numbers = comparison.ray_change_mm, comparison.tolerance_mm
         moved = moved_reason(comparison, comparison.tolerance_mm or 0.0)
-        told = slip or (moved and (comparison.explanation.reason or moved))
-        if told is not None:
-            return cls(Answer.LOOK, told, *numbers)
+        explained = slip or (moved and (comparison.explanation.reason or moved))
+        if explained is not None:
+            return cls(Answer.LOOK, explained, *numbers)
         within = MovementMessage.WITHIN(moved_mm=comparison.ray_change_mm, allowed_mm=comparison.tolerance_mm or 0.0)
         return cls(Answer.YES, within, *numbers)
 
 
 def slip_of(result: CalibrationResult) -> Reason | None:
     """Return the reason that reports a movement during the scan; None where nothing moved by more than matters."""
-    for told in result.explanations:
-        reason = told.reason
+    for explained in result.explanations:
+        reason = explained.reason
         if reason is not None and not SLIPS.isdisjoint(reason.codes):
             return reason
     witness = result.second_witness

@@ -309,8 +309,8 @@ def _of_scale(result: CalibrationResult, both: TwoQuestions, *, active: bool) ->
     percent, allowed = both.millimetres.percent_95 or 0.0, both.millimetres.limit_percent or 0.0
     is_size = percent <= 100.0 * HALF_OF_IT_SIZE * size
     measure = CalibrationMessage.SCALE_SIZE(percent=percent, allowed_percent=allowed) if is_size else None
-    told = (each for each in result.explanations if (each.code or "").startswith("scale-"))
-    first = next(told, CodedReason.of(measure) if measure is not None else _first(result))
+    explained = (each for each in result.explanations if (each.code or "").startswith("scale-"))
+    first = next(explained, CodedReason.of(measure) if measure is not None else _first(result))
     step = _because(StepMessage.SCALE_IN_USE if active else StepMessage.SCALE, first)
     if active and not is_size:
         return replace(step, button=Button.SCAN_AGAIN)
@@ -323,12 +323,14 @@ def _first(result: CalibrationResult) -> CodedReason | None:
     return next((each for each in result.explanations if each.sentence != moved), None)
 
 
-def _because(message: StepMessage, told: CodedReason | None, otherwise: Reason | None = None) -> NextStep:
+def _because(message: StepMessage, explained: CodedReason | None, otherwise: Reason | None = None) -> NextStep:
     """Return the step for a reason; without words in every language, the step has `otherwise` and the English."""
-    reason = None if told is None else told.reason
+    reason = None if explained is None else explained.reason
     if reason is not None:
         return _step(message, reason)
-    return _step(message, otherwise or StandIn.EARLIER_VERSION(), english=None if told is None else told.sentence)
+    return _step(
+        message, otherwise or StandIn.EARLIER_VERSION(), english=None if explained is None else explained.sentence
+    )
 
 
 def _step(message: StepMessage, *parts: Reason, english: str | None = None) -> NextStep:

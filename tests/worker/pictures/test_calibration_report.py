@@ -142,7 +142,7 @@ def test_the_report_has_its_next_steps_color_and_what_there_is(page, verdict, co
 
 def test_sentences_make_the_page_longer_and_what_moved_too_far_is_red(page):
     drawn = page("pass")
-    # Head with six lines, of which two are the next step, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
+    # Head with six lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
     assert abs(drawn.shape[0] - 100 * (1.0 + 6 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
     assert near(drawn[80:200, :700], RED) > 200
 

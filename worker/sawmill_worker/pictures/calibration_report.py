@@ -94,10 +94,10 @@ def _lines(result: CalibrationResult, step: NextStep, reader: Reader) -> Iterato
         yield from ((line, COLORS[step.card_tone]) for line in textwrap.wrap(sentence or "", COLUMNS))
     # A scanner that moved too far is also among the reasons.
     moved = None if comparison is None else comparison.reason
-    told = [(each, "black") for each in result.explanations if each.sentence != moved]
+    explained = [(each, "black") for each in result.explanations if each.sentence != moved]
     if comparison is not None:
-        told.append((comparison.explanation, "black" if comparison.within_tolerance else ALARM))
-    for each, color in (*told, *((done, "0.35") for done in result.findings_in_scan)):
+        explained.append((comparison.explanation, "black" if comparison.within_tolerance else ALARM))
+    for each, color in (*explained, *((done, "0.35") for done in result.findings_in_scan)):
         text = each.sentence if each.reason is None else each.reason.in_words(reader).text
         for line in textwrap.wrap(text, COLUMNS, initial_indent="•  ", subsequent_indent="    "):
             yield line, color
