@@ -97,13 +97,12 @@ def test_a_picture_of_an_older_version_stays(seeded, store):
 
 
 def test_a_report_is_drawn_once_in_each_language(seeded, store):
-    drawn = {
-        language: seeded.get(f"/v1/calibrations/example/report.png?language={language}") for language in ["en", "fi"]
-    }
+    path = "/v1/calibrations/example/report.png"
+    drawn = {language: seeded.get(f"{path}?language={language}") for language in ("en", "fi")}
     assert [answer.status_code for answer in drawn.values()] == [200, 200]
     assert drawn["en"].content == seeded.get(path).content != drawn["fi"].content
     kept = store.files.results(job_kinds.CALIBRATE, "example").glob("report-*.png")
-    assert sorted(path.name[:9] for path in kept) == ["report-en", "report-fi"]
+    assert sorted(each.name[:9] for each in kept) == ["report-en", "report-fi"]
 
 
 @pytest.mark.usefixtures("seeded")
