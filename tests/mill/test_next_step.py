@@ -46,9 +46,9 @@ def answer(*reasons, comparison=None, **changes):
     """An answer with these reasons, of which movement is the first."""
     first = [] if comparison is None or comparison["within_tolerance"] else [comparison["coded_reason"]]
     coded = [*first, *map(CodedReason.of, reasons)]
-    told = {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
+    given = {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
     known = {"limits": LIMITS, "rays_verdict": changes.get("verdict", "pass")}
-    return CalibrationResult.model_validate(calibration_result(**known | told | {"comparison": comparison} | changes))
+    return CalibrationResult.model_validate(calibration_result(**known | given | {"comparison": comparison} | changes))
 
 
 def compared(moved_mm=0.05, *reasons, **changes):

@@ -18,7 +18,7 @@ DRIFTED = LogMessage.MOVED(LogMessage.DETECTOR_SLID(column_mm=-2.12), moved_mm=0
 WORDS_FI = {"A log", "Check", "Scan", "The ", "Something", "phantom", "Fasten", "allowed"}
 
 
-def told(*reasons):
+def reasons_of(*reasons):
     coded = [CodedReason.of(each) for each in reasons]
     return {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
 
@@ -41,10 +41,10 @@ def comparison(moved_mm=0.05, reason=None):
 # The newest calibration, a drift check after it, and the button of the step.
 STATES = {
     "good": ({"comparison": comparison()}, None, "accept"),
-    "moved": ({"comparison": comparison(0.66, MOVED), **told(MOVED)}, None, "scan-again"),
-    "slipped": ({"comparison": comparison(), **told(SLIP)}, None, "scan-again"),
-    "imprecise": ({"verdict": "watch", **told(IMPRECISE), "comparison": comparison()}, None, "scan-again"),
-    "wrong": ({"verdict": "fail", **told(IMPRECISE)}, None, "scan-again"),
+    "moved": ({"comparison": comparison(0.66, MOVED), **reasons_of(MOVED)}, None, "scan-again"),
+    "slipped": ({"comparison": comparison(), **reasons_of(SLIP)}, None, "scan-again"),
+    "imprecise": ({"verdict": "watch", **reasons_of(IMPRECISE), "comparison": comparison()}, None, "scan-again"),
+    "wrong": ({"verdict": "fail", **reasons_of(IMPRECISE)}, None, "scan-again"),
     "drifted": ({"comparison": comparison()}, DRIFTED, "calibrate"),
 }
 
