@@ -50,18 +50,18 @@ def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
     angle = theta.initial_angle_rad
     return [
         ReportedParameter(
-            "first angle",
+            N_("first angle"),
             "alpha_0",
             f"{math.degrees(angle):.4f}°",
             _plus_minus_degrees(deviation.initial_angle_rad),
             f"{angle:.6f} rad",
             "" if twin is None else f"{math.degrees(twin.initial_angle_rad):.2f}°",
         ),
-        length("detector_to_cor_mm", "COR to detector", "r_D"),
-        length("source_shift_mm", "source shift", "h_S"),
-        length("detector_shift_mm", "detector shift", "h_D"),
+        length("detector_to_cor_mm", N_("COR to detector"), "r_D"),
+        length("source_shift_mm", N_("source shift"), "h_S"),
+        length("detector_shift_mm", N_("detector shift"), "h_D"),
         ReportedParameter(
-            "detector tilt",
+            N_("detector tilt"),
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
             _plus_minus_degrees(_of_slope(theta, deviation.detector_tilt)),
@@ -105,12 +105,14 @@ def frame_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
         return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", spread)
 
     return [
-        angle("psi_rad", "direction of the first view", "psi"),
-        length("source_distance_mm", "source to COR", "R"),
-        length("source_to_detector_mm", "source to detector", "SDD"),
-        length("cor_column_mm", "COR on the detector", "u_c"),
-        angle("tilt_rad", "detector tilt", "tau"),
-        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(deviation.magnification, "")),
+        angle("psi_rad", N_("direction of the first view"), "psi"),
+        length("source_distance_mm", N_("source to COR"), "R"),
+        length("source_to_detector_mm", N_("source to detector"), "SDD"),
+        length("cor_column_mm", N_("COR on the detector"), "u_c"),
+        angle("tilt_rad", N_("detector tilt"), "tau"),
+        ReportedParameter(
+            N_("magnification"), "M", f"{frame.magnification:.5f}", _plus_minus(deviation.magnification, "")
+        ),
     ]
 
 
@@ -166,7 +168,7 @@ def hypothesis_rows(pose: PhantomPose) -> list[tuple[str, str, str]]:
 
 def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
     """Return u_c and tilt by the phantom and by the log, their difference, and the reported values."""
-    parts = ("phantom", "log", "difference", "reported")
+    parts = (N_("phantom"), N_("log"), N_("difference"), N_("reported"))
     rows = []
     for part in parts:
         value, spread = getattr(witness, part), getattr(witness, f"{part}_standard_deviation")
@@ -192,7 +194,8 @@ def phantom_sides(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
 
 def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Format the relative standard uncertainty of the phantom's size."""
-    return f"± {reader.localised(f'{100 * drawing.size_tolerance:.2g} %')} ({reader.words(N_('standard uncertainty'))})"
+    what = reader.words(N_("standard uncertainty"))
+    return f"± {reader.localised(f'{100 * drawing.size_tolerance:.2g} %')} ({what})"
 
 
 def _measured(side: SizeMeasurement, reader: Reader) -> str:
@@ -218,7 +221,7 @@ def _of_slope(theta: Theta, deviation: float | None) -> float | None:
 
 
 def _plus_minus(deviation: float | None, unit: str) -> str:
-    return "no error bar" if deviation is None else f"± {deviation:.2g} {unit}".rstrip()
+    return N_("no error bar") if deviation is None else f"± {deviation:.2g} {unit}".rstrip()
 
 
 def _plus_minus_degrees(deviation_rad: float | None) -> str:

@@ -20,7 +20,7 @@ from sawmill_mill.anything_moved import AnythingMoved
 from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percent
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_vocabulary.messages import ENGLISH, Reader
+from sawmill_vocabulary.messages import ENGLISH, WORDS, Reader
 from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
@@ -81,7 +81,7 @@ def report_html(
     arrays : CalibrationArrays or None
         Arrays of result.h5; without arrays the page has no pictures of the scan and says so.
     reader : Reader
-        Language of the technician's sheet; the scientist's is in English.
+        Language of the page.
 
     Raises
     ------
@@ -148,6 +148,7 @@ def page_templates(reader: Reader = ENGLISH) -> Environment:
     templates.globals |= {
         "gauge": gauge,
         "reader": reader,
+        "spoken": WORDS,
         "marks": {word: mark for word, (mark, _) in LOOKS.items()},
         "tones": {word: tone for word, (_, tone) in LOOKS.items()},
     }
