@@ -82,7 +82,8 @@ def test_no_english_is_on_a_finnish_page(seeded, worker, state):
     changes, _, _ = STATES[state]
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration(**changes)
-    for path in ("/", "/scanners/example", f"/calibrate?calibration={identifier}"):
+    report = f"/calibrations/{identifier}/report?language=fi"
+    for path in ("/", "/scanners/example", f"/calibrate?calibration={identifier}", report):
         page = seeded.get(path, headers={"Accept-Language": "fi"}).text
         main = re.search(r"<main.*?</main>", page, re.DOTALL)[0]
         finnish = text_of(re.sub(r'<(\w+)[^>]*lang="en"[^>]*>.*?</\1>', "", main, flags=re.DOTALL))
