@@ -8,7 +8,7 @@ from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_mill.next_step import NextStep, next_step, older_step
+from sawmill_mill.next_step import NextStep, next_step, other_step
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.errors import NotFound
@@ -59,10 +59,11 @@ class ScannerCondition:
         """The next step with the scanner, and with its newest calibration."""
         return next_step(self.state)
 
-    def step_with(self, calibration_id: str) -> NextStep:
-        """Return the next step with one of the scanner's calibrations that succeeded."""
-        if self.newest is not None and self.newest.id != calibration_id:
-            return older_step(active=self.scanner.active_calibration_id == calibration_id)
+    def step_with(self, calibration: CalibrationSucceeded) -> NextStep:
+        """Return the next step with one of the scanner's calibrations."""
+        newest, active = self.newest, self.scanner.active_calibration_id == calibration.id
+        if newest is not None and newest.id != calibration.id:
+            return other_step(calibration.created_at, newest.created_at, active=active)
         return self.step
 
 

@@ -11,7 +11,7 @@ from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reasons import CodedReason
 from sawmill_mill.anything_moved import AnythingMoved, StandIn
-from sawmill_mill.next_step import Button, next_step, older_step, step_alone
+from sawmill_mill.next_step import Button, next_step, other_step, step_alone
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_mill.two_questions import Answer
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
@@ -169,5 +169,6 @@ def test_no_state_contradicts_itself():
             assert step.tone != "good", where
 
 
-def test_an_older_calibration_leads_to_the_newest():
-    assert {older_step(active=active).button for active in (True, False)} == {Button.NEWEST}
+def test_an_older_calibration_leads_to_the_newest_and_a_rejected_one_to_the_chosen_one():
+    assert {other_step(NOON, LATER, active=active).button for active in (True, False)} == {Button.NEWEST}
+    assert other_step(LATER, NOON, active=False).button is Button.CHOSEN

@@ -19,7 +19,8 @@ class NextStepAnswer(Contract):
     details: str = Field(description="English details for experts; may be empty.", examples=[""])
     button: str = Field(
         description="The button that the pages show: `accept`, `calibrate`, `scan-again`, `measure` (the phantom), "
-        "`look` (at the report), `newest` (look at the newest calibration) or `none`.",
+        "`look` (at the report), `newest` (look at the newest calibration), `chosen` (look at the calibration that "
+        "was chosen after this one) or `none`.",
         examples=["scan-again"],
     )
     reason: CodedReason = Field(description="The step with its code, its values and the reasons for it.")

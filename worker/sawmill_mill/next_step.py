@@ -38,6 +38,7 @@ class Button(StrEnum):
     MEASURE = "measure", N_("Measure the phantom")
     LOOK = "look", N_("Look at the report")
     NEWEST = "newest", N_("Look at the newest calibration")
+    CHOSEN = "chosen", N_("Look at the calibration that was chosen")
 
     word: str
 
@@ -112,6 +113,11 @@ class StepMessage(Message):
         "older",
         N_("A newer calibration of this scanner exists."),
         N_("Look at the newest one."),
+    )
+    DECIDED_AGAINST = (
+        "decided-against",
+        N_("After this calibration was made, somebody chose another one."),
+        N_("Look at the one that was chosen."),
     )
     OLDER_IN_USE = (
         "older-in-use",
@@ -194,6 +200,7 @@ _STEPS = {
     StepMessage.FINE_SINCE_CALIBRATED: (Button.NONE, "good", N_("Fine")),
     StepMessage.FINE_AND_NEWER: (Button.ACCEPT, "good", N_("Fine")),
     StepMessage.OLDER: (Button.NEWEST, "idle", N_("Not the newest")),
+    StepMessage.DECIDED_AGAINST: (Button.CHOSEN, "idle", N_("Not chosen")),
     StepMessage.OLDER_IN_USE: (Button.NEWEST, "watch", N_("Not the newest")),
 }
 
@@ -227,8 +234,10 @@ def step_of_check(check: DriftResult) -> NextStep | None:
     return _log_shows_moved(check) if check.within_tolerance is False else None
 
 
-def older_step(*, active: bool) -> NextStep:
-    """Return the next step with a calibration after which another one has succeeded."""
+def other_step(shown_at: datetime, newest_at: datetime, *, active: bool) -> NextStep:
+    """Return the next step with a calibration that is not the one by which its scanner is judged, by their times."""
+    if shown_at > newest_at:
+        return _step(StepMessage.DECIDED_AGAINST)
     return _step(StepMessage.OLDER_IN_USE if active else StepMessage.OLDER)
 
 

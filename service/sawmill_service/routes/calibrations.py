@@ -56,7 +56,7 @@ class InLanguage(Given):
 def get_calibration_step(calibration_id: Identifier, calibrations: TheCalibrations, store: TheStore) -> NextStepAnswer:
     """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
     calibration = succeeded(calibrations, calibration_id, "next step")
-    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration_id).answer
+    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration).answer
 
 
 @router.get(
@@ -73,7 +73,7 @@ def get_report(
     The report is drawn on the first request of a language and of a next step, which takes seconds, and stored.
     """
     calibration = succeeded(store.calibrations, calibration_id, "report.png")
-    step = condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration_id)
+    step = condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration)
     path = report_picture(store.files, calibration_id, step, formats_of(asked.language).reader)
     return file(request, path, Png.media_type)
 

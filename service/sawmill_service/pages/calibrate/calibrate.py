@@ -223,7 +223,7 @@ def _of_calibration(
             calibration=calibration,
             scanner=scanner,
             scan=scan,
-            step=condition.step_with(calibration.id),
+            step=condition.step_with(calibration),
             newest=condition.newest,
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),

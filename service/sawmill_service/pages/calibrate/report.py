@@ -68,7 +68,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else moment(activation.at.astimezone(zone)),
         activated_why="" if activation is None else activation.why or "",
-        step=condition_of(store, scanner).step_with(calibration.id),
+        step=condition_of(store, scanner).step_with(calibration),
         back=f"/scanners/{scanner.id}",
     )
 
