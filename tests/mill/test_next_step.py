@@ -124,6 +124,7 @@ def test_movement_that_the_active_calibration_took_up_has_no_colour():
     taken_up = replace(compared(1.4), active_id="newer")
     assert next_step(taken_up).tone == "good"
     assert (taken_up.moved.tone, taken_up.moved.since_active) == ("idle", False)
+    assert AnythingMoved.of(taken_up.newest.result, accepted=True).answer is Answer.ACCEPTED
 
 
 def test_a_check_that_could_not_tell_takes_nothing_back():

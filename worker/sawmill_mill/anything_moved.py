@@ -54,16 +54,17 @@ class AnythingMoved:
     question = N_("Did anything move?")
 
     @classmethod
-    def of(cls, result: CalibrationResult) -> Self:
-        """Ask about an answer."""
+    def of(cls, result: CalibrationResult, *, accepted: bool = False) -> Self:
+        """Ask about an answer; one that is in use has taken the movement up."""
         comparison, slip = result.comparison, slip_of(result)
+        look = Answer.ACCEPTED if accepted else Answer.LOOK
         if comparison is None:
-            return cls(Answer.UNKNOWN if slip is None else Answer.LOOK, slip or StandIn.NOT_COMPARED())
+            return cls(Answer.UNKNOWN if slip is None else look, slip or StandIn.NOT_COMPARED())
         numbers = comparison.ray_change_mm, comparison.tolerance_mm
         moved = moved_reason(comparison, comparison.tolerance_mm or 0.0)
         explained = slip or (moved and (comparison.explanation.reason or moved))
         if explained is not None:
-            return cls(Answer.LOOK, explained, *numbers)
+            return cls(look, explained, *numbers)
         within = MovementMessage.WITHIN(moved_mm=comparison.ray_change_mm, allowed_mm=comparison.tolerance_mm or 0.0)
         return cls(Answer.YES, within, *numbers)
 

@@ -27,7 +27,13 @@ from sawmill_worker.templating import templates_of
 
 # Mark and tone of a verdict or an answer.
 LOOKS = {"pass": ("✓", "good"), "watch": ("!", "watch"), "fail": ("✕", "bad")}
-LOOKS |= {"yes": LOOKS["pass"], "look": LOOKS["watch"], "no": LOOKS["fail"], "unknown": ("?", "idle")}
+LOOKS |= {
+    "yes": LOOKS["pass"],
+    "look": LOOKS["watch"],
+    "no": LOOKS["fail"],
+    "unknown": ("?", "idle"),
+    "accepted": ("·", "idle"),
+}
 
 
 @dataclass(frozen=True)
@@ -98,7 +104,7 @@ def report_html(
             result=result,
             about=about,
             both=both,
-            movement=AnythingMoved.of(result),
+            movement=AnythingMoved.of(result, accepted=about.active is True),
             step=step,
             words=step.reason.in_words(reader),
             reader=reader,

@@ -16,6 +16,7 @@ _WORDS = {
     Answer.LOOK: ("watch", marked("Look at it")),
     Answer.NO: ("bad", marked("No")),
     Answer.UNKNOWN: ("idle", marked("Not known")),
+    Answer.ACCEPTED: ("idle", marked("Accepted")),
 }
 
 _MOVED_WORDS = {
@@ -23,6 +24,7 @@ _MOVED_WORDS = {
     Answer.LOOK: marked("Look at it"),
     Answer.NO: marked("Yes"),
     Answer.UNKNOWN: marked("Not known"),
+    Answer.ACCEPTED: marked("Accepted"),
 }
 
 
@@ -53,12 +55,12 @@ class ShownQuestion:
 
 def shown_questions(
     text: gettext.NullTranslations, formats: Formats
-) -> Callable[[CalibrationResult, Tolerances | None], list[ShownQuestion]]:
+) -> Callable[[CalibrationResult, Tolerances | None, bool], list[ShownQuestion]]:
     """Return the function that templates call with a calibration and its scanner's tolerances (`verdict_questions`)."""
 
-    def shown(calibration: CalibrationResult, tolerances: Tolerances | None = None) -> list[ShownQuestion]:
+    def shown(calibration: CalibrationResult, tolerances: Tolerances | None, active: bool) -> list[ShownQuestion]:  # noqa: FBT001 - templates call it
         pair = shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
-        return [*pair, _shown_movement(AnythingMoved.of(calibration), text, formats)]
+        return [*pair, _shown_movement(AnythingMoved.of(calibration, accepted=active), text, formats)]
 
     return shown
 
