@@ -76,7 +76,7 @@ def row(name: str, scans: int, seed: int) -> str:
         assert found.findings.error_bars is not None
         errors.append(ray_error(SCANNER, scan.frame, found.frame, other_scanner=found.scanner).rms_mm)
         held.append(errors[-1] <= found.findings.error_bars.predicted_ray_error.upper_95_mm)
-        reported += any(sentence.startswith("metal") for sentence in found.adjustments)
+        reported += any(sentence.startswith("Metal") for sentence in found.adjustments)
     return (
         f"{name:13s} {scans:5d} {refused:8d} {reported:9d} {np.median(errors):8.3f} {np.max(errors):8.3f} "
         f"{np.mean(held):6.0%}"

@@ -14,7 +14,7 @@ CAUSES: Mapping[str, str] = {
     "flat field": r"flat.field|flat fields",
     "faulty cells": r"detector cells|single cells|unequal gain",
     "saturation": r"saturat|largest value|full scale",
-    "corrupt views": r"corrupt views|views that do not fit|in few views",
+    "corrupt views": r"corrupt views|views that do not fit|few views do not fit",
     "slip": r"phantom moved|slip|angles jump",
     "wobble": r"wobbl",
     "creep": r"creep",
@@ -31,7 +31,7 @@ CAUSES: Mapping[str, str] = {
     "outliers": r"outlier",
 }
 # Sentences that are no finding about the scan.
-NO_FINDING = r"predicted ray error|source shift is not resolved|source distance was held|millimetres are known"
+NO_FINDING = r"predicted ray error|source shift is not resolved|source distance was held|Sizes are not certain"
 # Causes that name an effect; empty where no cause needs to.
 NAMED_BY: Mapping[str, frozenset[str]] = {
     "hardening": frozenset({"hardening", "scatter"}),
@@ -67,8 +67,8 @@ MOST_CAUSES = 3
 
 
 def causes(sentences: Iterable[str]) -> frozenset[str]:
-    """Find the causes that the sentences name, each before its remedy."""
-    findings = [re.split(r"[;:]", one)[0] for one in sentences if not re.search(NO_FINDING, one)]
+    """Find the causes that the headlines of the sentences name."""
+    findings = [re.split(r"[;:]|\. ", one)[0].lower() for one in sentences if not re.search(NO_FINDING, one)]
     return frozenset(name for name, said in CAUSES.items() if any(re.search(said, one) for one in findings))
 
 

@@ -22,7 +22,7 @@ from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.geometry.ray_error import ray_error
 
 TOLERANCE_MM = 0.1
-UNSTEADY = ("the phantom moved at view", "the angles jump", "the turntable turns", "the angles are ahead")
+UNSTEADY = ("The phantom moved at view", "The angles jump", "The turntable turns", "The angles are ahead")
 
 
 def steady(rng: np.random.Generator, views: tuple[int, ...] = VIEWS) -> CountedScan:

@@ -4,6 +4,7 @@ Drawing modules are imported by the first picture: no other request needs them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
+import hashlib
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,12 +17,16 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
+from sawmill_mill.next_step import NextStep
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
 from sawmill_store.mill_files import MillFiles
+from sawmill_vocabulary.messages import Reader
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
 # One picture at a time: a picture that many request at once is drawn once, and threads share matplotlib's caches.
 _DRAWING = threading.Lock()
@@ -33,7 +38,6 @@ THUMBNAIL = "thumbnail.png"
 class CalibrationPicture(StrEnum):
     """Pictures of a calibration, by the names of their files."""
 
-    REPORT = "report.png"
     OVERLAY = "overlay.png"
     LOG_BEFORE = "log-before.png"
     LOG_AFTER = "log-after.png"
@@ -46,7 +50,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
     """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
 
-    Takes seconds: call it in a thread that may wait.
+    Takes seconds: call it in a thread that may wait. The report has a function of its own, `report_picture`.
 
     Raises
     ------
@@ -60,9 +64,35 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
-        return _log_png(path, calibration_id, _LOGS[picture]) if picture in _LOGS else _page_png(path, picture)
+        if picture in _LOGS:
+            return _log_png(path, calibration_id, _LOGS[picture])
+        from sawmill_worker.pictures.calibration_report import overlay_png
+
+        return overlay_png(*_answer(path))
 
     return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+
+
+def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
+    """Return the path of a calibration's report with its next step; drawn and kept for each step and language.
+
+    Raises
+    ------
+    NotFound
+        The calibration has no result.h5.
+    StorageFull
+        The disk is full.
+    """
+    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+
+    def draw() -> bytes:
+        from sawmill_worker.pictures.calibration_report import report_png
+
+        return report_png(*_answer(path), step, reader)
+
+    of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
+    name = f"report-{reader.language}-{of_step}.png"
+    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=_DRAWING)
 
 
 @dataclass(frozen=True)
@@ -90,16 +120,13 @@ def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
         return ShownLog(int(arrays["log_row"]), log_before_with(arrays).value if "log_before" in arrays else None)
 
 
-def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
+def _answer(path: Path) -> "tuple[CalibrationResult, CalibrationArrays]":
     from sawmill_formats.output import calibration_file
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-    from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 
     record = calibration_file.read_calibration(path)
     with damage_reported(path.name):
-        result, arrays = CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays)
-    drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
-    return drawn(result, arrays)
+        return CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays)
 
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:

@@ -9,6 +9,7 @@ from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfi
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.alarms import is_acknowledged
+from sawmill_mill.next_step import NextStep, next_step, other_step
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.errors import NotFound
@@ -25,7 +26,7 @@ class ScannerCondition:
     `newest` is the newest calibration that succeeded and was neither discarded nor passed over by a later decision,
     else the one in use; `failed` is a newer one that failed since the last decision; `active` is in use; `drift` is
     the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
-    `active`. `alarms` are those that are open. `state` decides how the scanner stands.
+    `active`. `alarms` are those that are open. `step` is what a person does next.
     """
 
     scanner: StoredScanner
@@ -46,20 +47,32 @@ class ScannerCondition:
 
     @property
     def state(self) -> ScannerState:
-        """The facts by which the scanner is judged."""
+        """The facts that decide the next step."""
         newest, failure, last = self.newest, self.failure, None
         if newest is not None:
-            last = Calibrated(newest.id, newest.created_at, newest.verdict, newest.reasons, newest.comparison)
+            last = Calibrated(newest.id, newest.created_at, newest)
         return ScannerState(
             newest=last,
             active_id=self.scanner.active_calibration_id,
-            ray_change_mm=self.scanner.tolerances.ray_change_mm,
+            tolerances=self.scanner.tolerances,
             failure=None if failure is None else failure.detail,
             last_check=_checked(self.drift),
             seen=_checked(self.seen),
             scanned=self.scanned,
             alarms=tuple(alarm.what for alarm in self.alarms if alarm.what not in self.acknowledged),
         )
+
+    @property
+    def step(self) -> NextStep:
+        """The next step with the scanner, and with its newest calibration."""
+        return next_step(self.state)
+
+    def step_with(self, calibration: CalibrationSucceeded) -> NextStep:
+        """Return the next step with one of the scanner's calibrations."""
+        newest, active = self.newest, self.scanner.active_calibration_id == calibration.id
+        if newest is not None and newest.id != calibration.id:
+            return other_step(calibration.created_at, newest.created_at, active=active)
+        return self.step
 
 
 def _checked(check: Drift | None) -> Checked | None:
@@ -68,7 +81,7 @@ def _checked(check: Drift | None) -> Checked | None:
     known, result = (check.created_at, check.calibration_id), check.result
     if result is None:
         return Checked(*known, within_tolerance=None)
-    return Checked(*known, result.within_tolerance, result.ray_change_mm, result.tolerance_mm, result.reason)
+    return Checked(*known, result.within_tolerance, result.ray_change_mm, result.tolerance_mm, result.explanation)
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:

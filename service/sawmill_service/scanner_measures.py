@@ -58,7 +58,7 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
     yield "calibration_failed", None, int(failed)
     yield from _ray_errors("active", condition.active)
     if newest is not None:
-        yield "in_tolerance", None, int(condition.state.standing.tone != "bad")
+        yield "in_tolerance", None, int(condition.step.tone != "bad")
         yield "calibration_age_seconds", None, _age_s(newest.created_at, now)
         yield from _ray_errors("newest", newest)
         if newest.comparison is not None:

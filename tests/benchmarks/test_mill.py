@@ -122,8 +122,8 @@ def test_the_table_counts_names_and_refusals():
 
 def test_causes_are_read_up_to_the_remedy():
     said = [
-        "the angles jump at view 7, by 0.2 degrees, which was fitted; this put the rays off: look at the encoder",
-        "the predicted ray error is 0.2 mm, with 95 % below 0.3 mm: a blur of the phantom",
+        "The angles jump by 0.20 degrees at view 7. Look at the drive and its encoder.",
+        "The predicted ray error is 0.2 mm, with 95 % below 0.3 mm: a blur of the phantom",
     ]
     assert causes(said) == {"slip"}
     assert names_it("slip", causes(said))

@@ -75,7 +75,7 @@ def test_a_turntable_that_moved_is_reported_in_words(run, log_scans, known):
     answer = run("drift", log_scans / "moved.h5", *flags)
     reported = " ".join(answer.stdout.split())
     assert "out of tolerance" in reported
-    assert "look at the turntable" in reported
+    assert "Look at the turntable" in reported
     assert "not seen: the distance R" in reported
 
 

@@ -297,7 +297,7 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_ph
     moved = compared()
     assert not moved["within_tolerance"]
     assert moved["ray_change_mm"] > 0.5
-    assert "the rays moved" in moved["reason"]
+    assert "The rays moved" in moved["reason"]
     assert live.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"] == first["id"]
     outcomes = [run["outcome"] for run in live.get(f"/v1/schedules/{schedule.id}/runs").json()]
     assert outcomes == ["queued", "no-new-phantom-scan", "queued"]

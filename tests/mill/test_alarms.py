@@ -103,7 +103,7 @@ def test_each_alarm_has_its_fields_and_its_words():
     optional = {name for name, field in Alarm.model_fields.items() if not field.is_required()}
     for what, alarm in opened.items():
         assert {name for name in optional if getattr(alarm, name) is not None} == set(ALARMS[what].fields)
-        assert ALARMS[what].advice.endswith(".")
+        assert ALARMS[what].message().endswith(".")
     assert {what.value: alarm_sentence(alarm) for what, alarm in opened.items()} == {
         "no-phantom-scan": "no scan of a phantom came after 2026-03-02 05:00 UTC for 24 hours",
         "phantom-expired": "the measurement of the phantom disc was good until 2026-03-02",

@@ -23,6 +23,7 @@ from sawmill_platform.contracts.kinds import KindDeclaration
 from sawmill_platform.database.tables import Base, Json, Resource
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.jobs.subjects import Recorded
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -87,6 +88,7 @@ class Sums:
 
     def record_success(self, session, kind, subject_id, result, now):
         session.get(SumRow, subject_id).answer = result.model_dump(mode="json")
+        return Recorded()
 
     def record_end_without_result(self, session, kind, subject_id, reason, now):
         session.get(SumRow, subject_id).reason = reason

@@ -27,7 +27,7 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     assert (alarm["what"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
     assert datetime.fromisoformat(alarm["since"]) == opened.since
     assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
-    sentence = "It has sent no scan for longer than it may: look at the scanner and its network."
+    sentence = "It has sent no scan for longer than is allowed."
     assert sentence in seeded.get("/scanners/example").text
     assert sentence in seeded.get("/").text
     finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
@@ -67,7 +67,7 @@ def test_every_alarm_of_a_scanner_that_is_not_fine_is_on_the_first_page(seeded, 
     later.alarms.check()
     row = seeded.get("/").text.split('id="scanner-example-spare"')[1].split("</li>")[0]
     assert "It has no scan yet" in row
-    assert "It has sent no scan for longer than it may" in row
+    assert "It has sent no scan for longer than is allowed" in row
     assert "No phantom was scanned for longer than is allowed" in row
     assert "Counted from:" in seeded.get("/scanners/example-spare").text
 

@@ -270,7 +270,7 @@ def test_a_result_shows_what_it_is_worth_and_is_accepted(seeded, store, worker, 
     answer = seeded.post(action, data={"next": onward})
     assert (answer.status_code, answer.headers["Location"]) == (303, started)
     assert store.scanners.get("example").active_calibration_id == action.rpartition("/")[2]
-    assert "This calibration is in use" in shown(seeded.get(started))
+    assert "This is the active calibration" in shown(seeded.get(started))
 
 
 def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store, worker, started):
@@ -278,9 +278,9 @@ def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store,
     worker.finish_calibration(verdict="fail", rays_verdict="fail", reasons=["The residual is too large."])
     store.calibrations.activate(re.search(r"calibration=(\w+)", started)[1], "by hand")
     page = shown(seeded.get(started))
-    assert "Do not use this calibration" in page
-    assert "It is in use and must not be" in page
-    assert "Nothing more to do here" not in page
+    assert "This calibration is in use and must not be." in page
+    assert "Go back to an earlier one." in page
+    assert "Nothing needs to be done" not in page
 
 
 def test_another_site_s_address_is_not_gone_to(seeded):

@@ -92,8 +92,17 @@ def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
 
 
 def test_a_picture_of_an_older_version_stays(seeded, store):
-    (store.files.results(job_kinds.CALIBRATE, "example") / "report.png").write_bytes(b"drawn by the job")
-    assert seeded.get("/v1/calibrations/example/report.png").content == b"drawn by the job"
+    (store.files.results(job_kinds.CALIBRATE, "example") / "overlay.png").write_bytes(b"drawn by the job")
+    assert seeded.get("/v1/calibrations/example/overlay.png").content == b"drawn by the job"
+
+
+def test_a_report_is_drawn_once_in_each_language(seeded, store):
+    path = "/v1/calibrations/example/report.png"
+    drawn = {language: seeded.get(f"{path}?language={language}") for language in ("en", "fi")}
+    assert [answer.status_code for answer in drawn.values()] == [200, 200]
+    assert drawn["en"].content == seeded.get(path).content != drawn["fi"].content
+    kept = store.files.results(job_kinds.CALIBRATE, "example").glob("report-*.png")
+    assert sorted(each.name[:9] for each in kept) == ["report-en", "report-fi"]
 
 
 @pytest.mark.usefixtures("seeded")

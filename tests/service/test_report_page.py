@@ -5,6 +5,7 @@ import re
 import pytest
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 
 
@@ -35,6 +36,12 @@ def test_the_report_names_scanner_scan_phantom_and_who_uses_it(report):
     assert "movement 0.500 mm" in text
     assert answer.text.count("data:image/png;base64,") == 4  # phantom, log before and after, residual
     assert 'href="/scanners/example"' in answer.text
+
+
+def test_times_are_in_the_time_zone_of_the_mill(store, report):
+    spec = ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6", time_zone="Asia/Tokyo")
+    store.schedules.create(spec, schedule_id="in-tokyo")
+    assert "JST (UTC+09:00)" in words(report().text)
 
 
 def test_a_newer_calibration_is_not_in_use_and_was_asked_for_by_a_key(seeded, store, worker, report):

@@ -173,14 +173,15 @@ def test_a_disturbed_turn_is_no_drift(full_turn, frame, sense, disturbance, part
     # Cells of 3 mm blur the rings that show it, and the fit is linear in the disturbance.
     assert size == pytest.approx(amplitude, rel=0.25)
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
-    assert {"encoder": "look at the encoder", "bearing": "look at the turntable's bearing"}[part] in disturbed_turn(fit)
+    (reason,) = disturbed_turn(fit)
+    assert {"encoder": "look at the encoder", "bearing": "look at the turntable's bearing"}[part] in reason
     assert not drift_change(MILL, frame, np.diag([1e-8, 0.04, 0.25, 4e-4, 1e-7]), fit).moved
 
 
 def test_a_steady_turn_is_not_called_disturbed(plain, full_turn, frame):
     fit = conjugate_fit(MILL, plain, full_turn(180), frame)
     assert not fit.disturbances
-    assert disturbed_turn(fit) is None
+    assert disturbed_turn(fit) == ()
 
 
 @pytest.mark.parametrize("sense", list(Rotation))
@@ -263,7 +264,7 @@ def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn,
     assert uncertain.deviation[:2] == pytest.approx(np.hypot(fit.deviation[:2], 10.0 * fit.distance_sensitivity))
     change = drift_change(MILL, frame, np.eye(5) * 1e-8, fit)
     assert change.deviation[2] == change.significance[2] == change.change[2] == 0.0
-    assert "nothing moved" in likely_cause(frame, change)
+    assert "Nothing moved" in likely_cause(frame, change)
 
 
 def test_a_geometry_that_moved_too_far_is_refused(full_turn, frame):
@@ -296,16 +297,16 @@ def turned(theta: Theta, by: float) -> Theta:
 @pytest.mark.parametrize(
     ("now", "noise", "within", "cause"),
     [
-        (THETA, 0.002, True, "nothing moved that this scan can show"),
+        (THETA, 0.002, True, "Nothing moved that this scan can show"),
         (
             turntable(THETA, 0.5),
             0.02,
             True,
-            "did not: look at the turntable and at the detector's stops",
+            "Look at the turntable and at the detector's stops",
         ),
         (turntable(THETA, 20.0), 0.002, False, "the tilt followed as when the turntable moves sideways"),
-        (slid(THETA, 20.0), 0.002, False, "the detector slides along itself: look at the detector's stops"),
-        (turned(THETA, 0.04), 0.002, False, "look at the mounting of detector and source"),
+        (slid(THETA, 20.0), 0.002, False, "Look at the detector's stops"),
+        (turned(THETA, 0.04), 0.002, False, "Look at the mounting of detector and source"),
     ],
 )
 def test_what_moved_is_named(full_turn, frame, now, noise, within, cause):

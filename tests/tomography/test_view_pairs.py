@@ -210,7 +210,7 @@ def test_dead_cells_at_an_end_are_no_log_that_is_cut_off(cells, value):
     sound = view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
     scan[:, cells] = value
     fit = view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
-    assert fit.adjustments == (f"{len(cells)} detector cells without a usable signal were left out",)
+    assert fit.adjustments == (f"{len(cells)} detector cells without a usable signal were left out.",)
     # They are air, of which hundreds of cells are left.
     assert fit.cor_column_mm == pytest.approx(sound.cor_column_mm, abs=0.3 * sound.deviation[0])
 

@@ -25,6 +25,7 @@ from sawmill_contracts.calibrations import (
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_mill.next_step import step_alone
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
@@ -117,7 +118,7 @@ class Calibration:
             raise InputError("no-arrays", "this calibration was read from a file: calibrate its scan again to plot it")
         from sawmill_worker.pictures.calibration_report import report_figure  # noqa: PLC0415 - matplotlib is slow
 
-        return report_figure(self.result, self.arrays())
+        return report_figure(self.result, self.arrays(), step_alone(self.result))
 
     def report(self, path: str | Path) -> None:
         """Write the report as one HTML page that prints on A4, as `sawmill report` does.

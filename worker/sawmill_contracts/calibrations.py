@@ -29,6 +29,7 @@ from sawmill_contracts.geometry import (
 )
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_contracts.phantoms import SizeTolerancePercent
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, Rows
 from sawmill_contracts.scanners import Tolerances
 from sawmill_platform.contracts.base import Contract, Identifier, Stamped
@@ -297,8 +298,17 @@ class Comparison(Contract):
         description="Whether nothing moved beyond the scanner's tolerances.", examples=[True]
     )
     reason: str = Field(
-        description="Meaning of the changes, in one sentence.", examples=["nothing moved beyond the tolerance"]
+        description="Meaning of the changes, and what to do, in English.",
+        examples=["Nothing has moved beyond what is allowed: 0.030 mm, and 0.50 mm is allowed."],
     )
+    coded_reason: CodedReason | None = Field(
+        None, description="The reason with its code and values. Null: an answer of an earlier version."
+    )
+
+    @property
+    def explanation(self) -> CodedReason:
+        """The reason with its code, or an earlier version's sentence without one."""
+        return self.coded_reason or CodedReason.of(self.reason)
 
 
 class ColumnAndTilt(Contract):
@@ -486,7 +496,10 @@ class Judged(Contract):
     adjustments: list[str] = Field(
         [],
         description="Adjustments: what was found in the scan beyond the plain model, and what was done about it.",
-        examples=[["3 faulty cells were bridged"]],
+        examples=[["2 corrupt views were left out."]],
+    )
+    coded_adjustments: list[CodedReason] = Field(
+        [], description="The adjustments with their codes and values. Empty: an answer of an earlier version, or none."
     )
     status: CalibrationStatus | None = Field(
         None,
@@ -512,14 +525,27 @@ class Judged(Contract):
         description="Limits of the verdict. Null: an answer of an earlier version, which did not store them.",
     )
     reasons: list[str] = Field(
-        description="Reasons why the verdict is not pass, and further remarks, a sentence each.",
-        examples=[["the phantom's size is known to 0.15 % only"]],
+        description="Reasons why the verdict is not pass, and further remarks, in English, the worst first.",
+        examples=[["The source shift is not resolved from 0, so theta has no standard deviations; the rays have."]],
+    )
+    coded_reasons: list[CodedReason] = Field(
+        [], description="The reasons with their codes and values. Empty: an answer of an earlier version, or none."
     )
 
     @property
     def verdict_on_rays(self) -> Verdict:
         """The verdict on the rays alone; of an earlier version, which did not give it, the whole verdict."""
         return self.rays_verdict or self.verdict
+
+    @property
+    def explanations(self) -> list[CodedReason]:
+        """The reasons with their codes, or an earlier version's sentences without."""
+        return CodedReason.all_of(self.coded_reasons, self.reasons)
+
+    @property
+    def findings_in_scan(self) -> list[CodedReason]:
+        """The adjustments with their codes, or an earlier version's sentences without."""
+        return CodedReason.all_of(self.coded_adjustments, self.adjustments)
 
 
 class Provenance(Contract):

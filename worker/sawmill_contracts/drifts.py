@@ -11,6 +11,7 @@ from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometr
 from sawmill_contracts.drift_baselines import DriftBaseline
 from sawmill_contracts.geometry import Covariance, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts.base import Contract, Identifier, Stamped, Time
 from sawmill_platform.contracts.given import Given
@@ -123,7 +124,13 @@ class DriftResult(Contract):
         examples=[True],
     )
     reason: str = Field(
-        description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
+        description="Meaning of the change: what the log shows, a likely cause and what to do, in English.",
+        examples=["A log shows that nothing has moved. Nothing needs to be done."],
+    )
+    coded_reason: CodedReason | None = Field(
+        None,
+        description="The reason with its code and values. Null: an answer of an earlier version, or of a geometry that "
+        "was given.",
     )
     method: DriftMethod | None = Field(
         None,
@@ -184,6 +191,11 @@ class DriftResult(Contract):
         description="SHA-256 of the scan's file, in hexadecimal digits.",
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
+
+    @property
+    def explanation(self) -> CodedReason:
+        """The reason with its code, or a sentence without one."""
+        return self.coded_reason or CodedReason.of(self.reason)
 
     @property
     def detector_change(self) -> DetectorEstimate:

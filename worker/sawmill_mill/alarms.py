@@ -12,6 +12,7 @@ from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.scanner_drift import DriftFinding
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_vocabulary.messages import Message
 from sawmill_vocabulary.texts import N_
 
 SHIFT_ENDS = (6, 14, 22)  # hours
@@ -56,16 +57,37 @@ class ExpectedAlarm(NamedTuple):
     opens_at: datetime
 
 
+class AlarmMessage(Message):
+    """Messages of the alarms on pages."""
+
+    NO_PHANTOM_SCAN = (
+        "no-phantom-scan",
+        N_("No phantom was scanned for longer than is allowed."),
+        N_("Scan one, and calibrate."),
+    )
+    PHANTOM_EXPIRED = (
+        "phantom-expired",
+        N_("The measurement of its phantom has expired."),
+        N_("Measure the phantom again."),
+    )
+    SCANNER_QUIET = (
+        "scanner-quiet",
+        N_("It has sent no scan for longer than is allowed."),
+        N_("Look at the scanner and its network."),
+    )
+    DRIFT = "drift", N_("The scans of its logs together show that it has moved."), N_("Scan the phantom and calibrate.")
+
+
 @dataclass(frozen=True)
 class AlarmRule:
     """The declaration of an alarm.
 
     `expected` returns the alarm that opens if nothing comes, None where the scanner has no such alarm. Pages show the
-    `advice`, events the `sentence`, in English. `fields` are the fields of `Alarm` that this one has.
+    `message`, events the `sentence`, in English. `fields` are the fields of `Alarm` that this one has.
     """
 
     expected: Callable[[ScannerFacts], ExpectedAlarm | None]
-    advice: str
+    message: AlarmMessage
     sentence: Callable[[Alarm], str]
     fields: tuple[str, ...]
 
@@ -171,25 +193,25 @@ ALARMS: Mapping[AlarmKind, AlarmRule] = MappingProxyType(
     {
         AlarmKind.NO_PHANTOM_SCAN: AlarmRule(
             _no_phantom_scan,
-            N_("No phantom was scanned for longer than is allowed: scan one and calibrate."),
+            AlarmMessage.NO_PHANTOM_SCAN,
             partial(_came_not, "scan of a phantom"),
             ("last_at", "limit_hours"),
         ),
         AlarmKind.PHANTOM_EXPIRED: AlarmRule(
             _phantom_expired,
-            N_("The measurement of its phantom has expired: measure the phantom again."),
+            AlarmMessage.PHANTOM_EXPIRED,
             lambda alarm: f"the measurement of the phantom {alarm.phantom_id} was good until {alarm.expired_on}",
             ("phantom_id", "expired_on"),
         ),
         AlarmKind.SCANNER_QUIET: AlarmRule(
             _scanner_quiet,
-            N_("It has sent no scan for longer than it may: look at the scanner and its network."),
+            AlarmMessage.SCANNER_QUIET,
             partial(_came_not, "scan"),
             ("last_at", "limit_hours"),
         ),
         AlarmKind.DRIFT: AlarmRule(
             _drift,
-            N_("Its logs together show that it has moved: scan the phantom and calibrate."),
+            AlarmMessage.DRIFT,
             lambda alarm: "" if alarm.drift is None else alarm.drift.sentence,
             ("drift",),
         ),

@@ -31,12 +31,13 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
 
 
 class Answer(StrEnum):
-    """An answer to one of the two questions."""
+    """An answer to a question about a calibration; `accepted`: somebody accepted the calibration that shows it."""
 
     YES = "yes"
     LOOK = "look"
     NO = "no"
     UNKNOWN = "unknown"
+    ACCEPTED = "accepted"
 
 
 def in_mm(value_mm: float) -> str:

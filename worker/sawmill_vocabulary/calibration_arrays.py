@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.texts import N_
 
 
 class LogBefore(StrEnum):
@@ -19,10 +20,10 @@ class LogBefore(StrEnum):
 
     @property
     def phrase(self) -> str:
-        """Phrase for a title in English."""
+        """Phrase for a title, which pages translate."""
         if self is LogBefore.ACTIVE:
-            return "with the calibration that was active"
-        return "uncalibrated: nothing shifted, nothing tilted"
+            return N_("with the calibration that was active")
+        return N_("uncalibrated: nothing shifted, nothing tilted")
 
 
 @dataclass(frozen=True)

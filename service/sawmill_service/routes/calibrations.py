@@ -1,16 +1,19 @@
 """/v1/calibrations: pictures, the file and activation, in addition to the routes of every asked kind."""
 
-from fastapi import Request, Response
+from typing import Annotated
+
+from fastapi import Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheCalibrations
-from sawmill_service.drawing import CalibrationPicture, calibration_picture
+from sawmill_service.dependencies import TheCalibrations, TheStore
+from sawmill_service.drawing import CalibrationPicture, calibration_picture, report_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import stored
 from sawmill_service.http.document.openapi_document import trying
@@ -19,6 +22,9 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.languages import Language
+from sawmill_service.pages.frame.page_frame import formats_of
+from sawmill_service.scanner_conditions import condition_of
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
@@ -42,18 +48,40 @@ class Discard(Given):
     reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["wrong file"])
 
 
+class InLanguage(Given):
+    """Language of a report."""
+
+    language: Language = Field(Language.ENGLISH, description="Language of the sentences: en or fi.", examples=["fi"])
+
+
+@router.get(
+    "/{calibration_id}/next-step",
+    summary="Get the next step with a calibration",
+    responses=refuses("calibration-not-found", "calibration-without-result"),
+)
+def get_calibration_step(calibration_id: Identifier, calibrations: TheCalibrations, store: TheStore) -> NextStepAnswer:
+    """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
+    calibration = succeeded(calibrations, calibration_id, "next step")
+    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration).answer
+
+
 @router.get(
     "/{calibration_id}/report.png",
     response_class=Png,
     summary="Get the report picture",
     responses=stored("calibration-not-found", "calibration-without-result"),
 )
-def get_report(calibration_id: Identifier, request: Request, calibrations: TheCalibrations) -> Response:
+def get_report(
+    calibration_id: Identifier, request: Request, store: TheStore, asked: Annotated[InLanguage, Query()]
+) -> Response:
     """Draw the verdict and the numbers, the phantom's image, a log before and after, and the evidence, on one page.
 
-    The report is drawn on the first request, which takes seconds, and stored.
+    The report is drawn on the first request of a language and of a next step, which takes seconds, and stored.
     """
-    return _picture(request, calibrations, calibration_id, CalibrationPicture.REPORT)
+    calibration = succeeded(store.calibrations, calibration_id, "report.png")
+    step = condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration)
+    path = report_picture(store.files, calibration_id, step, formats_of(asked.language).reader)
+    return file(request, path, Png.media_type)
 
 
 @router.get(

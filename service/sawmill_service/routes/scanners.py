@@ -8,13 +8,14 @@ from pydantic import Field
 
 from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_contracts.measurements import Measurement
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanner_drift import ScannerDrift
 from sawmill_contracts.scanners import ScannerAsk, StoredScanner
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheDriftCharts, TheHistory, TheMeasurements, TheScanners
+from sawmill_service.dependencies import TheDriftCharts, TheHistory, TheMeasurements, TheScanners, TheStore
 from sawmill_service.history_file import history_csv
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import LOCATED, NAMED
@@ -24,6 +25,7 @@ from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
 from sawmill_service.http.route_rules import Router
+from sawmill_service.scanner_conditions import condition_of
 
 router = Router(prefix="/v1/scanners", tags=["scanners"], reading=Scope.READ)
 
@@ -189,6 +191,16 @@ def list_measurements(
 ) -> Page[Measurement]:
     """List one entry for each that succeeded, newest first: changes of the rays, u_c and the tilt over months."""
     return measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
+
+
+@router.get(
+    "/{scanner_id}/next-step",
+    summary="Get the next step with a scanner",
+    responses=refuses("scanner-not-found"),
+)
+def get_scanner_step(scanner_id: Identifier, store: TheStore) -> NextStepAnswer:
+    """Return what a person does next, by the newest calibration, movement, failures, alarms and what is in use."""
+    return condition_of(store, store.scanners.get(scanner_id)).step.answer
 
 
 @router.get(

@@ -134,7 +134,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     }
     page.keyboard.press("Escape")
     accept.click()
-    expect(page.get_by_role("heading", name="This calibration is in use")).to_be_visible()
+    expect(page.get_by_text("This is the active calibration")).to_be_visible()
     (scanner,) = service.get("/v1/scanners").json()["items"]
     active = scanner["active_calibration_id"]
     assert active is not None

@@ -116,15 +116,15 @@ FAULTS = {
     "corrupt views": (corrupt_views, "3 corrupt views", [Adjustment.CORRUPT_VIEWS]),
     "a glitch in three views": (a_glitch_in_three_views, "of the samples are outliers", [Adjustment.OUTLIERS]),
     "displaced views": (displaced_views, "3 views that do not fit the others", [Adjustment.OUTLIERS]),
-    "gain of each view": (gain_of_each_view, "the views differ in gain or background", [Adjustment.VIEW_GAIN]),
+    "gain of each view": (gain_of_each_view, "The views differ in gain or background", [Adjustment.VIEW_GAIN]),
     "background of each view": (
         background_of_each_view,
-        "the views differ in gain or background",
+        "The views differ in gain or background",
         [Adjustment.VIEW_GAIN],
     ),
-    "beam hardening": (beam_hardening, "beam hardening of -8", [Adjustment.BEAM_HARDENING]),
+    "beam hardening": (beam_hardening, "Beam hardening of -8", [Adjustment.BEAM_HARDENING]),
     "sloping density": (sloping_density, "density slopes by 12", [Adjustment.DENSITY_GRADIENT]),
-    "blur": (blur, "a blur of 2.0", [Adjustment.BLUR]),
+    "blur": (blur, "A blur of 2.0", [Adjustment.BLUR]),
 }
 
 
@@ -257,7 +257,7 @@ def test_hardening_that_is_alike_in_many_views_is_found(square, percent):
     scan = task.sinogram - square * task.sinogram**2
     scan += 0.002 * scan.std() * rng.standard_normal(140) + 0.01 * scan.std() * rng.standard_normal(scan.shape)
     found = calibrate(replace(task, sinogram=scan))
-    (named,) = (sentence for sentence in found.adjustments if sentence.startswith("beam hardening"))
+    (named,) = (sentence for sentence in found.adjustments if sentence.startswith("Beam hardening"))
     # Gains of each view and the cubic term take up to 1 % of it.
     assert float(named.split("-")[1].split("%")[0]) == pytest.approx(percent, abs=1.0)
     assert found.judgement.rays_verdict == "pass"
@@ -286,8 +286,8 @@ def test_a_wobble_and_a_longer_outline_are_reported_together_where_the_scan_does
     scan += 0.02 * scan.std() * rng.standard_normal(scan.shape)
     found = calibrate(replace(task, sinogram=scan))
     (named,) = (sentence for sentence in found.adjustments if "wobbles" in sentence)
-    assert named.startswith("the phantom is longer in x than in y")
-    assert named.endswith("(this scan does not tell which): fitted")
+    assert named.startswith("The phantom is longer in x than in y")
+    assert "This scan does not tell which of these it is. It was fitted." in named
     assert found.findings.scale.aspect_half > 0.0
     assert_bounds_hold(found)
 

@@ -75,7 +75,7 @@ def test_a_phantom_far_larger_than_its_drawing_contradicts_the_scanner():
     )
     found = calibrate(CalibrationTask(SCANNER, L_SHAPE, *scan_of(grown, frame=near)))
     assert (found.judgement.status, found.judgement.verdict) == ("inconsistent-scale", "fail")
-    assert "measure both" in found.judgement.reasons[0]
+    assert "Two measurements contradict each other" in found.judgement.reasons[0]
 
 
 def test_a_drawing_in_cm_is_refused_by_the_distance_it_asks_for():

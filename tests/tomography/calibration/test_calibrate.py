@@ -340,7 +340,7 @@ def test_a_theta_outside_the_bounds_is_to_be_watched(scan, full_turn):
     bounds = ThetaBounds(detector_to_cor_mm=(705.0, 710.0), source_shift_mm=(100.0, 500.0))
     found = calibrate(scan(L_SHAPE, full_turn(60), seed=1123, bounds=bounds))
     assert found.judgement.verdict == "watch"
-    assert any("theta lies outside the scanner's bounds" in reason for reason in found.judgement.reasons)
+    assert any("Theta lies outside the scanner's bounds" in reason for reason in found.judgement.reasons)
 
 
 def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_turn):
@@ -356,7 +356,7 @@ def test_too_much_noise_is_reported_and_does_not_pass(scan, full_turn):
     found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.2))
     assert found.findings.error_bars.predicted_ray_error.rms_mm > 0.1
     assert found.judgement.verdict in {"watch", "fail"}
-    assert "use more views, more rows or a longer exposure" in found.judgement.reasons[0]
+    assert "Use more views, more rows or a longer exposure" in found.judgement.reasons[0]
 
 
 @pytest.mark.parametrize(
@@ -372,7 +372,7 @@ def test_a_symmetric_phantom_leaves_an_ambiguity_that_is_reported(scan, full_tur
     assert found.judgement.verdict != "pass"
     assert found.judgement.status in {"ambiguous-handedness", "not-converged"}
     assert any(
-        "the scan does not tell" in reason and "use a phantom without symmetry" in reason
+        "The scan does not tell" in reason and "Use a phantom without symmetry" in reason
         for reason in found.judgement.reasons
     )
 

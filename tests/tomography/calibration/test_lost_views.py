@@ -86,7 +86,7 @@ def test_a_jump_of_part_of_a_step_is_a_jump():
     angles = full_turn(VIEWS)
     turned = math.radians(9.0) * (np.arange(VIEWS) >= 20)
     reasons = assert_right(calibrate(task(angles, angles, turned_rad=turned)))
-    assert "jump by 9 degrees at view 20;" in reasons
+    assert "jump by 9.0 degrees at view 20. " in reasons
 
 
 def test_another_built_in_drawing_that_explains_the_scan_is_named():

@@ -49,7 +49,7 @@ def off_mm(found):
 
 
 def metal_reported(found):
-    return [sentence for sentence in found.adjustments if sentence.startswith("metal in the phantom")]
+    return [sentence for sentence in found.adjustments if sentence.startswith("Metal in the phantom")]
 
 
 def screws(count, density, radius_mm=2.5):

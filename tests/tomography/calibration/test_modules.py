@@ -115,7 +115,7 @@ def test_gaps_and_kinks_are_found_and_leave_the_rays_right(modules, views):
         assert one.gap_mm == pytest.approx(true.gap_mm, abs=0.08)
         assert math.degrees(one.kink_rad) == pytest.approx(math.degrees(true.kink_rad), abs=0.4)
     assert not any("wobble" in sentence or "moved" in sentence for sentence in found.adjustments)
-    assert "the detector's modules meet at cell" in " ".join(found.adjustments)
+    assert "The detector's modules meet at cell" in " ".join(found.adjustments)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -26,11 +26,11 @@ def reported():
 
 
 CASES = {
-    "the turntable": ({"cor_column_mm": 0.8}, "look at the turntable, not the detector"),
-    "the detector's mount": ({"tilt_rad": 0.02}, "and nothing else: look at the detector's mount"),
-    "the detector's stand": ({"source_to_detector_mm": 20.0}, "look at the detector's stand"),
+    "the turntable": ({"cor_column_mm": 0.8}, "Check the turntable first."),
+    "the detector's mount": ({"tilt_rad": 0.02}, "Check the detector's mount. The detector's tilt"),
+    "the detector's stand": ({"source_to_detector_mm": 20.0}, "Check the detector's stand."),
     "the phantom's size": ({"source_distance_mm": 9.0}, "phantom's size is not the stated one"),
-    "the source": ({"source_distance_mm": 12.0, "source_to_detector_mm": 12.0}, "look at the source's mount"),
+    "the source": ({"source_distance_mm": 12.0, "source_to_detector_mm": 12.0}, "Check the source's mount."),
     "a knock": ({"cor_column_mm": 1.5, "tilt_rad": 0.02}, "the detector was knocked"),
     "several": (
         {"cor_column_mm": 3.0, "tilt_rad": 0.03, "source_distance_mm": 15.0, "source_to_detector_mm": -20.0},
@@ -55,7 +55,7 @@ def test_the_noise_of_both_calibrations_is_no_movement(reported, name, seed):
 
 
 def test_the_movement_is_reported_in_millimetres_and_degrees(reported):
-    assert reported(cor_column_mm=0.8).startswith("the COR moved +0.80 mm on the detector and the tilt did not")
+    assert "The COR moved +0.80 mm on the detector and the tilt did not" in reported(cor_column_mm=0.8)
     assert "changed by +1.146 degrees" in reported(tilt_rad=0.02)
 
 
@@ -63,8 +63,9 @@ def test_a_change_of_the_source_distance_alone_is_given_as_the_size_of_the_phant
     """R of 917.0 mm stands for a source shift of 319.7 mm, R of 926.0 mm for one of 344.6 mm; r_S is 859.46 mm."""
     sentence = reported(source_distance_mm=9.0)
     assert "the source shift would be 345 mm, where the active calibration has 320 mm" in sentence
-    assert "as with a phantom 1.0% smaller than its drawing; check which phantom was scanned" in sentence
-    assert "2.2% larger than its drawing" in reported(source_distance_mm=-20.0)
+    assert "as with a phantom 1.0 % smaller than its drawing" in sentence
+    assert "Check which phantom was scanned" in sentence
+    assert "2.2 % larger than its drawing" in reported(source_distance_mm=-20.0)
 
 
 def test_without_error_bars_what_hardly_moves_the_rays_is_no_movement(reported):

@@ -67,7 +67,7 @@ def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     alone, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
     # The phantom's own fit finds the slip too; the log need not mend it, and must not spoil it.
-    assert any("the phantom moved at view" in reason for reason in heard.judgement.reasons)
+    assert any("The phantom moved at view" in reason for reason in heard.judgement.reasons)
     assert off(heard) < min(off(alone) + 0.01, heard.findings.error_bars.predicted_ray_error.upper_95_mm)
 
 

@@ -76,7 +76,7 @@ def test_a_scanner_that_has_not_moved_is_within_tolerance(look, log_scan):
     reported = look(log_scan())
     assert reported.within_tolerance is True
     assert not reported.moved
-    assert "nothing moved that this scan can show" in reported.reason
+    assert "Nothing moved that this scan can show" in reported.reason
     assert abs(reported.change.cor_column_mm) < 4.0 * reported.change_standard_deviation.cor_column_mm
     assert any("distance R" in blind for blind in reported.not_seen)
     assert any("psi" in blind for blind in reported.not_seen)
@@ -96,7 +96,7 @@ def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_sca
     reported = look(log_scan(TURNTABLE))
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
     assert reported.change.cor_column_mm == pytest.approx(expected, abs=0.15)
-    assert "look at the turntable" in reported.reason
+    assert "Look at the turntable" in reported.reason
     assert reported.within_tolerance is False
     assert look(log_scan(TURNTABLE), tolerance_mm=2.0 * reported.ray_change_mm).within_tolerance is True
 
@@ -104,7 +104,7 @@ def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_sca
 def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
     reported = look(log_scan(), tolerance_mm=1e-4)
     assert reported.within_tolerance is None
-    assert "average more rows" in reported.reason
+    assert "Average more rows" in reported.reason
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_sca
     tolerance_mm = 0.5 * (quiet.ray_change_mm + quiet.ray_change_uncertainty_mm)
     chance = [look(log_scan(seed=seed), tolerance_mm=tolerance_mm) for seed in range(6)]
     assert {each.within_tolerance for each in chance if each.ray_change_mm > tolerance_mm} == {None}
-    assert all("go on with this calibration" not in each.reason for each in chance if each.within_tolerance is None)
+    assert all("Nothing needs to be done" not in each.reason for each in chance if each.within_tolerance is None)
     moved = look(log_scan(TURNTABLE), tolerance_mm=0.5 * quiet.ray_change_uncertainty_mm)
     assert (moved.moved, moved.within_tolerance) == (True, False)
 
@@ -321,7 +321,7 @@ def test_a_baseline_cancels_what_stays_and_shows_what_moves(disturbed, answers, 
     assert (still.reference, still.moved, still.baseline.looks) == ("baseline", False, 3)
     assert abs(still.baseline.significance.cor_column_mm) < 3.0
     assert still.ray_change_mm < 0.3 * still.baseline.ray_offset_mm
-    assert "since the first 3 logs after the calibration" in still.reason
+    assert "counted from the first 3 logs after the calibration" in still.reason
     assert any("newer than the baseline" in blind for blind in still.not_seen)
     expected = replace(THETA, detector_shift_mm=30.4).source_frame(859.46).cor_column_mm
     expected -= THETA.source_frame(859.46).cor_column_mm
@@ -334,7 +334,7 @@ def test_a_baseline_out_of_tolerance_hides_no_move_before_it(disturbed, answers,
     beyond = disturbed(7, baselines=(baseline,), tolerance_mm=0.5 * disturbed(7).ray_change_mm)
     assert beyond.within_tolerance is False
     assert beyond.ray_change_mm < beyond.tolerance_mm < beyond.baseline.ray_offset_mm
-    assert "take a new flat field, scan the phantom" in beyond.reason
+    assert "Take a new flat field, scan the phantom" in beyond.reason
 
 
 def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):

@@ -121,14 +121,14 @@ def page(answer, arrays):
 
 @pytest.mark.parametrize(
     ("verdict", "color", "pairs"),
-    [("pass", GREEN, 10), ("watch", AMBER, 6), ("fail", RED, 0)],
+    [("pass", RED, 10), ("watch", AMBER, 6), ("fail", RED, 0)],
     ids=[
         "moved too far, two pictures of a log",
         "R held, no twin, three views unsorted, no image, one picture of a log",
         "no error bars, no history, perfect fit",
     ],
 )
-def test_the_report_has_its_verdicts_color_and_what_there_is(page, verdict, color, pairs):
+def test_the_report_has_its_next_steps_color_and_what_there_is(page, verdict, color, pairs):
     drawn = page(verdict)
     assert drawn.shape[1] == 1400
     badge = drawn[:70, -250:]
@@ -142,8 +142,8 @@ def test_the_report_has_its_verdicts_color_and_what_there_is(page, verdict, colo
 
 def test_sentences_make_the_page_longer_and_what_moved_too_far_is_red(page):
     drawn = page("pass")
-    # Head with four lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
-    assert abs(drawn.shape[0] - 100 * (1.0 + 4 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
+    # Head with six lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
+    assert abs(drawn.shape[0] - 100 * (1.0 + 6 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
     assert near(drawn[80:200, :700], RED) > 200
 
 

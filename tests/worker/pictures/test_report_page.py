@@ -142,7 +142,8 @@ def test_the_two_numbers_stand_beside_their_limits():
     text = page()[0].text
     assert "Are the rays right? ✓ Yes 0.040 mm 95 % bound limit 0.100 mm" in text
     assert "Are the millimetres right? ✓ Yes ± 0.3 % = ± 0.9 mm on a log of 300 mm limit 0.5 % = 1.5 mm" in text
-    assert "It is in use. Nothing needs to be done." in text
+    assert "Nothing needs to be done." in text
+    assert "Did anything move? ? Not known" in text
 
 
 def test_angles_are_in_degrees_with_radians_beside_them_and_correlations_are_those_of_the_covariance():
@@ -178,18 +179,26 @@ def test_what_is_not_known_is_shown_as_not_known():
 @pytest.mark.parametrize(
     ("changes", "active", "words"),
     [
-        ({}, False, "Accept it."),
-        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, False, "Do not use it."),
-        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, True, "must not be"),
-        ({"verdict": "watch", "rays_verdict": "watch", "reasons": ["turn it"]}, False, "then scan the phantom again"),
+        ({}, False, "and accept it. [Accept]"),
+        (
+            {"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]},
+            False,
+            "[Scan again] the fit broke",
+        ),
+        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, True, "Go back to an earlier one."),
+        ({"verdict": "watch", "rays_verdict": "watch", "reasons": ["turn it"]}, False, "[Scan again] turn it"),
         ({"predicted_ray_error_mm": None}, False, "Look at the pictures"),
         # 1.96 times 0.9 of 917 mm is 0.19 %: half of 0.6 % is something else.
         (
             {"scale_uncertainty_percent": 0.6, "reasons": ["more views"]},
             False,
-            "right millimetres put this right: more",
+            "For right sizes: Read the reason, which is in English. [Accept] more views",
         ),
-        ({"scale_uncertainty_percent": 0.6, "scale_uncertainty_mm": 2.7}, True, "measure the phantom"),
+        (
+            {"scale_uncertainty_percent": 0.6, "scale_uncertainty_mm": 2.7},
+            True,
+            "Measure the phantom, and enter its measured size.",
+        ),
     ],
 )
 def test_what_to_do_next_is_one_sentence(changes, active, words):
@@ -210,7 +219,9 @@ def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
         "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
     }
     text = page(answer(comparison=moved, reasons=[moved["reason"]]), About(active=False))[0].text
-    assert "Find out what moved on the scanner." in text
+    assert "! Out of tolerance" not in text
+    assert "✕ Out of tolerance Something has moved: 2.00 mm, and 0.50 mm is allowed." in text
+    assert "If the scanner was changed on purpose, accept this calibration. [Scan again]" in text
     assert "✕ Out of tolerance." in text
     assert "first angle +0.000°" in text
 

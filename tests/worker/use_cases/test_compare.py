@@ -47,7 +47,7 @@ def test_a_knocked_detector_is_reported_in_millimetres(calibration, watched, the
     assert change.cor_column_change_mm == pytest.approx(expected)
     assert change.ray_change_mm > 0.5
     assert not change.within_tolerance
-    assert f"the COR moved {expected:+.2f} mm on the detector" in change.reason
+    assert f"The COR moved {expected:+.2f} mm on the detector" in change.reason
 
 
 @pytest.mark.parametrize(("stated_mm", "counted_mm"), [(None, 50.0), (100.0, 100.0)])
@@ -110,7 +110,7 @@ def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, watched)
     # 0.3 mm of about 900 in either, nearly all of it: 1.96 sqrt(2) 0.3 / 900.
     assert change.scale_change_uncertainty_percent == pytest.approx(0.092, rel=0.1)
     assert change.within_tolerance
-    assert "the scale changed by +0.300 +- 0.0" in change.reason
+    assert "The scale changed by +0.300 ± 0.0" in change.reason
     assert "dried or swelled" in change.reason
 
 
@@ -121,9 +121,10 @@ def test_a_change_of_scale_within_its_error_bars_is_not_mentioned(calibration, w
 def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_with_its_cause(calibration, watched):
     change = compare(*resized(calibration, 0.6, 0.3), watched())
     assert not change.within_tolerance
-    assert "where 0.5 % is allowed: the source distance changed" in change.reason
+    assert "0.50 % is allowed." in change.reason
+    assert "The source distance changed" in change.reason
     assert "phantom's size is not the stated one: the source shift would be" in change.reason
-    assert "as with a phantom 0.6% smaller than its drawing" in change.reason
+    assert "as with a phantom 0.6 % smaller than its drawing" in change.reason
     assert compare(*resized(calibration, 0.6, 0.3), watched(scale_percent=0.7)).within_tolerance
 
 

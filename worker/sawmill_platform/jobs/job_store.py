@@ -329,7 +329,9 @@ class Jobs:
             event = self._end(
                 session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes)
             )
-            event.why = self._subjects.record_success(session, kind, subject_id, result, self._database.now())
+            recorded = self._subjects.record_success(session, kind, subject_id, result, self._database.now())
+            event.why = recorded.why
+            event.detail = {**(event.detail or {}), **recorded.detail} or None
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
             # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.

@@ -1,9 +1,9 @@
 """The job store's interface to the package that owns the kinds of jobs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 from sqlalchemy.orm import Session
 
@@ -12,6 +12,13 @@ from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.named_folders import NamedFolder
+
+
+class Recorded(NamedTuple):
+    """A result for the ledger: a sentence for the history, and details for the event, which go to all followers."""
+
+    why: str | None = None
+    detail: Mapping[str, Any] = {}
 
 
 class Subjects(Protocol):
@@ -31,8 +38,8 @@ class Subjects(Protocol):
 
     def record_success(
         self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
-    ) -> str | None:
-        """Write a result to the job's subject; return a sentence for the ledger, or None."""
+    ) -> Recorded:
+        """Write a result to the job's subject."""
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime

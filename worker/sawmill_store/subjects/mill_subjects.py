@@ -8,11 +8,13 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.activation import activation_reason
+from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
@@ -21,6 +23,7 @@ from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.jobs.subjects import Recorded
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.measurements import record_measurement
@@ -45,16 +48,20 @@ class MillSubjects:
 
     def record_success(
         self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
-    ) -> str | None:
-        """Write a result to the job's subject; return a sentence about the result for the history, if any."""
+    ) -> Recorded:
+        """Write a result to the job's subject; the ledger gets a sentence about it and the next step, if any."""
         declared, stored = declaration_of(kind), result.model_dump(mode="json")
         if isinstance(declared, AskedKind):
             row = found_asked(session, declared, subject_id)
             row.result = stored
-            why = record_measurement(session, row, result, now)
+            why, step, activated = record_measurement(session, row, result, now), None, False
             if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
-                _activate_on_pass(session, row, result, now)
-            return why
+                activated = _activate_on_pass(session, row, result, now)
+                step = step_alone(result, active=activated)
+            elif isinstance(result, DriftResult):
+                step = step_of_check(result)
+            detail = {} if step is None else {"next_step": step.answer.model_dump(mode="json")}
+            return Recorded(why, detail)
         if kind is job_kinds.INGEST:
             scan = found(session, ScanRow, "scan", subject_id)
             scan.state, scan.reading = ScanState.READY, stored
@@ -63,7 +70,7 @@ class MillSubjects:
             phantom = found(session, PhantomRow, "phantom", subject_id)
             phantom.state, phantom.drawing = PhantomState.READY, stored
             announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
-        return None
+        return Recorded()
 
     def record_end_without_result(
         self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
@@ -84,7 +91,8 @@ class MillSubjects:
         outputs.check_output(kind, cast("HandedOver", given), result, folder)
 
 
-def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> None:
+def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> bool:
+    """Activate a calibration that was asked to activate itself; return whether it was."""
     reason = activation_reason(
         wanted=calibration.activate,
         schedule_id=calibration.schedule_id,
@@ -96,3 +104,4 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Cal
         by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
         with acting_as(by_request):
             activate(session, calibration.scanner_id, calibration.id, reason, now)
+    return reason is not None

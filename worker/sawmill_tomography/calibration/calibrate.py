@@ -27,6 +27,7 @@ from sawmill_tomography.phantoms.built_in import BUILT_IN
 from sawmill_tomography.sinograms.hardening import fit_hardening
 from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # The best fit that leaves more than this share of the sinogram is too far off to measure the angles of views from it.
@@ -71,11 +72,11 @@ def conclude(
     if screened is not task:
         task, ranked = screened, fit_hypotheses(screened, by_hypothesis(ranked), on_step)
     best = _best_fit(task, ranked, basins.report.seed, on_step)
-    sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
+    of_metal = () if metal is None else (metal.reason(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, statistics, source_distance = with_theta(
         task, replace(prepare(best, task.without), known=known), on_step
     )
-    adjusted = (*task.screening.adjustments, *sentences, *prepared.adjustments)
+    adjusted = (*task.screening.adjustments, *of_metal, *prepared.adjustments)
     task = replace(task, scanner=replace(task.scanner, detector_modules=joint.modules))
     refined = time.perf_counter()
     fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
@@ -104,7 +105,10 @@ def conclude(
         theta_twin=twin,
         findings=evidence,
         residual=joint.model.residual,
-        adjustments=(*adjusted, *(f"{effect.sentence}: fitted" for effect in analysis.effects if effect.fitted)),
+        adjustments=(
+            *adjusted,
+            *(AdjustmentMessage.FITTED(effect.reason) for effect in analysis.effects if effect.fitted),
+        ),
         judgement=judgement,
         beam=_beam(joint.model),
         search=basins.report,

@@ -9,6 +9,8 @@ from sawmill_tomography.calibration.movement import likely_cause
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, angle_difference
 from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_deviation
+from sawmill_vocabulary.messages import Reason, Value
+from sawmill_vocabulary.movement_messages import MovementMessage
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,8 @@ class ChangeLimits:
 
 
 @dataclass(frozen=True)
-class GeometryChange:
-    """Differences new - active, whether the limits are held, and one sentence.
+class _Change:
+    """Differences new - active.
 
     Attributes
     ----------
@@ -42,8 +44,14 @@ class GeometryChange:
     cor_column_change_mm: float
     source_distance_change_mm: float
     tilt_change_rad: float
+
+
+@dataclass(frozen=True)
+class GeometryChange(_Change):
+    """Differences new - active, whether the limits are held, and the reason."""
+
     within_tolerance: bool
-    reason: str
+    reason: Reason
 
 
 def compare(
@@ -53,7 +61,7 @@ def compare(
     moved = _moved(scanner, active, new, limits.log_radius_mm)
     covariance = _covariance(active, new)
     spread = None if covariance is None else _scale_spread_percent(scanner, new.frame, covariance, limits.log_radius_mm)
-    change = GeometryChange(
+    change = _Change(
         ray_change_mm=moved.rms_mm,
         scale_change_percent=100.0 * moved.scale_change,
         scale_change_uncertainty_percent=spread,
@@ -61,19 +69,18 @@ def compare(
         cor_column_change_mm=new.frame.cor_column_mm - active.frame.cor_column_mm,
         source_distance_change_mm=new.frame.source_distance_mm - active.frame.source_distance_mm,
         tilt_change_rad=new.frame.tilt_rad - active.frame.tilt_rad,
-        within_tolerance=True,
-        reason="",
     )
     complaint = next(_complaints(scanner, active, new, change, limits), None)
-    return replace(change, within_tolerance=complaint is None, reason=complaint or _quiet(change, limits))
+    reason = _within(change, limits) if complaint is None else complaint
+    return GeometryChange(**vars(change), within_tolerance=complaint is None, reason=reason)
 
 
 def _complaints(
-    scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, change: GeometryChange, limits: ChangeLimits
-) -> Iterator[str]:
-    """Yield a sentence for each limit that the change exceeds, the gravest first."""
+    scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, change: _Change, limits: ChangeLimits
+) -> Iterator[Reason]:
+    """Yield a reason for each limit that the change exceeds, the gravest first."""
     if new.rotation is not active.rotation:
-        yield "the log turns the other way than at the active calibration: check the drive's direction"
+        yield MovementMessage.TURNED_OVER()
     moved_mm, resized = change.ray_change_mm, abs(change.scale_change_percent) > limits.scale_change_percent
     if moved_mm > limits.ray_change_mm or resized:
         cause = likely_cause(
@@ -85,32 +92,28 @@ def _complaints(
             radius_mm=limits.log_radius_mm,
         )
         if moved_mm > limits.ray_change_mm:
-            yield f"the rays moved {moved_mm:.2f} mm RMS where {limits.ray_change_mm:.2f} mm is allowed: {cause}"
+            yield MovementMessage.MOVED(cause, moved_mm=moved_mm, allowed_mm=limits.ray_change_mm)
         if resized:
-            yield f"{_described_scale(change)} where {limits.scale_change_percent:.2g} % is allowed: {cause}"
+            without_bars = change.scale_change_uncertainty_percent is None
+            message = MovementMessage.RESCALED_WITHOUT_BARS if without_bars else MovementMessage.RESCALED
+            yield message(cause, allowed_percent=limits.scale_change_percent, **_scale_values(change))
     if limits.psi_change_rad is not None and abs(change.psi_change_rad) > limits.psi_change_rad:
-        yield (
-            f"the first angle changed by {math.degrees(change.psi_change_rad):+.3f} degrees and the rays did not move: "
-            "the phantom was mounted turned, or the encoder's zero moved"
-        )
+        yield MovementMessage.FIRST_ANGLE(angle_deg=math.degrees(change.psi_change_rad))
 
 
-def _quiet(change: GeometryChange, limits: ChangeLimits) -> str:
-    """Return the sentence where every limit is held; a change of scale beyond its uncertainty is reported too."""
-    within = f"the rays moved {change.ray_change_mm:.3f} mm RMS, within the {limits.ray_change_mm:.2f} mm allowed"
+def _within(change: _Change, limits: ChangeLimits) -> Reason:
+    """Return the reason where every limit is held; a change of scale beyond its uncertainty is reported too."""
+    values: dict[str, Value] = {"moved_mm": change.ray_change_mm, "allowed_mm": limits.ray_change_mm}
     spread = change.scale_change_uncertainty_percent
     if spread is None or abs(change.scale_change_percent) <= spread:
-        return within
-    return (
-        f"{within}; {_described_scale(change)}, as when the phantom dried or swelled, was exchanged, or source or "
-        "turntable moved along the beam"
-    )
+        return MovementMessage.WITHIN(**values)
+    return MovementMessage.WITHIN_RESCALED(**values, **_scale_values(change))
 
 
-def _described_scale(change: GeometryChange) -> str:
+def _scale_values(change: _Change) -> dict[str, Value]:
     spread = change.scale_change_uncertainty_percent
-    uncertainty = "" if spread is None else f" +- {spread:.2g} %"
-    return f"the scale changed by {change.scale_change_percent:+.3f}{uncertainty or ' %'}"
+    of_spread: dict[str, Value] = {} if spread is None else {"spread_percent": spread}
+    return {"scale_percent": change.scale_change_percent, **of_spread}
 
 
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:

@@ -15,6 +15,8 @@ from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
+from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
+from sawmill_vocabulary.messages import Reason
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
@@ -28,29 +30,17 @@ MATTERS = 0.1
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 
-# Possible causes of a residual by its place, each with a remedy: the place alone does not show which cause is real.
-CAUSES = {
-    ResidualPlace.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and "
-    "repeat the scan",
-    ResidualPlace.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of "
-    "unequal gain: take more flat frames, or have rings removed",
-    ResidualPlace.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that "
-    "turns during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), "
-    "a surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, "
-    "draw it anew)",
-    ResidualPlace.BESIDE: "beside the phantom's shadow, as from another body in the beam (a second board, a support, "
-    "a hand): take it away, and repeat the scan",
-    ResidualPlace.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one "
-    "without knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no "
-    "longer fit (take new ones), rows that show something else (check the rows)",
+_RESIDUALS = {
+    ResidualPlace.VIEWS: ResidualMessage.VIEWS,
+    ResidualPlace.CELLS: ResidualMessage.CELLS,
+    ResidualPlace.EDGES: ResidualMessage.EDGES,
+    ResidualPlace.BESIDE: ResidualMessage.BESIDE,
+    ResidualPlace.SHADOW: ResidualMessage.SHADOW,
 }
-SCALE_CURES = {
-    ScaleSource.SIZE: "most of it is the phantom's size tolerance, so measure the phantom and give a smaller one "
-    "(size_tolerance of its drawing, or size_tolerance_percent)",
-    ScaleSource.NOISE: "most of it is the error of R/SDD, so use more views, more rows, a longer exposure or a larger "
-    "phantom",
-    ScaleSource.ASPECT: "the phantom's two directions differ from its drawing's, so measure it along both and draw it "
-    "anew, or give the direction that is right (true_axis)",
+_SCALES = {
+    ScaleSource.SIZE: CalibrationMessage.SCALE_SIZE,
+    ScaleSource.NOISE: CalibrationMessage.SCALE_NOISE,
+    ScaleSource.ASPECT: CalibrationMessage.SCALE_ASPECT,
 }
 
 
@@ -69,7 +59,7 @@ class Judgement:
     status: CalibrationStatus
     verdict: Verdict
     rays_verdict: Verdict
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
 
 
 @dataclass(frozen=True)
@@ -135,7 +125,7 @@ class Remark:
     """
 
     degree: Degree
-    reason: str
+    reason: Reason
     status: CalibrationStatus | None = None
     of_scale: bool = False
 
@@ -160,23 +150,17 @@ def _worst(remarks: list[Remark]) -> Verdict:
 
 def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.fit.converged:
-        cure = (
-            "compare the report's residual with the drawing for what the drawing does not have, check the rows, and "
-            "use more views if there are few"
-        )
-        yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
+        yield Remark(Degree.FAIL, CalibrationMessage.NOT_CONVERGED(), CalibrationStatus.NOT_CONVERGED)
 
 
 def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Report effects that should not be there, and effects that were found and not fitted."""
     for effect in evidence.residual.effects:
-        if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or (effect.fitted and not effect.remedy):
+        needs_nothing = effect.fitted and not effect.reason.in_words().action
+        if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or needs_nothing:
             continue
-        puts_off = f"the rays {'would be' if effect.fitted else 'are'} off by {effect.ray_error_mm:.2g} mm"
-        fitted = (
-            f"it was fitted, and {puts_off} without that" if effect.fitted else f"it was not fitted, and {puts_off}"
-        )
-        yield Remark(Degree.NOTE, "; ".join(filter(None, [effect.sentence, fitted, effect.remedy])))
+        message = CalibrationMessage.EFFECT_FITTED if effect.fitted else CalibrationMessage.EFFECT_NOT_FITTED
+        yield Remark(Degree.NOTE, message(effect.reason, off_mm=effect.ray_error_mm))
 
 
 def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
@@ -185,11 +169,7 @@ def _second_witness(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rem
     if witness is None:
         return
     if witness.other_sense:
-        yield Remark(
-            Degree.WATCH,
-            "the log's rays agree only if the scanner turns the other way: check the sign of the angles and "
-            "from which end the phantom was seen",
-        )
+        yield Remark(Degree.WATCH, CalibrationMessage.LOG_IN_OTHER_SENSE())
     elif witness.agreement is Agreement.DISAGREE:
         matters = witness.ray_change_mm > MATTERS * limits.tolerance_mm
         yield Remark(Degree.WATCH if matters else Degree.NOTE, _disagreement(witness))
@@ -202,8 +182,12 @@ def _other_hypothesis(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark
         best, second = hypotheses[:2]
         yield Remark(
             Degree.WATCH,
-            f"the scan does not tell {best.handedness.value}, {best.rotation.value} from {second.handedness.value}, "
-            f"{second.rotation.value}: give the right one, or use a phantom without symmetry",
+            CalibrationMessage.AMBIGUOUS_SIDE(
+                side=best.handedness.value,
+                sense=best.rotation.value,
+                other_side=second.handedness.value,
+                other_sense=second.rotation.value,
+            ),
             CalibrationStatus.AMBIGUOUS_HANDEDNESS,
         )
 
@@ -214,8 +198,7 @@ def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
         yield Remark(
             Degree.WATCH,
-            f"the phantom looks the same turned by {turned.by_deg:.0f} degrees, so the first angle may be off by as "
-            "much: use a phantom without symmetry",
+            CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg),
             CalibrationStatus.AMBIGUOUS_TURN,
         )
 
@@ -226,20 +209,19 @@ def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rema
     if not distance.held:
         return
     free_mm = distance.unconstrained_mm
-    statement = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
     if distance.deficit_deviations > CONTRADICTION:
         yield Remark(
             Degree.FAIL,
-            f"{statement} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
-            f"drawing, by {r_s / free_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
+            CalibrationMessage.SCALE_CONTRADICTION(
+                found_mm=free_mm,
+                known_mm=r_s,
+                deviations=distance.deficit_deviations,
+                larger_percent=100.0 * (r_s / free_mm - 1.0),
+            ),
             CalibrationStatus.INCONSISTENT_SCALE,
         )
     else:
-        yield Remark(
-            Degree.NOTE,
-            f"{statement}, for which no theta exists: the source distance was held there, and the source shift is 0 "
-            "within the noise",
-        )
+        yield Remark(Degree.NOTE, CalibrationMessage.SOURCE_HELD(found_mm=free_mm, known_mm=r_s))
 
 
 def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
@@ -252,15 +234,10 @@ def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
         return
     structured = evidence.structure is not None
     of_the_model = structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
-    cure = (
-        "the model does not fit the scan, as another reason states, and more views alone will not help"
-        if of_the_model
-        else "use more views, more rows or a longer exposure"
-    )
+    message = CalibrationMessage.IMPRECISE_MODEL if of_the_model else CalibrationMessage.IMPRECISE
     yield Remark(
         Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,
-        f"the predicted ray error is {predicted.rms_mm:.3f} mm, with 95 % below {predicted.upper_95_mm:.3f} mm, where "
-        f"{tolerance_mm:.3f} mm is allowed: {cure}",
+        message(rms_mm=predicted.rms_mm, upper_mm=predicted.upper_95_mm, allowed_mm=tolerance_mm),
         CalibrationStatus.IMPRECISE,
     )
 
@@ -269,11 +246,7 @@ def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Rem
     """Report the structure that the model leaves of the sinogram."""
     structure = evidence.structure
     if structure is not None:
-        yield Remark(
-            Degree.NOTE,
-            f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
-            f"it {CAUSES[structure.place]}",
-        )
+        yield Remark(Degree.NOTE, _RESIDUALS[structure.place](share_percent=100.0 * structure.share))
 
 
 def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
@@ -285,23 +258,19 @@ def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     if found_mm > largest_mm:
         yield Remark(
             Degree.WATCH,
-            f"the source shift would be {math.sqrt(found_mm**2 - r_s**2):.0f} mm, where the scanner's bounds allow "
-            f"{limits.source_shift_mm:.0f} mm, as with {size_by_distance(found_mm, largest_mm)} or more: measure the "
-            "phantom and check which one was scanned, then check source_to_cor_mm and the bounds",
+            CalibrationMessage.SHIFT_BEYOND_BOUNDS(
+                shift_mm=math.sqrt(found_mm**2 - r_s**2),
+                allowed_mm=limits.source_shift_mm,
+                **size_by_distance(found_mm, largest_mm),
+            ),
         )
     else:
-        yield Remark(
-            Degree.WATCH,
-            "theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds",
-        )
+        yield Remark(Degree.WATCH, CalibrationMessage.OUTSIDE_BOUNDS())
 
 
 def _source_shift(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.source_distance.held and not evidence.error_bars.source_shift_resolved:
-        yield Remark(
-            Degree.NOTE,
-            "the source shift is not resolved from 0, so theta has no standard deviations; the rays have",
-        )
+        yield Remark(Degree.NOTE, CalibrationMessage.SHIFT_NOT_RESOLVED())
 
 
 def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
@@ -310,8 +279,7 @@ def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     if scale.percent_95 > limits.scale_percent:
         yield Remark(
             Degree.WATCH,
-            f"the image's millimetres are known to {scale.percent_95:.2g} % (95 %) where {limits.scale_percent:.2g} % "
-            f"is allowed: {SCALE_CURES[scale.largest]}",
+            _SCALES[scale.largest](percent=scale.percent_95, allowed_percent=limits.scale_percent),
             of_scale=True,
         )
 
@@ -338,32 +306,18 @@ def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
     return behind is not None and behind < DECISIVE
 
 
-def _disagreement(witness: LogWitness) -> str:
-    """Return a sentence: by how much log and phantom differ, which of the two is wrong, and what to do."""
+def _disagreement(witness: LogWitness) -> Reason:
+    """Return by how much log and phantom differ, which of the two is wrong, and what to do."""
     column, tilt = witness.difference.values
-    differ = (
-        f"the log beside the phantom puts the COR {column:+.3f} mm and the tilt {math.degrees(tilt):+.3f} degrees from "
-        "where the phantom puts them, beyond both error bars"
-    )
+    differ = CalibrationMessage.LOG_DISAGREES(column_mm=column, tilt_deg=math.degrees(tilt))
     jump = witness.log.movement
     match witness.moved:
         case MovedBody.LOG if jump is not None:
-            return (
-                f"{differ}: the log moved alone, by {jump.by_mm:.2g} mm at view {jump.view}; the phantom's were taken"
-            )
+            return CalibrationMessage.LOG_MOVED(differ, log_mm=jump.by_mm, view=jump.view)
         case MovedBody.BOTH if jump is not None:
-            return (
-                f"{differ}: both moved, the log by {jump.by_mm:.2g} mm at view {jump.view}: fasten the log on the "
-                "turntable and repeat the scan"
-            )
+            return CalibrationMessage.BOTH_MOVED(differ, log_mm=jump.by_mm, view=jump.view)
         case None:
-            return (
-                f"{differ}: so few views do not tell which of them moved, or whether the flat field has an error "
-                "behind the log; the phantom's were taken: fasten both and repeat the scan, with 120 views or more"
-            )
+            return CalibrationMessage.PHANTOM_OR_LOG_MOVED(differ)
         case _ if jump is None:
-            return f"{differ}: the phantom slipped, and the log's were taken: fasten the phantom and repeat the scan"
-    return (
-        f"{differ}: the log stood still, so the phantom slipped, or it is not as drawn; the log's were taken: fasten "
-        "the phantom and repeat the scan"
-    )
+            return CalibrationMessage.PHANTOM_SLIPPED(differ)
+    return CalibrationMessage.PHANTOM_SLIPPED_OR_DRAWN(differ)

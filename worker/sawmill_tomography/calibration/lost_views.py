@@ -26,6 +26,8 @@ from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Adjustment, Rotation
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 # Factors of the angles, and shares of all views that were lost in one block at each of these places of the scan.
 PACES = np.linspace(0.85, 1.15, 25)
@@ -44,7 +46,6 @@ WRONG_IN_A_ROW = 5
 MOST_LOST = 0.25
 # A jump that is farther from whole steps, in steps, is no loss of views.
 NOT_WHOLE = 0.1
-REMEDY = "count the views that the detector sent, look at the drive and its encoder, and repeat the scan with all views"
 
 
 @dataclass(frozen=True)
@@ -192,24 +193,26 @@ def _effects(from_first: FloatArray, lost: FloatArray, pace: float, rotation: Ro
     views, places = len(lost), np.flatnonzero(np.diff(lost)) + 1
     count, step = int(np.ptp(lost)), pace * float(from_first[-1]) / (views - 1)
     if pace != 1.0:
-        where = "" if pace > 1.0 else ": were views lost?" if count else ": were views lost at the end?"
+        fewer = EffectMessage.PACE_LOST_VIEWS if count else EffectMessage.PACE_LOST_END
+        message = EffectMessage.PACE if pace > 1.0 else fewer
         turned = float(from_first[-1])
 
-        def turns(_: object, sizes: FloatArray) -> str:
-            factor = 1.0 + rotation.apply(float(sizes[0])) / turned
-            return f"the turntable turns {factor:.4f} times as far as the angles say{where}"
+        def turns(_: object, sizes: FloatArray) -> Reason:
+            return message(factor=1.0 + rotation.apply(float(sizes[0])) / turned)
 
         sizes = np.array([rotation.apply((pace - 1.0) * turned)])
-        yield KnownEffect(replace(PACE, sentence=turns, remedy=REMEDY if where else PACE.remedy), sizes)
+        yield KnownEffect(replace(PACE, reason=turns), sizes)
     if not count:
         return
     shape = rotation.apply(lost * step)
 
-    def jumps(_: object, sizes: FloatArray) -> str:
+    def jumps(_: object, sizes: FloatArray) -> Reason:
         if len(places) > 1:
-            return f"{count} views seem to be lost at random, at {len(places)} places"
+            return EffectMessage.LOST_AT_RANDOM(lost=count, places=len(places))
         steps = count * float(sizes[0])
-        jump = f"the angles jump by {abs(math.degrees(steps * step)):.2g} degrees at view {places[0]}"
-        return f"{jump}: were {count} views lost?" if abs(steps - count) < NOT_WHOLE else jump
+        jump = {"jump_deg": abs(math.degrees(steps * step)), "view": int(places[0])}
+        if abs(steps - count) < NOT_WHOLE:
+            return EffectMessage.LOST_VIEWS(**jump, lost=count)
+        return EffectMessage.ANGLES_JUMP_VIEWS(**jump)
 
-    yield KnownEffect(Effect(Adjustment.SLIP, lambda _: of_angle([shape]), jumps, REMEDY), np.ones(1))
+    yield KnownEffect(Effect(Adjustment.SLIP, lambda _: of_angle([shape]), jumps), np.ones(1))

@@ -1,7 +1,6 @@
 """The simplest cause that explains the change of a scanner's geometry between two calibrations."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +9,8 @@ from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.calibration.scale import size_by_distance
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
+from sawmill_vocabulary.messages import Reason, Value
+from sawmill_vocabulary.movement_messages import MovementMessage
 
 # A cause explains a change when the rest is within this number of standard deviations (Mahalanobis).
 SIGNIFICANT = 3.5
@@ -19,74 +20,23 @@ NEGLIGIBLE = 0.15
 
 @dataclass(frozen=True)
 class _Cause:
-    """A cause: directions of (R, SDD, u_c, tau) in which a scanner moves, and a function that describes the change."""
+    """A cause: directions of (R, SDD, u_c, tau) in which a scanner moves, and its message."""
 
     directions: tuple[tuple[float, float, float, float], ...]
-    described: Callable[[FloatArray], str]
+    message: MovementMessage
 
 
-def _cor(change: FloatArray) -> str:
-    return (
-        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt did not: "
-        "look at the turntable, not the detector, unless the detector slid along its own line"
-    )
-
-
-def _tilt(change: FloatArray) -> str:
-    return (
-        f"the detector's tilt changed by {math.degrees(change[FitParameter.TILT]):+.3f} degrees and nothing else: "
-        "look at the detector's mount"
-    )
-
-
-def _stand(change: FloatArray) -> str:
-    return (
-        f"the detector moved {change[FitParameter.SDD]:+.2f} mm along the beam and the source did not: "
-        "look at the detector's stand"
-    )
-
-
-def _scale(change: FloatArray) -> str:
-    return (
-        f"the source distance changed by {change[FitParameter.R]:+.2f} mm and nothing else, as it does when the "
-        "phantom's size is not the stated one"
-    )
-
-
-def _source(change: FloatArray) -> str:
-    return (
-        f"the source moved {change[FitParameter.R]:+.2f} mm along the beam, against turntable and detector "
-        "alike: look at the source's mount"
-    )
-
-
-def _knocked(change: FloatArray) -> str:
-    return (
-        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector and the tilt changed by "
-        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
-    )
-
-
-def _several(change: FloatArray) -> str:
-    return (
-        f"the COR moved {change[FitParameter.U_C]:+.2f} mm on the detector, the tilt changed by "
-        f"{math.degrees(change[FitParameter.TILT]):+.3f} degrees, the source distance by "
-        f"{change[FitParameter.R]:+.2f} mm and the distance from source to detector by "
-        f"{change[FitParameter.SDD]:+.2f} mm: the scanner was moved, or another phantom was scanned"
-    )
-
-
-_SIZE = _Cause(((1.0, 0.0, 0.0, 0.0),), _scale)
+_SIZE = _Cause(((1.0, 0.0, 0.0, 0.0),), MovementMessage.SIZE)
 # The simplest causes come first: one thing that moved before two.
 _CAUSES = (
     (
-        _Cause(((0.0, 0.0, 1.0, 0.0),), _cor),
-        _Cause(((0.0, 0.0, 0.0, 1.0),), _tilt),
-        _Cause(((0.0, 1.0, 0.0, 0.0),), _stand),
+        _Cause(((0.0, 0.0, 1.0, 0.0),), MovementMessage.TURNTABLE),
+        _Cause(((0.0, 0.0, 0.0, 1.0),), MovementMessage.TILT),
+        _Cause(((0.0, 1.0, 0.0, 0.0),), MovementMessage.STAND),
         _SIZE,
-        _Cause(((1.0, 1.0, 0.0, 0.0),), _source),
+        _Cause(((1.0, 1.0, 0.0, 0.0),), MovementMessage.SOURCE),
     ),
-    (_Cause(((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)), _knocked),),
+    (_Cause(((0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)), MovementMessage.KNOCKED),),
 )
 
 
@@ -98,8 +48,8 @@ def likely_cause(
     *,
     allowed_mm: float,
     radius_mm: float,
-) -> str:
-    """Return one sentence: what moved, and what to check.
+) -> Reason:
+    """Return what moved, and what to check.
 
     Parameters
     ----------
@@ -110,6 +60,12 @@ def likely_cause(
         RMS ray distance up to which nothing moved, and radius of the disc in which this distance is counted.
     """
     change = to_vector(after) - to_vector(before)
+    values: dict[str, Value] = {
+        "source_mm": float(change[FitParameter.R]),
+        "distance_mm": float(change[FitParameter.SDD]),
+        "column_mm": float(change[FitParameter.U_C]),
+        "tilt_deg": math.degrees(change[FitParameter.TILT]),
+    }
     spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
     if covariance is not None:
         spread += covariance[RAYS, RAYS]
@@ -117,20 +73,17 @@ def likely_cause(
         remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
         best = int(np.argmin(remaining))
         if remaining[best] < SIGNIFICANT:
-            described = causes[best].described(change)
-            return f"{described}: {_of_size(scanner, before, after)}" if causes[best] is _SIZE else described
-    return _several(change)
+            values |= _of_size(scanner, before, after) if causes[best] is _SIZE else {}
+            return causes[best].message(**values)
+    return MovementMessage.SEVERAL(**values)
 
 
-def _of_size(scanner: Scanner, before: SourceFrame, after: SourceFrame) -> str:
-    """Return which size of the phantom explains a change of R alone, by the source shift, and what to check."""
+def _of_size(scanner: Scanner, before: SourceFrame, after: SourceFrame) -> dict[str, Value]:
+    """Return which size of the phantom explains a change of R alone, and the source shifts, as values of a message."""
     r_s = scanner.source_to_cor_mm
     shifts = [math.sqrt(max(frame.source_distance_mm**2 - r_s**2, 0.0)) for frame in (after, before)]
-    return (
-        f"the source shift would be {shifts[0]:.0f} mm, where the active calibration has {shifts[1]:.0f} mm, as with "
-        f"{size_by_distance(after.source_distance_mm, before.source_distance_mm)}; check which phantom was scanned and "
-        "measure it, then look at the turntable along the beam"
-    )
+    size = size_by_distance(after.source_distance_mm, before.source_distance_mm)
+    return {"shift_mm": shifts[0], "shift_before_mm": shifts[1], **size}
 
 
 def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_mm: float) -> FloatArray:

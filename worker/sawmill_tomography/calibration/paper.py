@@ -48,6 +48,7 @@ from sawmill_vocabulary import (
     Rotation,
     Weighting,
 )
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
 
 # Spread of the tight stop, as a share of the objective of a perfect image.
 TIGHT = 1e-6
@@ -263,16 +264,15 @@ def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
     remarks = [
         Remark(
             Degree.WATCH,
-            "the published search gives no error bars: its theta is not known to be within tolerance",
+            CalibrationMessage.WITHOUT_ERROR_BARS(),
             CalibrationStatus.WITHOUT_ERROR_BARS,
         )
     ]
     if unexplained >= NOT_FOUND:
-        reason = f"its theta leaves {unexplained:.0%} of the sinogram unexplained: it did not find the phantom"
+        reason = CalibrationMessage.UNEXPLAINED(share_percent=100.0 * unexplained)
         remarks.insert(0, Remark(Degree.FAIL, reason, CalibrationStatus.NOT_CONVERGED))
     if not rotation_given:
-        reason = "it takes the rotation as given: use --rotation reversed for a scanner that turns the other way"
-        remarks.append(Remark(Degree.WATCH, reason))
+        remarks.append(Remark(Degree.WATCH, CalibrationMessage.ROTATION_TAKEN()))
     return combined(remarks)
 
 

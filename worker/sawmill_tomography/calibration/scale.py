@@ -85,7 +85,10 @@ def scale_uncertainty(
     )
 
 
-def size_by_distance(found_mm: float, known_mm: float) -> str:
-    """Describe the phantom whose scan puts the source at one distance from the COR where another is known."""
-    by = f"{abs(known_mm / found_mm - 1.0):.1%}"
-    return f"a phantom {by} {'smaller' if found_mm > known_mm else 'larger'} than its drawing"
+def size_by_distance(found_mm: float, known_mm: float) -> dict[str, float | str]:
+    """Describe the phantom whose scan puts the source at one distance from the COR where another is known.
+
+    The values are those of a message: by how many per cent the phantom is smaller or larger than its drawing.
+    """
+    size = "smaller" if found_mm > known_mm else "larger"
+    return {"by_percent": 100.0 * abs(known_mm / found_mm - 1.0), "size": size}

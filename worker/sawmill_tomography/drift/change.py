@@ -15,6 +15,8 @@ from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import DetectorEstimate, Rotation
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.movement_messages import LogMessage
 
 # The numbers of the geometry that a log's rays show, in the order of their vectors.
 SEEN = [FitParameter.U_C, FitParameter.TILT, FitParameter.SDD]
@@ -302,51 +304,39 @@ def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Fl
     return change - distance_sensitivity * change[2], covariance - np.outer(distance_sensitivity, covariance[2])
 
 
-def disturbed_turn(fit: DetectorFit) -> str | None:
-    """Return what disturbs the turn and what to check, in one sentence; None where no disturbance is beyond chance."""
-    if not fit.disturbances:
-        return None
-    times = {1: "once a turn", 2: "twice a turn"}
-    sentences = {
-        "encoder": "the angles run ahead and behind by {:.2g} degrees {}",
-        "bearing": "the log swings across the beam by {:.2g} mm {}",
-    }
-    look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
-    disturbances = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
-    where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
-    return f"{' and '.join(disturbances)}: look at {where} (this is no drift, and was fitted)"
+def disturbed_turn(fit: DetectorFit) -> tuple[Reason, ...]:
+    """Return what disturbs the turn beyond chance, and what to check."""
+    times = {1: "once", 2: "twice"}
+    return tuple(
+        LogMessage.ENCODER(encoder_deg=size, times=times[each.order])
+        if each.part == "encoder"
+        else LogMessage.BEARING(bearing_mm=size, times=times[each.order])
+        for each, size in fit.disturbances.items()
+    )
 
 
-def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
-    """Return what moved and what to check, in one sentence.
+def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> Reason:
+    """Return what moved and what to check.
 
     A turntable that moves leaves the detector's foot u_n = u_c - SDD sin tau and height H = SDD cos tau as they are, so
     tau and SDD follow u_c; a detector that slides along itself leaves tau and SDD as they are.
     """
-    column, tilt, distance = moved.change
+    column, tilt, distance = (float(value) for value in moved.change)
     tau = calibrated.tilt_rad
     if not moved.moved:
-        return (
-            f"nothing moved that this scan can show: the COR is where it was to {moved.deviation[0]:.2g} mm on the "
-            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees: go on with this calibration"
-        )
+        column_error, tilt_error = (float(value) for value in moved.deviation[:2])
+        return LogMessage.NOTHING_MOVED(column_error_mm=column_error, tilt_error_deg=math.degrees(tilt_error))
     turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
     slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
     tilted = abs(moved.significance[1]) > SIGNIFICANT
-    shifted = f"the COR moved {column:+.2f} mm on the detector"
     if turntable <= UNEXPLAINED and not tilted:
-        either = "look at the turntable and at the detector's stops, as either would look like this"
-        where = either if slide <= UNEXPLAINED else "look at the turntable, not the detector"
-        return f"{shifted} and the tilt did not: {where}"
+        either = LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE
+        return either(column_mm=column)
     if turntable <= UNEXPLAINED:
-        return f"{shifted} and the tilt followed as when the turntable moves sideways: look at the turntable"
+        return LogMessage.TURNTABLE_SIDEWAYS(column_mm=column)
     if slide <= UNEXPLAINED:
-        return f"{shifted} and the tilt stayed, as when the detector slides along itself: look at the detector's stops"
-    return (
-        f"the detector stands otherwise towards the source: COR {column:+.2f} mm, tilt {math.degrees(tilt):+.3f} "
-        f"degrees, distance {distance:+.1f} mm: look at the mounting of detector and source, then calibrate with the "
-        "phantom"
-    )
+        return LogMessage.DETECTOR_SLID(column_mm=column)
+    return LogMessage.MOUNTING(column_mm=column, tilt_deg=math.degrees(tilt), distance_mm=distance)
 
 
 def _unexplained(moved: DriftChange, direction: FloatArray) -> float:

@@ -13,9 +13,11 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 
 from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
-from sawmill_mill.two_questions import VERDICTS
+from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
+from sawmill_vocabulary.messages import ENGLISH, Reader
+from sawmill_vocabulary.texts import N_
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded
@@ -25,7 +27,7 @@ WIDTH_IN = 14.0
 LINE_IN = 0.27
 COLUMNS = 150
 ALARM = "#b71c1c"
-COLORS = {"pass": "#2e7d32", "watch": "#b26a00", "fail": ALARM}
+COLORS = {"good": "#2e7d32", "watch": "#b26a00", "bad": ALARM, "idle": "#555555"}
 # Note for the reader on the phantom's image.
 BY_METHOD = {
     ReconstructionMethod.TOTAL_VARIATION: (
@@ -34,13 +36,24 @@ BY_METHOD = {
 }
 
 
-def report_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
+def report_png(
+    result: CalibrationResult, arrays: CalibrationArrays, step: NextStep | None = None, reader: Reader = ENGLISH
+) -> bytes:
     """Draw the report of a calibration as a PNG file; arguments and errors as for `report_figure`."""
-    return encoded(report_figure(result, arrays))
+    return encoded(report_figure(result, arrays, step or step_alone(result), reader))
 
 
-def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figure:
+def report_figure(
+    result: CalibrationResult, arrays: CalibrationArrays, step: NextStep, reader: Reader = ENGLISH
+) -> Figure:
     """Draw the report of a calibration.
+
+    Parameters
+    ----------
+    step : NextStep
+        The next step, which stands at the top.
+    reader : Reader
+        Language of the sentences; the numbers and the evidence below them are in English.
 
     Raises
     ------
@@ -50,14 +63,14 @@ def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figur
     residual, angles_deg = arrays.residual, np.rad2deg(arrays.angles_rad)
     if len(angles_deg) != len(residual):
         raise ValueError(f"the residual {residual.shape} and {len(angles_deg)} angles do not agree")
-    lines = list(_lines(result))
+    lines = list(_lines(result, step, reader))
     heights = {"head": 1.0 + LINE_IN * len(lines), "found": 6.1, "fit": 5.4, "pairs": 6.4}
     if arrays.log is not None:
         heights = {"head": heights["head"], "found": heights["found"], "log": 6.6, **heights}
     figure = Figure(figsize=(WIDTH_IN, sum(heights.values())), layout="constrained")
     grid = figure.add_gridspec(len(heights), 1, height_ratios=list(heights.values()))
     parts = {name: figure.add_subfigure(grid[row]) for row, name in enumerate(heights)}
-    _draw_head(parts["head"], result, lines, heights["head"])
+    _draw_head(parts["head"], result.phantom, step, reader, lines, heights["head"])
     _draw_found(parts["found"], result, arrays)
     if arrays.log is not None:
         _draw_log(parts["log"], arrays.log)
@@ -74,30 +87,40 @@ def overlay_png(provenance: Provenance, arrays: CalibrationArrays) -> bytes:
     return encoded(figure)
 
 
-def _lines(result: CalibrationResult) -> Iterator[tuple[str, str]]:
-    """Yield the lines below the title, each with a colour: verdict, reasons, changes and processing steps."""
-    yield VERDICTS[result.verdict], "black"
-    comparison = result.comparison
-    sentences = [(reason, "black") for reason in result.reasons]
+def _lines(result: CalibrationResult, step: NextStep, reader: Reader) -> Iterator[tuple[str, str]]:
+    """Yield the lines below the title, each with a colour: the next step, reasons, changes and processing steps."""
+    words, comparison = step.reason.in_words(reader), result.comparison
+    for sentence in (f"{words.headline} {words.action}", step.english):
+        yield from ((line, COLORS[step.card_tone]) for line in textwrap.wrap(sentence or "", COLUMNS))
+    # A scanner that moved too far is also among the reasons.
+    moved = None if comparison is None else comparison.reason
+    explained = [(each, "black") for each in result.explanations if each.sentence != moved]
     if comparison is not None:
-        color = "black" if comparison.within_tolerance else ALARM
-        # A scanner that moved too far is also among the reasons.
-        sentences = [item for item in sentences if item[0] != comparison.reason]
-        sentences.append((f"since the active calibration: {comparison.reason}", color))
-    for sentence, color in (*sentences, *((done, "0.35") for done in result.adjustments)):
-        for line in textwrap.wrap(sentence, COLUMNS, initial_indent="•  ", subsequent_indent="    "):
+        explained.append((comparison.explanation, "black" if comparison.within_tolerance else ALARM))
+    for each, color in (*explained, *((done, "0.35") for done in result.findings_in_scan)):
+        text = each.sentence if each.reason is None else each.reason.in_words(reader).text
+        for line in textwrap.wrap(text, COLUMNS, initial_indent="•  ", subsequent_indent="    "):
             yield line, color
 
 
-def _draw_head(part: SubFigure, result: CalibrationResult, lines: list[tuple[str, str]], height_in: float) -> None:
-    color = COLORS[result.verdict]
+def _draw_head(
+    part: SubFigure, phantom: str, step: NextStep, reader: Reader, lines: list[tuple[str, str]], height_in: float
+) -> None:
+    color = COLORS[step.card_tone]
     badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
     top = 1 - 0.2 / height_in
-    part.text(0.012, top, f"Calibration with {result.phantom}", fontsize=19, fontweight="bold", va="top")
+    part.text(
+        0.012,
+        top,
+        reader.words(N_("Calibration with %(phantom)s")) % {"phantom": phantom},
+        fontsize=19,
+        fontweight="bold",
+        va="top",
+    )
     part.text(
         0.985,
         top,
-        result.verdict.upper(),
+        reader.words(step.word).upper(),
         fontsize=17,
         fontweight="bold",
         color="white",

@@ -10,8 +10,10 @@ import numpy as np
 from sawmill_contracts.calibrations import Comparison, FoundGeometry, PhantomPose, SecondWitness
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
+from sawmill_vocabulary.messages import ENGLISH, Reader
+from sawmill_vocabulary.texts import N_
 
-NOT_KNOWN = "not known"
+NOT_KNOWN = N_("not known")
 FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
 
 
@@ -48,18 +50,18 @@ def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
     angle = theta.initial_angle_rad
     return [
         ReportedParameter(
-            "first angle",
+            N_("first angle"),
             "alpha_0",
             f"{math.degrees(angle):.4f}°",
             _plus_minus_degrees(deviation.initial_angle_rad),
             f"{angle:.6f} rad",
             "" if twin is None else f"{math.degrees(twin.initial_angle_rad):.2f}°",
         ),
-        length("detector_to_cor_mm", "COR to detector", "r_D"),
-        length("source_shift_mm", "source shift", "h_S"),
-        length("detector_shift_mm", "detector shift", "h_D"),
+        length("detector_to_cor_mm", N_("COR to detector"), "r_D"),
+        length("source_shift_mm", N_("source shift"), "h_S"),
+        length("detector_shift_mm", N_("detector shift"), "h_D"),
         ReportedParameter(
-            "detector tilt",
+            N_("detector tilt"),
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
             _plus_minus_degrees(_of_slope(theta, deviation.detector_tilt)),
@@ -103,12 +105,14 @@ def frame_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
         return ReportedParameter(text, symbol, f"{getattr(frame, name):.3f} mm", spread)
 
     return [
-        angle("psi_rad", "direction of the first view", "psi"),
-        length("source_distance_mm", "source to COR", "R"),
-        length("source_to_detector_mm", "source to detector", "SDD"),
-        length("cor_column_mm", "COR on the detector", "u_c"),
-        angle("tilt_rad", "detector tilt", "tau"),
-        ReportedParameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(deviation.magnification, "")),
+        angle("psi_rad", N_("direction of the first view"), "psi"),
+        length("source_distance_mm", N_("source to COR"), "R"),
+        length("source_to_detector_mm", N_("source to detector"), "SDD"),
+        length("cor_column_mm", N_("COR on the detector"), "u_c"),
+        angle("tilt_rad", N_("detector tilt"), "tau"),
+        ReportedParameter(
+            N_("magnification"), "M", f"{frame.magnification:.5f}", _plus_minus(deviation.magnification, "")
+        ),
     ]
 
 
@@ -135,18 +139,18 @@ def comparison_rows(change: Comparison | None) -> list[Row]:
     """Return the changes since the previously active calibration."""
     if change is None:
         return []
-    rows = [("rays moved (RMS)", f"{change.ray_change_mm:.3f} mm")]
+    rows = [(N_("rays moved (RMS)"), f"{change.ray_change_mm:.3f} mm")]
     if change.scale_change_percent is not None:
         spread = change.scale_change_uncertainty_percent
         rows.append(
-            ("scale", f"{change.scale_change_percent:+z.3f} %" + ("" if spread is None else f" ± {spread:.2g} %"))
+            (N_("scale"), f"{change.scale_change_percent:+z.3f} %" + ("" if spread is None else f" ± {spread:.2g} %"))
         )
     return [
         *rows,
-        ("COR on the detector", f"{change.cor_column_change_mm:+z.3f} mm"),
-        ("source distance", f"{change.source_distance_change_mm:+z.3f} mm"),
-        ("detector tilt", f"{change.tilt_change_deg:+z.3f}°"),
-        ("first angle", f"{change.angle_change_deg:+z.3f}°"),
+        (N_("COR on the detector"), f"{change.cor_column_change_mm:+z.3f} mm"),
+        (N_("source distance"), f"{change.source_distance_change_mm:+z.3f} mm"),
+        (N_("detector tilt"), f"{change.tilt_change_deg:+z.3f}°"),
+        (N_("first angle"), f"{change.angle_change_deg:+z.3f}°"),
     ]
 
 
@@ -164,7 +168,7 @@ def hypothesis_rows(pose: PhantomPose) -> list[tuple[str, str, str]]:
 
 def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
     """Return u_c and tilt by the phantom and by the log, their difference, and the reported values."""
-    parts = ("phantom", "log", "difference", "reported")
+    parts = (N_("phantom"), N_("log"), N_("difference"), N_("reported"))
     rows = []
     for part in parts:
         value, spread = getattr(witness, part), getattr(witness, f"{part}_standard_deviation")
@@ -179,22 +183,24 @@ def position(pose: PhantomPose) -> str:
     return f"x {x_mm:z.2f} mm, y {y_mm:z.2f} mm"
 
 
-def phantom_sides(drawing: PhantomDrawing) -> str:
+def phantom_sides(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Describe the phantom's measured sides with their dates, or its drawn extent if nobody measured it."""
     if drawing.measurements:
-        return "; ".join(_measured(each) for each in drawing.measurements)
+        return "; ".join(_measured(each, reader) for each in drawing.measurements)
     low_x, low_y, high_x, high_y = _extent(drawing)
-    return f"drawn {high_x - low_x:g} x {high_y - low_y:g} mm along x and y; no measurement is recorded"
+    drawn = reader.words(N_("drawn %(size)s along x and y; no measurement is recorded"))
+    return drawn % {"size": reader.localised(f"{high_x - low_x:g} x {high_y - low_y:g} mm")}
 
 
-def size_tolerance(drawing: PhantomDrawing) -> str:
+def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
     """Format the relative standard uncertainty of the phantom's size."""
-    return f"± {100 * drawing.size_tolerance:.2g} % (standard uncertainty)"
+    what = reader.words(N_("standard uncertainty"))
+    return f"± {reader.localised(f'{100 * drawing.size_tolerance:.2g} %')} ({what})"
 
 
-def _measured(side: SizeMeasurement) -> str:
-    on = "no date" if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
-    return f"{side.what} {side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm ({on})"
+def _measured(side: SizeMeasurement, reader: Reader) -> str:
+    on = reader.words(N_("no date")) if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
+    return f"{side.what} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
 
 
 def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:
@@ -215,7 +221,7 @@ def _of_slope(theta: Theta, deviation: float | None) -> float | None:
 
 
 def _plus_minus(deviation: float | None, unit: str) -> str:
-    return "no error bar" if deviation is None else f"± {deviation:.2g} {unit}".rstrip()
+    return N_("no error bar") if deviation is None else f"± {deviation:.2g} {unit}".rstrip()
 
 
 def _plus_minus_degrees(deviation_rad: float | None) -> str:

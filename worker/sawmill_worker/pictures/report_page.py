@@ -4,9 +4,11 @@ The page is self-contained: styles and pictures are inside, there is no script, 
 drawn without matplotlib, so that a service answers at once.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
+from gettext import ngettext
 
 from jinja2 import Environment
 from markupsafe import Markup
@@ -14,16 +16,24 @@ from markupsafe import Markup
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
-from sawmill_mill.next_step import next_step
-from sawmill_mill.two_questions import VERDICTS, TwoQuestions, in_length, in_mm, in_percent
+from sawmill_mill.anything_moved import AnythingMoved
+from sawmill_mill.next_step import NextStep, step_alone
+from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percent
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
+from sawmill_vocabulary.messages import ENGLISH, WORDS, Reader
 from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
 
 # Mark and tone of a verdict or an answer.
 LOOKS = {"pass": ("✓", "good"), "watch": ("!", "watch"), "fail": ("✕", "bad")}
-LOOKS |= {"yes": LOOKS["pass"], "look": LOOKS["watch"], "no": LOOKS["fail"], "unknown": ("?", "idle")}
+LOOKS |= {
+    "yes": LOOKS["pass"],
+    "look": LOOKS["watch"],
+    "no": LOOKS["fail"],
+    "unknown": ("?", "idle"),
+    "accepted": ("·", "idle"),
+}
 
 
 @dataclass(frozen=True)
@@ -39,7 +49,11 @@ class About:
     active
         True if the scanner uses the calibration; None without a service.
     activated : str
-        Time and reason of the activation.
+        Time of the activation.
+    activated_why : str
+        Reason of the activation, as somebody gave it.
+    step : NextStep or None
+        Next step that the service gives with the scanner's state; None without a service.
     origin : str
         The file from which the report was made; empty if the service made the report.
     back : str
@@ -57,17 +71,23 @@ class About:
     asked_by: str | None = None
     active: bool | None = None
     activated: str = ""
+    activated_why: str = ""
+    step: NextStep | None = None
     origin: str = ""
     back: str = ""
 
 
-def report_html(result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:
+def report_html(
+    result: CalibrationResult, about: About, arrays: CalibrationArrays | None, reader: Reader = ENGLISH
+) -> str:
     """Write the report as one HTML file.
 
     Parameters
     ----------
     arrays : CalibrationArrays or None
         Arrays of result.h5; without arrays the page has no pictures of the scan and says so.
+    reader : Reader
+        Language of the page.
 
     Raises
     ------
@@ -75,16 +95,19 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
         The arrays do not agree with one another.
     """
     both = TwoQuestions.of(result, about.tolerances)
+    step = about.step or step_alone(result, about.tolerances, active=about.active is True)
     before, after = (None, None) if arrays is None else log_fields(arrays)
     page = (
-        page_templates()
+        page_templates(reader)
         .get_template("report.html")
         .render(
             result=result,
             about=about,
             both=both,
-            step=next_step(result, both, active=about.active is True),
-            sentence=VERDICTS[result.verdict],
+            movement=AnythingMoved.of(result, accepted=about.active is True),
+            step=step,
+            words=step.reason.in_words(reader),
+            reader=reader,
             has_arrays=arrays is not None,
             phantom=None if arrays is None else phantom_field(arrays),
             before=before,
@@ -97,6 +120,11 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
         )
     )
     return page.lstrip()
+
+
+def _localised(written: Callable[[float], str], reader: Reader) -> Callable[[float], str]:
+    """Return a function that writes a number in the language of the reader."""
+    return lambda value: reader.localised(written(value))
 
 
 def gauge(value: float, limit: float) -> tuple[float, float]:
@@ -112,18 +140,21 @@ def css_text(text: str) -> Markup:
 
 
 @cache
-def page_templates() -> Environment:
-    """Return the templates of self-contained pages, with the functions that show a verdict."""
-    templates = templates_of("sawmill_worker.pictures")
+def page_templates(reader: Reader = ENGLISH) -> Environment:
+    """Return the templates of self-contained pages in a language, with the functions that show a verdict."""
+    templates = templates_of("sawmill_worker.pictures", ["jinja2.ext.i18n"])
+    templates.install_gettext_callables(reader.words, ngettext, newstyle=True)  # type: ignore[attr-defined]
+    written = {"mm": in_mm, "in_length": in_length, "percent": in_percent}
+    templates.filters |= {name: _localised(function, reader) for name, function in written.items()}
     templates.filters |= {
-        "mm": in_mm,
-        "in_length": in_length,
-        "percent": in_percent,
+        "localised": reader.localised,
         "moment": numbers.moment,
         "css_text": css_text,
     }
     templates.globals |= {
         "gauge": gauge,
+        "reader": reader,
+        "spoken": WORDS,
         "marks": {word: mark for word, (mark, _) in LOOKS.items()},
         "tones": {word: tone for word, (_, tone) in LOOKS.items()},
     }

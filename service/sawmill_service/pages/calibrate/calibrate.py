@@ -32,10 +32,11 @@ from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.responses.answers import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import LAST_SCANS, questions_of, usable_phantoms
-from sawmill_service.pages.calibrate.calibrate_words import changes_of, headline, parameters_of, stages
+from sawmill_service.pages.calibrate.calibrate_words import changes_of, parameters_of, stages
 from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardAddress, WizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
 
@@ -245,6 +246,7 @@ def _of_calibration(
     discarded = store.history.newest(scanner.id, HistoryKind.DISCARD, calibration.id)
     if isinstance(calibration, CalibrationSucceeded):
         phantom, guessed = _outlined(store.files, calibration.id)
+        condition = condition_of(store, scanner)
         return page.answer(
             "calibrate_result.html",
             where=where,
@@ -254,7 +256,8 @@ def _of_calibration(
             discarded=discarded,
             scanner=scanner,
             scan=scan,
-            headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
+            step=condition.step_with(calibration),
+            newest=condition.newest,
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
             phantom=phantom,

@@ -1,10 +1,10 @@
-"""Words of `/calibrate`: the quality of the result, and the changes."""
+"""Words of `/calibrate`: the stages and the changes."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sawmill_contracts.calibrations import Comparison, FoundGeometry, Judged
+from sawmill_contracts.calibrations import Comparison, FoundGeometry
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame
 
@@ -22,15 +22,6 @@ STAGES = {
 
 
 @dataclass(frozen=True)
-class Headline:
-    """Quality of the result: a colour, a title, and what to do."""
-
-    tone: str
-    title: str
-    advice: str
-
-
-@dataclass(frozen=True)
 class Row:
     """Row of a table: a name, a value, and a remark."""
 
@@ -42,24 +33,6 @@ class Row:
 def stages(page: PageFrame) -> dict[str, str]:
     """Return the stages of a running job in the page's language, by the names that the job reports."""
     return {name: page.text.gettext(text) for name, text in STAGES.items()}
-
-
-def headline(page: PageFrame, judged: Judged, *, active: bool) -> Headline:
-    """Return the headline for the verdict on the rays, which must be right for a sharp image."""
-    _ = page.text.gettext
-    rays = judged.verdict_on_rays
-    if rays == "fail" and active:
-        must_not = _("It is in use and must not be: go back to an earlier one, or scan again.")
-        return Headline("bad", _("Do not use this calibration"), must_not)
-    if active and judged.verdict != "pass":
-        return Headline("watch", _("This calibration is in use"), _("Read what is not certain."))
-    if active:
-        return Headline("good", _("This calibration is in use"), _("Nothing more to do here."))
-    if rays == "fail":
-        return Headline("bad", _("Do not use this calibration"), _("Read what is not certain, and scan again."))
-    if judged.verdict == "pass":
-        return Headline("good", _("The calibration is good"), _("Accept it to use it."))
-    return Headline("watch", _("Look before you accept"), _("Read what is not certain, then decide."))
 
 
 def changes_of(page: PageFrame, compared: Comparison | None) -> list[Row]:

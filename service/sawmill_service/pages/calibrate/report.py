@@ -5,13 +5,15 @@ first report: a service at rest does not hold them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+from zoneinfo import ZoneInfo
 
+from fastapi import Query
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
-from sawmill_contracts.history import HistoryEntry, HistoryKind
+from sawmill_contracts.history import HistoryKind
 from sawmill_formats.errors import damage_reported
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
@@ -19,7 +21,11 @@ from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.formats import known_zone
+from sawmill_service.pages.frame.languages import Language
+from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.routes.calibrations import succeeded
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -30,23 +36,29 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/calibrations/{calibration_id}/report")
-def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
-    """Show the report of a calibration that has an answer."""
+def report(
+    calibration_id: Identifier, store: TheStore, language: Annotated[Language, Query()] = Language.ENGLISH
+) -> HTMLResponse:
+    """Show the report of a calibration that has an answer, in English or another language."""
     from sawmill_worker.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    html = report_html(calibration, _about(store, calibration), stored_arrays(store.files, calibration_id))
+    html = report_html(
+        calibration, _about(store, calibration), stored_arrays(store.files, calibration_id), formats_of(language).reader
+    )
     return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
 
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
+    from sawmill_worker.pictures.report_numbers import moment
     from sawmill_worker.pictures.report_page import About
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
+    zone = mill_zone(store, scanner.id)
     return About(
         calibration_id=calibration.id,
-        made_at=calibration.created_at.astimezone(),
+        made_at=calibration.created_at.astimezone(zone),
         scanner_name=scanner.name,
         scanner_id=scanner.id,
         scan_name=None if scan is None else scan.name,
@@ -55,15 +67,17 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         tolerances=scanner.tolerances,
         asked_by=_asked_by(store.jobs, calibration),
         active=scanner.active_calibration_id == calibration.id,
-        activated="" if activation is None else _in_use(activation),
+        activated="" if activation is None else moment(activation.at.astimezone(zone)),
+        activated_why="" if activation is None else activation.why or "",
+        step=condition_of(store, scanner).step_with(calibration),
         back=f"/scanners/{scanner.id}",
     )
 
 
-def _in_use(activation: HistoryEntry) -> str:
-    from sawmill_worker.pictures.report_numbers import moment
-
-    return f"since {moment(activation.at.astimezone())}: {activation.why}"
+def mill_zone(store: Store, scanner_id: str) -> ZoneInfo | None:
+    """Return the time zone of the mill, which the newest schedule of the scanner names; None: this machine's."""
+    newest = store.schedules.page(scanner_id=scanner_id, limit=1).items
+    return ZoneInfo(known_zone(newest[0].time_zone)) if newest else None
 
 
 def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:

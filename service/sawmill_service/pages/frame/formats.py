@@ -12,6 +12,8 @@ from babel import Locale
 from babel.dates import format_date, format_skeleton, format_time, format_timedelta, get_datetime_format
 from babel.numbers import format_decimal, format_scientific
 
+from sawmill_vocabulary.messages import Reader
+
 _BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
 # Babel cannot write the last digits of a larger number.
 _LARGEST_IN_FULL = 1e15
@@ -31,6 +33,11 @@ class Formats:
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
         self._locale = locale
         self._text = text
+
+    @property
+    def reader(self) -> Reader:
+        """The language, for messages."""
+        return Reader(self._text.gettext, self.number, self._locale.language)
 
     def filters(self) -> dict[str, Callable[..., Any]]:
         """Return the formats by the names that templates use."""

@@ -2,6 +2,7 @@
 
 import gettext
 import io
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,15 @@ from babel.messages.pofile import read_po
 
 _CATALOGUES = Path(__file__).parents[2] / "locale"
 ENGLISH = "en"
+
+
+class Language(StrEnum):
+    """Languages of the report."""
+
+    ENGLISH = ENGLISH
+    FINNISH = "fi"
+
+
 # Names of the languages in the languages themselves, so that readers recognise their own.
 LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}
 # Locales whose dates, hours and decimals are used for a language.

@@ -1,6 +1,6 @@
 """Common part of all pages: the language, the caller, and the templates with both."""
 
-from functools import cache
+from functools import cache, partial
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -21,6 +21,7 @@ from sawmill_service.pages.frame.languages import (
 )
 from sawmill_service.pages.frame.navigation import NAVIGATION
 from sawmill_service.pages.frame.verdicts import shown_questions
+from sawmill_vocabulary.messages import Reason
 from sawmill_worker.templating import templates_of
 
 LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"
@@ -123,5 +124,6 @@ def templates(language: str = ENGLISH) -> Environment:
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
     environment.globals["failures"] = {code: kind for code, kind in problem_types().items() if kind.failure}
-    environment.globals["two_questions"] = shown_questions(text, formats)
+    environment.globals["verdict_questions"] = shown_questions(text, formats)
+    environment.globals["in_words"] = partial(Reason.in_words, reader=formats.reader)
     return environment

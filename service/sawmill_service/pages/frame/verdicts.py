@@ -1,11 +1,12 @@
-"""The two questions of a verdict on pages: a word, a number against its limit, a sentence."""
+"""The questions of a verdict on pages: a word, a number against its limit, a sentence."""
 
 import gettext
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.scanners import Tolerances
+from sawmill_mill.anything_moved import AnythingMoved
 from sawmill_mill.two_questions import Answer, TwoQuestions
 from sawmill_service.pages.frame.formats import Formats
 from sawmill_service.pages.frame.languages import marked
@@ -15,6 +16,15 @@ _WORDS = {
     Answer.LOOK: ("watch", marked("Look at it")),
     Answer.NO: ("bad", marked("No")),
     Answer.UNKNOWN: ("idle", marked("Not known")),
+    Answer.ACCEPTED: ("idle", marked("Accepted")),
+}
+
+_MOVED_WORDS = {
+    Answer.YES: marked("No"),
+    Answer.LOOK: marked("Look at it"),
+    Answer.NO: marked("Yes"),
+    Answer.UNKNOWN: marked("Not known"),
+    Answer.ACCEPTED: marked("Accepted"),
 }
 
 
@@ -45,13 +55,21 @@ class ShownQuestion:
 
 def shown_questions(
     text: gettext.NullTranslations, formats: Formats
-) -> Callable[[CalibrationResult, Tolerances | None], list[ShownQuestion]]:
-    """Return the function that templates call with a calibration and its scanner's tolerances (`two_questions`)."""
+) -> Callable[[CalibrationResult, Tolerances | None, bool], list[ShownQuestion]]:
+    """Return the function that templates call with a calibration and its scanner's tolerances (`verdict_questions`)."""
 
-    def shown(calibration: CalibrationResult, tolerances: Tolerances | None = None) -> list[ShownQuestion]:
-        return shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
+    def shown(calibration: CalibrationResult, tolerances: Tolerances | None, active: bool) -> list[ShownQuestion]:  # noqa: FBT001 - templates call it
+        pair = shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
+        return [*pair, _shown_movement(AnythingMoved.of(calibration, accepted=active), text, formats)]
 
     return shown
+
+
+def _shown_movement(moved: AnythingMoved, text: gettext.NullTranslations, formats: Formats) -> ShownQuestion:
+    """Return the third question, whose good answer is No."""
+    sentence = moved.reason.in_words(formats.reader).headline
+    shown = _shown(text, moved.question, moved.answer, sentence, moved.moved_mm, moved.limit_mm, formats.mm)
+    return replace(shown, word=text.gettext(_MOVED_WORDS[moved.answer]))
 
 
 def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:

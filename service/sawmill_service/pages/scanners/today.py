@@ -70,20 +70,20 @@ class ScannerLine:
     @property
     def needs_somebody(self) -> bool:
         """Whether a person must do something."""
-        return not self.example and self.condition.state.needs_somebody
+        return not self.example and self.condition.step.needs_somebody
 
     @property
     def folds(self) -> bool:
         """Whether the row is folded where there are many: nobody has to look at it."""
-        return self.example or (self.condition.state.standing.tone == "good" and not self.needs_somebody)
+        return self.example or (self.condition.step.tone == "good" and not self.needs_somebody)
 
     @property
     def rank(self) -> tuple[bool, int, float, list[str | int]]:
         """Key for sorting: the worst comes first, among equals the scanner that has moved farthest; examples last."""
-        state = self.condition.state
-        share = state.moved.share if state.moved is not None and state.moved.since_active else 0.0
+        moved = self.condition.state.moved
+        share = moved.share if moved is not None and moved.since_active else 0.0
         name = natural_order(self.condition.scanner.name)
-        return self.example, _WORST_FIRST.index(state.standing.tone), -share, name
+        return self.example, _WORST_FIRST.index(self.condition.step.tone), -share, name
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     now = store.now()
     movements = store.measurements.movements(now - SPAN, now)
     rows = [_row(condition, movements, now) for condition in conditions_of(store)]
-    needy = [row.condition.state.standing.tone for row in rows if row.needs_somebody]
+    needy = [row.condition.step.tone for row in rows if row.needs_somebody]
     red, others = needy.count("bad"), len(needy) - needy.count("bad")
     fine = sum(not row.example for row in rows) - len(needy)
     ends = [

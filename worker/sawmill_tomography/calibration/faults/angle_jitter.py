@@ -8,18 +8,12 @@ from sawmill_tomography.calibration.joint_fit.normal_equations import System
 from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.geometry.geometry import FloatArray
 
-REMEDY = "look at the encoder and the drive"
 # Noise does not explain the scatter when it is larger by DEVIATIONS standard deviations, with FEWEST_VIEWS or more. An
 # error of the model does not explain the scatter when neighbouring views share less than the share SHARED of it, u_c
 # scatters independently by less than the share COLUMN, the median view has more than the share IN_MOST, and the scatter
 # explains more than the share EXPLAINED of the structured residual.
 MEDIAN_OF_CHI_SQUARED, IN_MOST, EXPLAINED = 0.455, 0.3, 0.4
 DEVIATIONS, FEWEST_VIEWS, SHARED, COLUMN = 8.0, 20, 0.3, 0.1
-
-
-def sentence(deviation_rad: float) -> str:
-    """Return the sentence that reports the scatter."""
-    return f"the angles scatter from view to view, by {math.degrees(deviation_rad):.2g} degrees"
 
 
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:

@@ -22,6 +22,8 @@ from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import SKIN_DEPTHS_MM, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 # The share of samples above which a shadow is the deepest.
 DEEPEST = 0.98
@@ -29,7 +31,6 @@ DEEPEST = 0.98
 FEWEST_VIEWS = 60
 # A skin whose density differs by a larger share is something else.
 LARGEST_SKIN = 0.5
-STRAIGHT = "use straight, dry wood for the phantom, or draw it as it is"
 _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 
 
@@ -43,18 +44,15 @@ class Effect:
         The option that switches the effect off.
     columns : callable
         Unknowns of the effect for a model; none where such a scan cannot show the effect.
-    sentence : callable
-        Reported sentence, from the model that has the effect and the sizes of the effect's columns.
-    remedy : str
-        Advice to the user, where something should be done.
+    reason : callable
+        Reported reason, from the model that has the effect and the sizes of the effect's columns.
     possible : callable
         True for a model and sizes of the columns that such an effect may have.
     """
 
     adjustment: Adjustment
     columns: Callable[[ScanModel], tuple[Column, ...]]
-    sentence: Callable[[ScanModel, FloatArray], str]
-    remedy: str = ""
+    reason: Callable[[ScanModel, FloatArray], Reason]
     possible: Callable[[ScanModel, FloatArray], bool] = lambda _, __: True
 
 
@@ -69,48 +67,42 @@ def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[C
     return columns
 
 
-def _hardening_sentence(model: ScanModel, sizes: FloatArray) -> str:
+def _hardening(model: ScanModel, sizes: FloatArray) -> Reason:
     longest = float(model.lengths.max())
-    change = sizes[0] * longest + sizes[1] * longest**2
-    return f"beam hardening of {change:+.1%} on the longest path"
+    change = float(sizes[0] * longest + sizes[1] * longest**2)
+    return EffectMessage.BEAM_HARDENING(change_percent=100.0 * change)
 
 
-def _scattered_radiation_sentence(model: ScanModel, sizes: FloatArray) -> str:
+def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
     around, wide = model.halos
     deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
     added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
     if added < 0.0:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
-        return "scattered radiation, whose amount this scan does not tell from that of the beam hardening"
-    return f"scattered radiation, which adds {added:.1%} to the intensity of the deepest shadow"
+        return EffectMessage.SCATTER_OR_HARDENING()
+    return EffectMessage.SCATTER(added_percent=100.0 * added)
 
 
 def _exposure_columns(model: ScanModel) -> tuple[Column, ...]:
     return (Column.of(Term.EXPOSURE),) if len(model.data.angles_rad) >= FEWEST_VIEWS else ()
 
 
-def _pace_sentence(model: ScanModel, sizes: FloatArray) -> str:
+def _pace(model: ScanModel, sizes: FloatArray) -> Reason:
     turned = float(model.data.angles_rad[-1] - model.data.angles_rad[0])
-    pace = 1.0 + float(sizes[0]) / turned if turned else 1.0
-    return f"the turntable turns {pace:.4f} times as far as the angles say"
+    return EffectMessage.PACE(factor=1.0 + float(sizes[0]) / turned if turned else 1.0)
 
 
-def _encoder(orders: tuple[int, int]) -> Effect:
+def _encoder(message: EffectMessage, orders: tuple[int, int]) -> Effect:
     """Return the effect of angles that are ahead and behind these numbers of times a turn, as with a faulty encoder."""
 
-    def sentence(_: ScanModel, sizes: FloatArray) -> str:
+    def reason(_: ScanModel, sizes: FloatArray) -> Reason:
         first, second = np.rad2deg([math.hypot(*sizes[:2]), math.hypot(*sizes[2:])])
-        often = [_TIMES[order] for order in orders]
-        return (
-            f"the angles are ahead and behind {often[0]} a turn, by {first:.2g} degrees, and {often[1]} a turn, by "
-            f"{second:.2g}"
-        )
+        return message(first_deg=float(first), second_deg=float(second))
 
     return Effect(
         Adjustment.ENCODER,
         lambda model: of_angle([shape for order in orders for shape in harmonics(model, order)]),
-        sentence,
-        "the encoder is off its axis, or the drive slips and catches: look at them",
+        reason,
     )
 
 
@@ -118,8 +110,7 @@ def _wobble(order: int) -> Effect:
     return Effect(
         Adjustment.WOBBLE,
         lambda model: in_the_laboratory(model, harmonics(model, order)),
-        lambda _, sizes: f"the turntable wobbles {_TIMES[order]} a turn, by {largest_move(sizes):.2g} mm",
-        "look at the turntable's bearing and what the phantom stands on",
+        lambda _, sizes: EffectMessage.WOBBLE(times=_TIMES[order], wobble_mm=largest_move(sizes)),
     )
 
 
@@ -131,88 +122,83 @@ def _root(square: float) -> float:
 DEFORMATION = Effect(
     Adjustment.DEFORMATION,
     _terms(Term.ASPECT, Term.SHEAR),
-    lambda _, sizes: (
-        f"the phantom is longer in x than in y against its drawing by {sizes[0]:+.2%}, and sheared by {sizes[1]:+.2%}"
+    lambda _, sizes: EffectMessage.DEFORMATION(
+        longer_percent=100.0 * float(sizes[0]), sheared_percent=100.0 * float(sizes[1])
     ),
-    "measure both sides of the phantom, and check that it stands square to the axis",
 )
 # The angles run too fast or too slowly.
 PACE = Effect(
     Adjustment.PACE,
     lambda model: of_angle([progress(model)]),
-    _pace_sentence,
-    "check the angles' step, the encoder's counts in a turn, and the clamps",
+    _pace,
 )
 # The turntable's axis wobbles, as with a worn bearing.
 WOBBLES = tuple(_wobble(order) for order in _TIMES)
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
-    Effect(Adjustment.BEAM_HARDENING, _terms(Term.HARDENING, Term.HARDENING_CUBIC), _hardening_sentence),
+    Effect(Adjustment.BEAM_HARDENING, _terms(Term.HARDENING, Term.HARDENING_CUBIC), _hardening),
     # The phantom scatters radiation into the cells: from around, and from the whole view.
     Effect(
         Adjustment.SCATTERED_RADIATION,
         _terms(Term.SCATTER, Term.SCATTER_WIDE, counts=True),
-        _scattered_radiation_sentence,
+        _scattered_radiation,
     ),
     # The focal spot and the scintillator blur along the detector: a Gaussian.
     Effect(
         Adjustment.BLUR,
         _terms(Term.BLUR),
-        lambda _, sizes: f"a blur of {_root(sizes[0]):.2f} detector cells (standard deviation)",
+        lambda _, sizes: EffectMessage.BLUR(blur_cells=_root(sizes[0])),
     ),
     # A view still shows some of the view before.
     Effect(
         Adjustment.LAG,
         _terms(Term.LAG, counts=True),
-        lambda _, sizes: f"a lag of the detector, of {sizes[0]:.1%} of the view before",
+        lambda _, sizes: EffectMessage.LAG(lag_percent=100.0 * float(sizes[0])),
     ),
     # The phantom turns while a view is exposed.
     Effect(
         Adjustment.ROTATION_DURING_EXPOSURE,
         _exposure_columns,
-        lambda _, sizes: f"the phantom turns by {_root(sizes[0]):.0%} of a step while a view is exposed",
+        lambda _, sizes: EffectMessage.EXPOSURE(turn_percent=100.0 * _root(sizes[0])),
     ),
     # The detector's response has changed since the flat fields were taken: by a slope and a curvature across it.
     Effect(
         Adjustment.FLAT_FIELD,
         _terms(Term.SLOPE, Term.CURVATURE),
-        lambda _, sizes: (
-            f"the flat field has changed across the detector, by {sizes[0]:+.2%} from end to end and "
-            f"{0.25 * sizes[1]:+.2%} at both ends"
+        lambda _, sizes: EffectMessage.FLAT_FIELD(
+            slope_percent=100.0 * float(sizes[0]), ends_percent=25.0 * float(sizes[1])
         ),
-        "take the flat fields anew, right before the scan",
     ),
     # The density slopes over the wood, as with moisture.
     Effect(
         Adjustment.DENSITY_GRADIENT,
         _terms(Term.GRADIENT_X, Term.GRADIENT_Y),
-        lambda _, sizes: f"the wood's density slopes by {100.0 * math.hypot(*sizes):.1%} in 100 mm",
+        # A slope of 1 / mm is 10 000 % in 100 mm.
+        lambda _, sizes: EffectMessage.DENSITY_GRADIENT(slope_percent=1e4 * math.hypot(*sizes)),
     ),
     DEFORMATION,
     # Wear or the saw has rounded the corners.
     Effect(
         Adjustment.CORNERS,
         _terms(Term.CORNERS),
-        lambda _, sizes: f"corners rounded by {_root(sizes[0]):.1f} mm (radius)",
+        lambda _, sizes: EffectMessage.CORNERS(radius_mm=_root(sizes[0])),
     ),
     PACE,
     # The phantom moves steadily during the scan.
     Effect(
         Adjustment.CREEP,
         lambda model: of_position([progress(model)]),
-        lambda _, sizes: f"the phantom creeps by {math.hypot(*sizes):.2g} mm over the scan",
-        "fasten the phantom on the turntable",
+        lambda _, sizes: EffectMessage.PHANTOM_CREEP(creep_mm=math.hypot(*sizes)),
     ),
     # Source, turntable or detector move steadily, as when the scanner warms up.
     Effect(
         Adjustment.CREEP,
         lambda model: in_the_laboratory(model, [progress(model)]),
-        lambda _, sizes: f"source, turntable or detector creep by {math.hypot(*sizes):.2g} mm over the scan",
-        "let the scanner warm up, and look at what carries source and detector",
+        lambda _, sizes: EffectMessage.SCANNER_CREEP(scanner_creep_mm=math.hypot(*sizes)),
     ),
-    _encoder((1, 2)),
-    _encoder((3, 4)),
+    _encoder(EffectMessage.ENCODER_LOW, (1, 2)),
+    _encoder(EffectMessage.ENCODER_HIGH, (3, 4)),
     *WOBBLES,
 )
 
@@ -223,9 +209,10 @@ def _skin(term: Term) -> Effect:
     return Effect(
         Adjustment.SURFACE_DENSITY,
         lambda model: (Column.of(term),) if model.has_skin(term) else (),
-        lambda _, sizes: (
-            f"the wood within {depth_mm:g} mm of the surface is {abs(sizes[0]):.1%} "
-            f"{'denser' if sizes[0] > 0.0 else 'less dense'}"
+        lambda _, sizes: EffectMessage.SURFACE_DENSITY(
+            depth_mm=depth_mm,
+            change_percent=100.0 * abs(float(sizes[0])),
+            density="denser" if sizes[0] > 0.0 else "less dense",
         ),
         possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_SKIN,
     )
@@ -236,18 +223,13 @@ OF_WOOD: tuple[Effect, ...] = (
     Effect(
         Adjustment.BOW,
         _terms(Term.BOW_X, Term.BOW_Y),
-        lambda _, sizes: f"the phantom is bent in its plane by {math.hypot(*sizes):.2g} mm",
-        STRAIGHT,
+        lambda _, sizes: EffectMessage.BOW(bow_mm=math.hypot(*sizes)),
     ),
     # A plank that is bent is also longer along the outside of the bend than along the inside.
     Effect(
         Adjustment.BOW,
         _terms(Term.TAPER_X, Term.TAPER_Y),
-        lambda _, sizes: (
-            "the phantom is wider at one end than its drawing and narrower at the other, by "
-            f"{math.hypot(*sizes):.2g} mm at its corners"
-        ),
-        STRAIGHT,
+        lambda _, sizes: EffectMessage.TAPER(taper_mm=math.hypot(*sizes)),
     ),
     *map(_skin, SKIN_DEPTHS_MM),
 )

@@ -35,8 +35,3 @@ def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFi
     remaining = replace(adjusted.data, weights=np.where(views[:, None], 0.0, weights))
     again = adjusted.refitted(remaining, adjusted.fit)
     return None if again is None else replace(adjusted, data=remaining, fit=again)
-
-
-def sentence(number: int) -> str:
-    """Return the sentence that reports this number of views."""
-    return f"{number} views that do not fit the others were left out"

@@ -11,6 +11,7 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import Position
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 # Rays over which a cell's intensities are averaged.
 FINE_RAYS = 8
@@ -32,7 +33,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
         if again is None:
             return plain
         fit = again
-    after = plain.after(data, fit, "each cell's averaging of intensities was allowed for")
+    after = plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING())
     return replace(after, averaging=added)
 
 

@@ -18,6 +18,8 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Handedness
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 Samples = NDArray[np.bool_]
 
@@ -65,15 +67,12 @@ class PhantomMetal:
     samples: Samples
     places_mm: tuple[tuple[float, float], ...]
 
-    def sentence(self, handedness: Handedness, position_mm: tuple[float, float]) -> str:
-        """Return the sentence that reports the metal, with places in the drawing of a phantom in this pose."""
+    def reason(self, handedness: Handedness, position_mm: tuple[float, float]) -> Reason:
+        """Return the reason that reports the metal, with places in the drawing of a phantom in this pose."""
         side = 1.0 if handedness is Handedness.AS_DRAWN else -1.0
         drawn = ((x - position_mm[0], side * (y - position_mm[1])) for x, y in self.places_mm)
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in drawn)
-        return (
-            f"metal in the phantom at (x, y) = {places} mm of its drawing: the {self.samples.mean():.1%} of the "
-            "samples that see it were left out"
-        )
+        return AdjustmentMessage.METAL(places=places, share_percent=100.0 * float(self.samples.mean()))
 
 
 def find_metal(

@@ -14,6 +14,7 @@ from sawmill_tomography.calibration.joint_fit.normal_equations import Column, Sy
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 # A module has at least this many cells.
 FEWEST_CELLS = 8
@@ -66,9 +67,10 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
     return Effect(
         Adjustment.MODULES,
         lambda _: (Column.of(gap_term(module.first_cell)), Column.of(kink_term(module.first_cell))),
-        lambda _, sizes: (
-            f"the detector's modules meet at cell {module.first_cell} with a gap of {module.gap_mm + sizes[0]:+.2f} mm "
-            f"and an angle of {math.degrees(module.kink_rad + sizes[1]):+.2f} degrees"
+        lambda _, sizes: EffectMessage.MODULE(
+            cell=module.first_cell,
+            gap_mm=module.gap_mm + float(sizes[0]),
+            angle_deg=math.degrees(module.kink_rad + sizes[1]),
         ),
         possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_GAP_CELLS * cell_mm and abs(sizes[1]) <= LARGEST_KINK_RAD,
     )

@@ -9,6 +9,7 @@ from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFin
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 # A residual of more robust standard deviations makes a sample lose weight.
 OUTLIER = 4.0
@@ -42,7 +43,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
         current, share = replace(plain, data=weighted, fit=again), float(outlying[used > 0.0].mean())
     if share == 0.0:
         return plain
-    return plain.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
+    return plain.after(current.data, current.fit, AdjustmentMessage.OUTLIERS(share_percent=100.0 * share))
 
 
 def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:

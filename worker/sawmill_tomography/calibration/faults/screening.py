@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 # A view is corrupt when this share of the view's samples is outside the range of the median view.
 VIEW_SHARE = 0.01
@@ -51,9 +52,9 @@ class Screening:
         """Sentences on cells and views that were left out."""
         sentences = []
         if not self.cells.all():
-            sentences.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
+            sentences.append(AdjustmentMessage.CELLS_LEFT_OUT(cells=int((~self.cells).sum())))
         if not self.views.all():
-            sentences.append(f"{int((~self.views).sum())} corrupt views were left out")
+            sentences.append(AdjustmentMessage.VIEWS_LEFT_OUT(views=int((~self.views).sum())))
         return tuple(sentences)
 
     def bridged(self, sinogram: FloatArray) -> FloatArray:

@@ -12,6 +12,8 @@ from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 # A slip needs at least FEWEST_VIEWS views, and the share SHARE_OF_VIEWS of all views, before and after.
 FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
@@ -28,19 +30,14 @@ def slip_at(view: int) -> Effect:
         after = (np.arange(len(model.data.angles_rad)) >= view).astype(np.float64)
         return tuple(Column(((term, after),)) for term in POSE)
 
-    def sentence(model: ScanModel, sizes: FloatArray) -> str:
+    def reason(model: ScanModel, sizes: FloatArray) -> Reason:
         turn, *move = sizes
         by_mm, by_deg = math.hypot(*move), math.degrees(abs(turn))
         if by_mm < TURN_ALONE * abs(turn) * model.drawing.radius_mm:
-            return f"the angles jump at view {view}, by {by_deg:.2g} degrees"
-        return f"the phantom moved at view {view}, by {by_mm:.2g} mm and {by_deg:.2g} degrees"
+            return EffectMessage.ANGLES_JUMP(view=view, jump_deg=by_deg)
+        return EffectMessage.SLIP(view=view, slip_mm=by_mm, slip_deg=by_deg)
 
-    return Effect(
-        Adjustment.SLIP,
-        columns,
-        sentence,
-        "fasten the phantom on the turntable, look at the drive and its encoder, and repeat the scan",
-    )
+    return Effect(Adjustment.SLIP, columns, reason)
 
 
 def jump_at(view: int) -> Effect:
@@ -53,8 +50,7 @@ def jump_at(view: int) -> Effect:
     return Effect(
         Adjustment.SLIP,
         columns,
-        lambda _, sizes: f"source, turntable or detector moved at view {view}, by {math.hypot(*sizes):.2g} mm",
-        "look at what carries source, turntable and detector, and repeat the scan",
+        lambda _, sizes: EffectMessage.SCANNER_JUMP(view=view, jump_mm=math.hypot(*sizes)),
         possible=lambda _, sizes: math.hypot(*sizes) <= LARGEST_JUMP_MM,
     )
 

@@ -4,7 +4,6 @@ import math
 
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 
-SENTENCE = "the views differ in gain or background, so each has its own"
 # Gains of each view are fitted when they explain more than chance by DEVIATIONS standard deviations, and more than the
 # share LEAST_SHARE of the structured residual.
 DEVIATIONS, LEAST_SHARE = 8.0, 0.5

@@ -16,7 +16,6 @@ from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effe
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
-    sentence,
     without_views,
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
@@ -52,6 +51,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
 VIEW_ROUNDS = 3
@@ -111,7 +111,9 @@ def fit_consistent_views(
         joint = fit_jointly(remaining, without, on_step)
     if not left_out.any():
         return prepared, joint
-    remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(left_out.sum()))))
+    remaining = replace(
+        prepared, adjustments=(*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=int(left_out.sum())))
+    )
     # A further fit finds the modules anew, with their errors.
     return replace(remaining, data=replace(joint.model.data, cells=prepared.data.cells)), joint
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults import angle_jitter, view_gain
 from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
@@ -16,6 +15,8 @@ from sawmill_tomography.calibration.joint_fit.residual_statistics import Residua
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 
 @dataclass(frozen=True)
@@ -26,18 +27,15 @@ class FoundEffect:
     ----------
     adjustment : Adjustment
         The option that switches the effect's fit off.
-    sentence : str
-        Description of the effect and its size.
-    remedy : str
-        Advice to the user; empty where nothing need be done.
+    reason : Reason
+        The effect and its size; the action is the remedy, empty where nothing need be done.
     ray_error_mm : float
         RMS ray error that the effect causes where it is not fitted.
     fitted : bool
     """
 
     adjustment: Adjustment
-    sentence: str
-    remedy: str
+    reason: Reason
     ray_error_mm: float
     fitted: bool
 
@@ -77,13 +75,12 @@ def analyse_residual(
 
 def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
     if joint.model.view_gain:
-        yield FoundEffect(Adjustment.VIEW_GAIN, view_gain.SENTENCE, "", 0.0, fitted=True)
+        yield FoundEffect(Adjustment.VIEW_GAIN, EffectMessage.VIEW_GAIN(), 0.0, fitted=True)
     if joint.angle_variance > 0.0:
         deviation = math.sqrt(joint.angle_variance)
         moved_mm = deviation * joint.model.drawing.radius_mm
-        yield FoundEffect(
-            Adjustment.ANGLE_JITTER, angle_jitter.sentence(deviation), angle_jitter.REMEDY, moved_mm, fitted=True
-        )
+        scattered = EffectMessage.ANGLE_JITTER(jitter_deg=math.degrees(deviation))
+        yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, moved_mm, fitted=True)
     for one in joint.fitted:
         columns, off = joint.without(one)
         readings = [(one.effect, one.sizes)]
@@ -91,11 +88,10 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
             readings.append((joint.other_reading.other.effect, joint.other_reading.sizes))
             readings.sort(key=lambda reading: ALIKE.index(reading[0]))
         readings += [(reading.other.effect, reading.sizes) for reading in joint.other_motions if reading.fitted is one]
-        sentence = ", or ".join(effect.sentence(joint.model, sizes) for effect, sizes in readings)
+        reasons = [effect.reason(joint.model, sizes) for effect, sizes in readings]
         yield FoundEffect(
             one.effect.adjustment,
-            sentence if len(readings) == 1 else f"{sentence} (this scan does not tell which)",
-            ", and ".join(effect.remedy for effect, _ in readings),
+            reasons[0] if len(reasons) == 1 else EffectMessage.ONE_OF(*reasons),
             _off_mm(joint, columns, off, scanner, radius_mm),
             fitted=True,
         )
@@ -105,9 +101,9 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
     columns = [joint.system.columns[i] for i in joint.used]
     for one, test in joint.beyond_chance:
         if test.is_fitted(one.trials):
-            sentence = one.effect.sentence(joint.model, test.sizes)
             off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
-            yield FoundEffect(one.effect.adjustment, sentence, one.effect.remedy, off_mm, fitted=False)
+            reason = one.effect.reason(joint.model, test.sizes)
+            yield FoundEffect(one.effect.adjustment, reason, off_mm, fitted=False)
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sawmill_contracts import calibrations as contracts
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.reasons import CodedReason
 from sawmill_tomography.calibration.alternatives import Alternatives
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
@@ -23,6 +24,7 @@ from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.calibration.size_measurements import measurement_reasons
 from sawmill_worker.use_cases.checkpoints import NOTHING_KEPT, Keeper
@@ -142,7 +144,7 @@ def _of_rows(
     """Narrow the input to some rows of a stack, and add a remark about the rows."""
     first, last = rows
     span = "{}:{}".format(*calibration_input.rows)
-    remark = f"of rows {span}, {first}:{last} show the phantom and were used"
+    remark = AdjustmentMessage.PHANTOM_ROWS(rows=span, used=f"{first}:{last}")
     narrowed = calibration_input.of_rows(
         stack[:, first - calibration_input.rows[0] : last - calibration_input.rows[0]], rows
     )
@@ -155,8 +157,7 @@ def _with_odd_rows(calibration_input: CalibrationInput, stack: NDArray[np.float3
     odd = [str(first + row) for row in odd_rows(stack)]
     if not odd:
         return calibration_input
-    rows = f"row {odd[0]} shows" if len(odd) == 1 else f"rows {', '.join(odd)} show"
-    remark = f"of rows {first}:{last}, which were named, {rows} another body than the other rows: leave out those rows"
+    remark = AdjustmentMessage.ODD_ROWS(rows=f"{first}:{last}", odd=", ".join(odd))
     return replace(calibration_input, remarks=(*calibration_input.remarks, remark))
 
 
@@ -288,7 +289,10 @@ def calibration_result(
     """Convert a calibration to its contract; a scanner that moved is the first of the reasons."""
     findings, frame, judgement = calibration.findings, calibration.frame, calibration.judgement
     fit, bars = findings.fit, findings.error_bars
-    moved = [] if comparison is None or comparison.within_tolerance else [comparison.reason]
+    moved = [] if comparison is None or comparison.within_tolerance else [comparison.explanation]
+    measured = measurement_reasons(calibration_input.drawing, datetime.now(tz=UTC).date())
+    reasons = [*moved, *map(CodedReason.of, (*judgement.reasons, *measured))]
+    adjustments = [CodedReason.of(each) for each in (*calibration_input.remarks, *calibration.adjustments)]
     return contracts.CalibrationResult(
         theta=calibration.theta,
         theta_twin=calibration.theta_twin,
@@ -310,16 +314,14 @@ def calibration_result(
         residual=contracts.Residual(rms=fit.residual_rms, relative=fit.relative_residual),
         beam_hardening=calibration.beam.hardening,
         scattered_radiation=calibration.beam.scatter,
-        adjustments=[*calibration_input.remarks, *calibration.adjustments],
+        adjustments=[each.sentence for each in adjustments],
+        coded_adjustments=adjustments,
         status=judgement.status,
         verdict=judgement.verdict,
         rays_verdict=judgement.rays_verdict,
         limits=calibration_input.limits,
-        reasons=[
-            *moved,
-            *judgement.reasons,
-            *measurement_reasons(calibration_input.drawing, datetime.now(tz=UTC).date()),
-        ],
+        reasons=[each.sentence for each in reasons],
+        coded_reasons=reasons,
         scanner=replace(calibration_input.scanner, detector_modules=calibration.scanner.detector_modules),
         phantom=calibration_input.drawing.name,
         views=int(calibration_input.angles_rad.size),

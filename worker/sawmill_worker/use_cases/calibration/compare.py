@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from sawmill_contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.comparison import ChangeLimits, compare
@@ -29,6 +30,7 @@ def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: Sto
     limits = ChangeLimits(tolerances.ray_change_mm, psi_rad, radius_mm, tolerances.scale_percent)
     change = compare(scanner.constants, geometry_of(active), new, limits)
     return Comparison(
+        coded_reason=CodedReason.of(change.reason),
         calibration_id=active.id,
         tolerance_mm=limits.ray_change_mm,
         angle_change_deg=math.degrees(change.psi_change_rad),

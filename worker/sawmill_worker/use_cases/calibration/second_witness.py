@@ -15,6 +15,7 @@ from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
+from sawmill_vocabulary.scan_messages import AdjustmentMessage
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
 
@@ -67,9 +68,8 @@ def with_second_witness(
     try:
         combined = with_log(calibration, log.sinogram)
     except DriftError as error:
-        return _with_remark(
-            calibration_input, f"the log in rows {_span(log.rows)} is no second witness: {error}"
-        ), calibration
+        remark = AdjustmentMessage.LOG_NOT_USED(rows=_span(log.rows), why=str(error))
+        return replace(calibration_input, remarks=(*calibration_input.remarks, remark)), calibration
     return replace(calibration_input, log_rows=log.rows), combined
 
 
@@ -167,10 +167,6 @@ def _coarse(sinogram: FloatArray) -> FloatArray:
     blocks = sinogram[:views, :cells].reshape(views // together, together, -1, BLOCK_CELLS)
     means: FloatArray = blocks.mean(axis=(1, 3)).ravel()
     return means
-
-
-def _with_remark(calibration_input: CalibrationInput, remark: str) -> CalibrationInput:
-    return replace(calibration_input, remarks=(*calibration_input.remarks, remark))
 
 
 def _span(rows: tuple[int, ...]) -> str:

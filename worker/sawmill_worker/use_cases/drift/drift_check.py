@@ -11,6 +11,7 @@ from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
 from sawmill_contracts.drifts import DriftResult, TurnDisturbance
+from sawmill_contracts.reasons import CodedReason
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.drift.change import (
     DISTANCE_NOT_SEEN,
@@ -34,6 +35,8 @@ from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
 from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_vocabulary.messages import Reason, Value
+from sawmill_vocabulary.movement_messages import LogMessage
 from sawmill_vocabulary.version import VERSION
 from sawmill_worker.use_cases.drift.given_geometry import (
     GivenGeometry,
@@ -156,6 +159,11 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
     turned_over = fit.rotation is not reference.rotation
     within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
+    reason = (
+        _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
+        if nominal is None
+        else found_column(nominal, fit)
+    )
     return DriftResult(
         measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
@@ -175,11 +183,8 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         radius_mm=radius_mm,
         tolerance_mm=drift_input.tolerance_mm,
         within_tolerance=within,
-        reason=(
-            _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
-            if nominal is None
-            else found_column(nominal, fit)
-        ),
+        reason=reason,
+        coded_reason=CodedReason.of(reason) if nominal is None else None,
         method=method,
         not_seen=_not_seen(fit, zero),
         rotation=fit.rotation,
@@ -223,10 +228,10 @@ def _reason(
     *,
     within: bool | None,
     turned_over: bool,
-) -> str:
+) -> Reason:
     of_the_turn = disturbed_turn(fit)
     of_the_detector = _of_the_detector(drift_input, changed, zero, within=within, turned_over=turned_over)
-    return of_the_detector if of_the_turn is None else f"{of_the_turn}; apart from that, {of_the_detector}"
+    return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
 
 
 def _of_the_detector(
@@ -236,24 +241,25 @@ def _of_the_detector(
     *,
     within: bool | None,
     turned_over: bool,
-) -> str:
+) -> Reason:
+    allowed_mm = drift_input.tolerance_mm
     if turned_over:
-        return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
+        return LogMessage.TURNED_OVER()
     if zero is not None and _is_far(zero, drift_input):
-        return (
-            f"the first {zero.looks} logs after the calibration lie {zero.ray_offset_mm:.2g} mm of the rays from it, "
-            f"and {drift_input.tolerance_mm:.2g} mm is allowed: the scanner moved before them, or its flat field is "
-            "wrong: take a new flat field, scan the phantom and calibrate"
-        )
+        return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
+    moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
     if within is None:
-        return (
-            f"this scan sees the rays {changed.ray_change_mm:.2g} mm from where they were and places them to "
-            f"{changed.ray_change_uncertainty_mm:.2g} mm, so it cannot tell whether they are within the "
-            f"{drift_input.tolerance_mm:.2g} mm that are allowed: average more rows, or scan a log that is less round "
-            "or less centred"
-        )
+        return LogMessage.UNCERTAIN(**moved, error_mm=changed.ray_change_uncertainty_mm)
     cause = likely_cause(drift_input.calibration.source_frame, changed)
-    return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"
+    if not within and changed.ray_change_mm > allowed_mm:
+        cause = LogMessage.MOVED(cause, **moved)
+    elif not within:
+        scale_percent = 100.0 * changed.scale_change
+        allowed_percent = drift_input.tolerance_scale_percent
+        cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
+    elif changed.moved:
+        cause = LogMessage.WITHIN(cause, **moved)
+    return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.looks)
 
 
 def _method(fit: DetectorFit) -> DriftMethod:

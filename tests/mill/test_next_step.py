@@ -1,0 +1,175 @@
+"""The next step with a scanner, by its newest calibration, the movement since the active one, and its alarms."""
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from itertools import product
+
+import pytest
+from results import calibration_result
+
+from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.reasons import CodedReason
+from sawmill_mill.anything_moved import AnythingMoved, StandIn
+from sawmill_mill.next_step import Button, next_step, other_step, step_alone
+from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
+from sawmill_mill.two_questions import Answer
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.scan_messages import EffectMessage
+
+NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
+LATER = NOON + timedelta(hours=1)
+SLIP = CalibrationMessage.EFFECT_FITTED(EffectMessage.SLIP(view=17, slip_mm=2.5, slip_deg=0.3), off_mm=0.26)
+IMPRECISE = CalibrationMessage.IMPRECISE(rms_mm=0.05, upper_mm=0.19, allowed_mm=0.1)
+LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
+
+
+def moved(moved_mm, *, against="active", within=None):
+    """What a newer calibration says of the movement."""
+    reason = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=2.61), moved_mm=moved_mm, allowed_mm=0.5)
+    return {
+        "calibration_id": against,
+        "ray_change_mm": moved_mm,
+        "angle_change_deg": 0.0,
+        "cor_column_change_mm": 0.0,
+        "source_distance_change_mm": 0.0,
+        "tilt_change_deg": 0.0,
+        "tolerance_mm": 0.5,
+        "within_tolerance": moved_mm <= 0.5 if within is None else within,
+        "reason": reason,
+        "coded_reason": CodedReason.of(reason),
+    }
+
+
+def answer(*reasons, comparison=None, **changes):
+    """An answer with these reasons, of which movement is the first."""
+    first = [] if comparison is None or comparison["within_tolerance"] else [comparison["coded_reason"]]
+    coded = [*first, *map(CodedReason.of, reasons)]
+    given = {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
+    known = {"limits": LIMITS, "rays_verdict": changes.get("verdict", "pass")}
+    return CalibrationResult.model_validate(calibration_result(**known | given | {"comparison": comparison} | changes))
+
+
+def compared(moved_mm=0.05, *reasons, **changes):
+    """The state with a newer calibration, which is compared with the one in use."""
+    comparison = moved(moved_mm, **{key: changes.pop(key) for key in ("against",) if key in changes})
+    return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, comparison=comparison, **changes)))
+
+
+def checked(moved_mm=0.05, *, within=True, at=LATER):
+    cause = LogMessage.DETECTOR_SLID(column_mm=-2.12)
+    reason = LogMessage.MOVED(cause, moved_mm=moved_mm, allowed_mm=0.5)
+    return Checked(at, "active", within, moved_mm, 0.5, CodedReason.of(reason))
+
+
+ACTIVE = ScannerState(newest=Calibrated("active", NOON, answer()), active_id="active")
+OLD = {"verdict": "watch", "limits": None}
+
+
+@pytest.mark.parametrize(
+    ("state", "tone", "word", "button"),
+    [
+        (ScannerState(scanned=False), "idle", "New", "calibrate"),
+        (ScannerState(), "idle", "Never calibrated", "calibrate"),
+        (ScannerState(failure="no phantom"), "bad", "Calibration failed", "calibrate"),
+        (ACTIVE, "good", "Fine", "none"),
+        (replace(ACTIVE, failure="no phantom"), "watch", "Last calibration failed", "calibrate"),
+        (replace(ACTIVE, active_id=None), "watch", "Not accepted", "accept"),
+        (replace(ACTIVE, active_id="older"), "watch", "Watch", "calibrate"),
+        (replace(ACTIVE, alarms=(AlarmKind.SCANNER_QUIET,)), "watch", "Watch", "none"),
+        (replace(compared(), alarms=(AlarmKind.DRIFT,)), "watch", "Watch", "accept"),
+        (compared(), "good", "Fine", "accept"),
+        # From 0.7 of what is allowed on.
+        (compared(0.349), "good", "Fine", "accept"),
+        (compared(0.35), "watch", "Watch", "accept"),
+        (compared(0.66), "bad", "Out of tolerance", "scan-again"),
+        (compared(0.66, against="another"), "watch", "Watch", "calibrate"),
+        (compared(0.05, SLIP), "watch", "Watch", "scan-again"),
+        (compared(0.66, SLIP), "bad", "Out of tolerance", "scan-again"),
+        (compared(0.05, IMPRECISE, verdict="watch"), "watch", "Watch", "scan-again"),
+        (compared(0.66, IMPRECISE, verdict="fail"), "bad", "Calibration failed", "scan-again"),
+        (compared(0.05, scale_uncertainty_percent=0.6), "watch", "Watch", "accept"),
+        (replace(ACTIVE, seen=checked()), "good", "Fine", "none"),
+        (replace(ACTIVE, seen=checked(0.43)), "watch", "Watch", "calibrate"),
+        (replace(ACTIVE, seen=checked(0.8, within=False)), "bad", "Out of tolerance", "calibrate"),
+        (replace(ACTIVE, seen=checked(0.8, within=False, at=NOON - timedelta(hours=1))), "good", "Fine", "none"),
+    ],
+)
+def test_each_state_has_a_colour_a_word_and_one_button(state, tone, word, button):
+    step = next_step(state)
+    assert (step.tone, step.word, step.button) == (tone, word, button)
+    assert step.needs_somebody is (tone != "good")
+
+
+def test_the_headline_has_the_number_and_the_limit_and_the_action_begins_with_the_first_thing():
+    words = next_step(compared(0.66)).reason.in_words()
+    assert words.headline == "Something has moved: 0.66 mm, and 0.50 mm is allowed."
+    assert words.action.startswith("Check the turntable first.")
+    assert words.details == "The rays moved 0.66 mm RMS. The COR moved +2.61 mm on the detector and the tilt did not."
+    slipped = next_step(compared(0.05, SLIP)).reason.in_words()
+    assert (slipped.headline[:17], slipped.action[:18]) == ("The phantom moved", "Fasten the phantom")
+
+
+def test_a_sentence_of_an_earlier_version_stays_english_and_has_no_code():
+    old = answer(reasons=["h_S is not resolved"], coded_reasons=[], **OLD)
+    step = step_alone(old)
+    assert (step.code, step.english) == ("look", "h_S is not resolved")
+    assert step.reason.parts[0].message is StandIn.EARLIER_VERSION
+    unknown = CodedReason(code="of-a-later-version", sentence="A later reason.")
+    assert step_alone(answer(coded_reasons=[unknown], **OLD)).english == "A later reason."
+
+
+def test_movement_that_the_active_calibration_took_up_has_no_colour():
+    taken_up = replace(compared(1.4), active_id="newer")
+    assert next_step(taken_up).tone == "good"
+    assert (taken_up.moved.tone, taken_up.moved.since_active) == ("idle", False)
+    assert AnythingMoved.of(taken_up.newest.result, accepted=True).answer is Answer.ACCEPTED
+
+
+def test_a_check_that_could_not_tell_takes_nothing_back():
+    untold = Checked(LATER, "active", within_tolerance=None)
+    state = replace(ACTIVE, last_check=untold, seen=checked(0.62, within=False))
+    assert state.unseen
+    assert next_step(state).word == "Out of tolerance"
+    assert not replace(state, last_check=untold._replace(calibration_id="another")).unseen
+    assert not replace(state, last_check=checked()).unseen
+
+
+VERDICTS = {"pass": (), "watch": (IMPRECISE,), "fail": (IMPRECISE,)}
+MOVEMENTS = {"none": None, "within": 0.05, "nearly": 0.4, "beyond": 0.66}
+LOGS = {"no": None, "within": checked(), "beyond": checked(0.8, within=False)}
+IN_USE = {"nothing": None, "it": "newer", "another": "active"}
+WALK = list(product(VERDICTS, MOVEMENTS, [(), (SLIP,)], LOGS, IN_USE, [None, "no phantom"], [(), (AlarmKind.DRIFT,)]))
+
+
+def test_no_state_contradicts_itself():
+    """What moved or slipped is never green with Accept, and a scanner that is red is not made green by accepting."""
+    for verdict, movement, slip, log, in_use, failure, alarms in WALK:
+        comparison = None if MOVEMENTS[movement] is None else moved(MOVEMENTS[movement])
+        result = answer(*slip, *VERDICTS[verdict], comparison=comparison, verdict=verdict)
+        newest = Calibrated("newer", NOON, result)
+        state = ScannerState(newest, IN_USE[in_use], failure=failure, seen=LOGS[log], alarms=alarms)
+        step, third = next_step(state), AnythingMoved.of(result)
+        where = (verdict, movement, slip, log, in_use, failure, alarms)
+        words = step.reason.in_words()
+        assert words.headline, where
+        assert words.action, where
+        assert "%(" not in words.text, where
+        assert step.answer.headline == words.headline, where
+        has_moved = movement == "beyond" or bool(slip)
+        assert (third.answer is Answer.LOOK) == has_moved, where
+        if step.button is Button.ACCEPT:
+            assert step.tone != "bad", where
+            assert verdict == "pass", where
+            assert not slip, where
+            assert movement != "beyond" or in_use != "another", where
+            assert in_use != "it", where
+        if has_moved and in_use == "another":
+            assert (step.tone, step.card_tone, step.button) != ("good", "good", "accept"), where
+            assert step.tone != "good", where
+
+
+def test_an_older_calibration_leads_to_the_newest_and_a_rejected_one_to_the_chosen_one():
+    assert {other_step(NOON, LATER, active=active).button for active in (True, False)} == {Button.NEWEST}
+    assert other_step(LATER, NOON, active=False).button is Button.CHOSEN

@@ -1,0 +1,91 @@
+"""The third question next to a verdict: did anything move, since the calibration in use or during the scan."""
+
+from dataclasses import dataclass
+from typing import Self
+
+from sawmill_contracts.calibrations import CalibrationResult, Comparison
+from sawmill_mill.two_questions import Answer
+from sawmill_vocabulary import MovedBody
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.messages import Message, Reason
+from sawmill_vocabulary.movement_messages import MovementMessage
+from sawmill_vocabulary.scan_messages import EffectMessage
+from sawmill_vocabulary.texts import N_
+
+# Messages on a phantom or a scanner that moved while the phantom was scanned.
+SLIPS: frozenset[str] = frozenset(
+    {
+        EffectMessage.SLIP,
+        EffectMessage.PHANTOM_CREEP,
+        EffectMessage.SCANNER_JUMP,
+        EffectMessage.SCANNER_CREEP,
+        CalibrationMessage.PHANTOM_SLIPPED,
+        CalibrationMessage.PHANTOM_SLIPPED_OR_DRAWN,
+        CalibrationMessage.PHANTOM_OR_LOG_MOVED,
+        CalibrationMessage.BOTH_MOVED,
+    }
+)
+
+
+class StandIn(Message):
+    """Messages where no reason of the science is known."""
+
+    NOT_COMPARED = "not-compared", N_("Not known: no calibration was in use to compare with.")
+    # The reason of an earlier version is an English sentence alone.
+    EARLIER_VERSION = "earlier-version", N_("Something speaks against it."), N_("Read the reason, which is in English.")
+    CHANGED = "changed", N_("Something has changed since the calibration in use.")
+
+
+@dataclass(frozen=True)
+class AnythingMoved:
+    """The third question about one calibration, with a number, its limit and the reason.
+
+    Attributes
+    ----------
+    moved_mm, limit_mm : float or None
+        RMS distance by which the rays moved since the calibration that was in use; None without one.
+    """
+
+    answer: Answer
+    reason: Reason
+    moved_mm: float | None = None
+    limit_mm: float | None = None
+
+    question = N_("Did anything move?")
+
+    @classmethod
+    def of(cls, result: CalibrationResult, *, accepted: bool = False) -> Self:
+        """Ask about an answer; one that is in use has taken the movement up."""
+        comparison, slip = result.comparison, slip_of(result)
+        look = Answer.ACCEPTED if accepted else Answer.LOOK
+        if comparison is None:
+            return cls(Answer.UNKNOWN if slip is None else look, slip or StandIn.NOT_COMPARED())
+        numbers = comparison.ray_change_mm, comparison.tolerance_mm
+        moved = moved_reason(comparison, comparison.tolerance_mm or 0.0)
+        explained = slip or (moved and (comparison.explanation.reason or moved))
+        if explained is not None:
+            return cls(look, explained, *numbers)
+        within = MovementMessage.WITHIN(moved_mm=comparison.ray_change_mm, allowed_mm=comparison.tolerance_mm or 0.0)
+        return cls(Answer.YES, within, *numbers)
+
+
+def slip_of(result: CalibrationResult) -> Reason | None:
+    """Return the reason that reports a movement during the scan; None where nothing moved by more than matters."""
+    for explained in result.explanations:
+        reason = explained.reason
+        if reason is not None and not SLIPS.isdisjoint(reason.codes):
+            return reason
+    witness = result.second_witness
+    if witness is not None and witness.moved in {MovedBody.PHANTOM, MovedBody.BOTH} and not result.coded_reasons:
+        return CalibrationMessage.PHANTOM_SLIPPED()
+    return None
+
+
+def moved_reason(comparison: Comparison, tolerance_mm: float) -> Reason | None:
+    """Return the reason for a movement beyond tolerance, without its cause; None within tolerance."""
+    moved_mm, allowed_mm = comparison.ray_change_mm, comparison.tolerance_mm or tolerance_mm
+    if comparison.within_tolerance:
+        return None
+    if moved_mm <= allowed_mm:
+        return StandIn.CHANGED()
+    return MovementMessage.MOVED(MovementMessage.UNKNOWN_CAUSE(), moved_mm=moved_mm, allowed_mm=allowed_mm)
