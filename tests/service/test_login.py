@@ -268,7 +268,7 @@ def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
     browser.headers["Cookie"] = answer.headers["Set-Cookie"].partition(";")[0]
     assert browser.get("/v1/keys/own").json()["key_id"] == key.id
     store.keys.revoke(key.id)
-    assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk"
+    assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk&ended=true"
 
 
 def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):

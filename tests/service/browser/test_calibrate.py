@@ -152,7 +152,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
         expect(page.get_by_role("heading", name=sentence)).to_be_visible()
         looks_right(page, name.partition(".")[0])
     page.get_by_role("link", name="Avaa tämä kalibrointi").click()
-    expect(page.get_by_role("heading", name="Tämä kalibrointi on käytössä")).to_be_visible()
+    expect(page.get_by_text("Tämä kalibrointi on käytössä")).to_be_visible()
 
 
 @pytest.mark.usefixtures("seeded")

@@ -59,8 +59,8 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
     assert page.evaluate(unmarked)["code"] == "csrf"
     assert page.evaluate("document.cookie") == ""
     page.goto("/scanners/example")
-    page.get_by_role("button", name="Accept this calibration").click()
-    expect(page.get_by_role("button", name="Accept this calibration")).to_have_count(0)
+    accept_all_the_same(page)
+    expect(page.get_by_text("Accept all the same", exact=True)).to_have_count(0)
     assert store.scanners.get("example").active_calibration_id == newer
     page.get_by_role("button", name="Log out").click()
     expect(page.get_by_label("Key", exact=True)).to_be_visible()
@@ -90,18 +90,18 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     expect(his.get_by_label("Muu syy:")).to_be_checked()
 
     # She accepts it: his page follows, and names her. A second click would have changed nothing.
-    hers.get_by_role("button", name="Accept").click()
-    expect(hers.get_by_role("heading", name="This calibration is in use")).to_be_visible()
-    expect(his.get_by_role("heading", name="Tämä kalibrointi on käytössä")).to_be_visible()
+    accept_all_the_same(hers)
+    expect(hers.get_by_text("This is the active calibration")).to_be_visible()
+    expect(his.get_by_text("Tämä kalibrointi on käytössä")).to_be_visible()
     expect(his.get_by_text("Hyväksyjä: Anna")).to_be_visible()
     hers.goto("/scanners/example")
     expect(hers.get_by_role("heading", name="Calibration in use")).to_be_visible()
     waiting = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
     worker.finish_calibration()
     hers.reload()
-    expect(hers.get_by_role("button", name="Accept this calibration")).to_be_visible()
+    expect(hers.get_by_text("Accept all the same", exact=True)).to_be_visible()
     store.calibrations.discard(waiting, "by another person")
-    expect(hers.get_by_role("button", name="Accept this calibration")).to_have_count(0)
+    expect(hers.get_by_text("Accept all the same", exact=True)).to_have_count(0)
     number = store.events.newest_number()
     store.calibrations.activate(newer, "a second click")
     assert store.events.newest_number() == number
@@ -121,3 +121,8 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
 def log_in(page: Page, label: str, secret: str) -> None:
     page.get_by_label(label, exact=True).fill(secret)
     page.keyboard.press("Enter")
+
+
+def accept_all_the_same(page: Page) -> None:
+    page.get_by_text("Accept all the same", exact=True).click()
+    page.get_by_role("button", name="Yes, accept it").click()

@@ -107,7 +107,7 @@ class Board:
 
     @property
     def compact(self) -> bool:
-        """Whether there are so many scanners that rows must be small."""
+        """Whether rows must be small, because there are many scanners."""
         return len(self.rows) >= COMPACT_FROM
 
     @property
