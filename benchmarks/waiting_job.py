@@ -29,5 +29,5 @@ def do_waiting_job(store: Store, kind: JobKind) -> Done:
     started = time.perf_counter(), time.process_time(), time.thread_time()
     result = run(attempt)
     ended = time.perf_counter(), time.process_time(), time.thread_time()
-    store.jobs.succeed(claim, result, output)
+    store.jobs.succeed(claim, store.jobs.check_output(kind, given, result, output), output)
     return Done(result, *(after - before for before, after in zip(started, ended, strict=True)))

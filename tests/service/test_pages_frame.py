@@ -93,7 +93,9 @@ def test_whoever_is_not_let_in_sees_no_names_of_pages(client):
 
 def verdict(language, **changes):
     answer = CalibrationResult.model_validate(calibration_result(**changes))
-    page = templates(language).from_string('{% from "pages/parts.html" import verdict with context %}{{ verdict(it) }}')
+    page = templates(language).from_string(
+        '{% from "pages/parts.html" import verdict with context %}{{ verdict(it, none, false) }}'
+    )
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page.render(it=answer, caller=ANYBODY))).strip()
 
 

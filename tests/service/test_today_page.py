@@ -137,6 +137,7 @@ def test_a_calibration_that_failed_since_is_shown_until_one_succeeds(seeded, sto
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     store.jobs.fail(worker.claim(), FAILURE)
     assert word(rows(seeded)["example"]) == ("watch", "Last calibration failed")
+    assert "The phantom is not seen in the scan" in rows(seeded)["example"]
     newest(comparison=comparison())
     assert word(rows(seeded)["example"]) == ("good", "Fine")
 
