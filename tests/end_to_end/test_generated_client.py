@@ -117,7 +117,7 @@ def test_the_page_s_programs_do_the_whole_job(tmp_path, embedded, client):
     for folder in (tmp_path, tmp_path / "python"):
         check_files(folder)
     assert "pass\n" in printed
-    assert all("nothing moved that this scan can show" in each for each in (printed, said))
+    assert all("Nothing moved that this scan can show" in each for each in (printed, said))
     assert "there is no scan 'no-such-scan'" in printed
     assert '"code":"scan-not-found"' in (tmp_path / "problem.json").read_text()
     assert said.startswith("pass 3")

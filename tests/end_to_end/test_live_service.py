@@ -83,8 +83,8 @@ IN_ORDER = sorted(
 )
 
 
-# One of each kind: the others are sent without a network and without workers by tests/service/test_examples.py.
-BY_DAY = {"ask_calibration", "ask_drift", "ask_reconstruction", "stream_job", "upload_scan"}
+# The three that a mill asks most: the others are sent without a network and without workers by tests/service/test_examples.py.
+BY_DAY = {"ask_calibration", "ask_reconstruction", "upload_scan"}
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ LEAST_OF_MODULES = 2e-4
 # Borders between modules move in the rounds before this one.
 LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
-MODULE_TRIALS = 0.01
+MODULE_TRIALS = 0.1
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
