@@ -83,7 +83,7 @@ IN_ORDER = sorted(
 )
 
 
-# The three that a mill asks most: the others are sent without a network and without workers by tests/service/test_examples.py.
+# The three that a mill asks most: tests/service/test_examples.py sends the others without a network and workers.
 BY_DAY = {"ask_calibration", "ask_reconstruction", "upload_scan"}
 
 
