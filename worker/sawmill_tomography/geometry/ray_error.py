@@ -279,12 +279,15 @@ def predicted_ray_error(
     rng = np.random.default_rng(0)
     normal = rng.standard_normal((DRAWS, weights.size))
     squares = normal**2 @ weights
+    some = derivatives[::3]
     for each in alternatives:
-        # The distances (points, n) in each case; hidden modules have two columns each behind the known ones.
+        # The distances (points, n) in each case, at a third of the points of a chord; hidden modules have two columns
+        # each behind the known ones.
         place = derivatives.shape[1] - 2 * (len(cells) - np.searchsorted(cells, each.first_cells))
-        moved = derivative @ each.errors.T
-        moved += derivatives[:, place] * each.moves[:, 0] + derivatives[:, place + 1] * each.moves[:, 1]
-        own, crossed = (moved**2).mean(axis=0), directions.T @ (derivative.T @ moved) / len(moved)
+        moved = some[:, : len(covariance)] @ each.errors.T
+        moved += some[:, place] * each.moves[:, 0] + some[:, place + 1] * each.moves[:, 1]
+        own = (moved**2).mean(axis=0)
+        crossed = directions.T @ (some[:, : len(covariance)].T @ moved) / len(moved)
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]

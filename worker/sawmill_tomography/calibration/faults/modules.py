@@ -153,7 +153,8 @@ class ModuleSearch:
     def hidden(self, variance: float, expected: float) -> Iterator[HiddenModule]:
         """Yield modules that the residual of this variance may hide, where `expected` of them are likely beforehand.
 
-        The residual hides at most one. Each place, and each order of magnitude of its gap or kink, is as likely.
+        The residual hides at most one. Each place, and each order of magnitude of its gap or kink, is as likely. Of
+        neighbouring cells the likeliest stands for all.
         """
         left = self._left()
         sizes = (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)
@@ -165,8 +166,8 @@ class ModuleSearch:
             ratios[kind][:, known] = np.exp(np.minimum(exponent, LARGEST_EXPONENT))
         ratios *= expected / (ratios[..., left.seen].size or 1)
         probabilities = ratios / (1.0 + ratios.sum())
-        for first in range(0, left.seen.size, FEWEST_CELLS):
-            some = probabilities[..., first : first + FEWEST_CELLS]
+        for first in range(0, left.seen.size, NEAR):
+            some = probabilities[..., first : first + NEAR]
             cell = first + int(some.sum(axis=(0, 1)).argmax())
             for kind, (gap_mm, kink_rad) in enumerate(((-1.0, 0.0), (0.0, 1.0))):
                 each = some[kind].sum(axis=1)
