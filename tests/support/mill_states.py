@@ -36,7 +36,7 @@ COMPARISON = {
 }
 FAILURE = Failure(
     kind=FailureKind.INPUT,
-    code="phantom-not-found",
+    code="phantom-not-seen",
     detail="no row from 0 to 4 shows the phantom L-shape: the best of them leaves 31 % of the sinogram unexplained",
 )
 
@@ -98,7 +98,7 @@ def fill(store: Store, worker: Finisher) -> dict[str, str]:
         "webhooks": "/system/webhooks",
         "retention": "/retention",
         "problems": "/problems/",
-        "problem": "/problems/phantom-not-found",
+        "problem": "/problems/phantom-not-seen",
         "nothing": "/nothing/here",
     }
 

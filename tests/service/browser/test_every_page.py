@@ -35,7 +35,7 @@ PAGES = {
     "retention": "/retention",
 }
 # The widths that each page is looked at in, the first when it is opened; and in which colours and language.
-LOOKS = [((390, 800, 1280, 1920), "light", "en"), ((1280, 390), "dark", "fi")]
+LOOKS = [((390, 800, 1280, 1920), "light", "en"), ((390,), "dark", "fi")]
 WIDTHS = LOOKS[0][0]
 # What a technician does every day.
 BY_KEYBOARD = ("today", "scanner", "calibrate", "calibrate-questions", "calibrate-result")

@@ -119,7 +119,8 @@ def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations)
     # The two share two thirds of their samples and more.
     assert abs(difference) < deviation
     bounds = [one.predicted_ray_error_mm.upper_95 for one in (without, with_loss)]
-    assert bounds[1] == pytest.approx(bounds[0], rel=0.1)
+    # Up to a third fewer samples: noise makes the bound up to 1.22 times as large.
+    assert bounds[1] == pytest.approx(bounds[0], rel=0.22)
 
 
 # The noise of the views that are not there: a Hann window averages it over 32 pixels, a small weight keeps it. With a
