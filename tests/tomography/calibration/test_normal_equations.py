@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_module
+from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.faults.motion import harmonics, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
@@ -167,7 +167,7 @@ def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_fin
         return grams, grams.system([*base, *modules]), list(range(len(base)))
 
     def power(cell):
-        _, system, base = system_of(with_module(model, DetectorModule(cell)))
+        _, system, base = system_of(with_modules(model, [DetectorModule(cell)]))
         tester = EffectTester(system, base)
         return max(tester.tested([len(base) + kind]).power for kind in range(2))
 

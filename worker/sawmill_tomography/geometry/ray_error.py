@@ -169,7 +169,7 @@ def _derivatives(
     c, s, sdd = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad), frame.source_to_detector_mm
     # Movements of the cells, which form one body, by SDD, u_c and tau, and of the cells on one side of each joint.
     moves = [(np.zeros(x.size), np.ones(x.size)), (np.full(x.size, -c), np.full(x.size, -s)), (sdd - y, x)]
-    moves += _module_moves(scanner, frame, cells, hidden_cells)
+    moves += _module_moves(scanner, frame, cells, (x, y), hidden_cells)
     # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
     turns = np.stack([x * dy - y * dx for dx, dy in moves]) / (x * x + y * y)
     along = np.einsum("rpc,rc->rp", points - source, e)
@@ -179,20 +179,22 @@ def _derivatives(
 
 
 def _module_moves(
-    scanner: Scanner, frame: SourceFrame, cells: NDArray[np.intp], hidden_cells: Sequence[int]
+    scanner: Scanner,
+    frame: SourceFrame,
+    cells: NDArray[np.intp],
+    points: tuple[FloatArray, FloatArray],
+    hidden_cells: Sequence[int],
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the movements (x, y) of cells by the gap and the kink of each module.
+    """Return the movements (x, y) of cells, which lie at these points, by the gap and the kink of each module.
 
     Movements by modules that begin at the hidden cells follow.
     """
-    lines, (x, y) = lines_of(scanner, frame), cell_points(scanner, frame)[cells].T
-    borders = [module.first_cell for module in scanner.detector_modules]
-    # The joint is the end of the module that is nearer to the middle.
-    rights = [cell > scanner.num_detector_pixels // 2 for cell in (*borders, *hidden_cells)]
-    near_lines = [lines[number if right else number + 1] for number, right in enumerate(rights[: len(borders)])]
-    near_lines += [next(line for line in lines if cell < line.end) for cell in hidden_cells]
+    lines, (x, y) = lines_of(scanner, frame), points
     moves: list[tuple[FloatArray, FloatArray]] = []
-    for cell, right, near in zip((*borders, *hidden_cells), rights, near_lines, strict=True):
+    for cell in (*(module.first_cell for module in scanner.detector_modules), *hidden_cells):
+        right = cell > scanner.num_detector_pixels // 2
+        # The joint is the end of the module that is nearer to the middle.
+        near = next(line for line in lines if cell - right < line.end)
         side = (cells >= cell).astype(np.float64) - float(not right)
         c, s = math.cos(near.tilt_rad), math.sin(near.tilt_rad)
         w = (cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm - near.cor_column_mm
@@ -279,15 +281,15 @@ def predicted_ray_error(
     rng = np.random.default_rng(0)
     normal = rng.standard_normal((DRAWS, weights.size))
     squares = normal**2 @ weights
-    some = derivatives[::3]
+    # Every fourth point: each of the nine places on a chord is among them equally often.
+    some, known = derivatives[::4], derivative[::4]
     for each in alternatives:
-        # The distances (points, n) in each case, at a third of the points of a chord; hidden modules have two columns
-        # each behind the known ones.
+        # The distances (points, n) in each case; hidden modules have two columns each behind the known ones.
         place = derivatives.shape[1] - 2 * (len(cells) - np.searchsorted(cells, each.first_cells))
-        moved = some[:, : len(covariance)] @ each.errors.T
+        moved = known @ each.errors.T
         moved += some[:, place] * each.moves[:, 0] + some[:, place + 1] * each.moves[:, 1]
         own = (moved**2).mean(axis=0)
-        crossed = directions.T @ (some[:, : len(covariance)].T @ moved) / len(moved)
+        crossed = directions.T @ (known.T @ moved) / len(moved)
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]

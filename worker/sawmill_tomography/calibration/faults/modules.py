@@ -1,9 +1,10 @@
 """Modules of the detector: a gap or a kink before some cell, which moves all cells on one side of it."""
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,18 +77,10 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
     )
 
 
-def with_module(model: ScanModel, module: DetectorModule) -> ScanModel:
-    """Return the model with one more module."""
-    cells = model.data.cells
-    modules = sorted((*cells.modules, module), key=lambda one: one.first_cell)
-    return replace(model, data=replace(model.data, cells=replace(cells, modules=tuple(modules))))
-
-
-def with_modules(model: ScanModel, kept: Collection[int]) -> ScanModel:
-    """Return the model with the modules whose first cells are kept."""
-    cells = model.data.cells
-    modules = tuple(module for module in cells.modules if module.first_cell in kept)
-    return replace(model, data=replace(model.data, cells=replace(cells, modules=modules)))
+def with_modules(model: ScanModel, modules: Iterable[DetectorModule]) -> ScanModel:
+    """Return the model with these modules instead of its own."""
+    ordered = tuple(sorted(modules, key=lambda one: one.first_cell))
+    return replace(model, data=replace(model.data, cells=replace(model.data.cells, modules=ordered)))
 
 
 class ModuleSearch:
@@ -164,7 +157,7 @@ class ModuleSearch:
             known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
             exponent = (factor * left.scores[kind][known] - 0.5 * factor**2 * information[known]) / variance
             ratios[kind][:, known] = np.exp(np.minimum(exponent, LARGEST_EXPONENT))
-        ratios *= expected / (ratios[..., left.seen].size or 1)
+        ratios *= expected / (2 * factors[0].size * max(int(left.seen.sum()), 1))
         probabilities = ratios / (1.0 + ratios.sum())
         for first in range(0, left.seen.size, NEAR):
             some = probabilities[..., first : first + NEAR]
@@ -230,7 +223,7 @@ class ModuleSearch:
         """
         left = self._left(found)
         score_of_gap, score_of_kink = left.scores
-        of_both = (score_of_kink - left.between / left.gap * score_of_gap) ** 2 / left.of_kink_alone - least_power
+        of_both = left.score_of_kink_alone**2 / left.of_kink_alone - least_power
         power: FloatArray = np.maximum(
             score_of_gap**2 / left.gap + np.maximum(of_both, 0.0), score_of_kink**2 / left.kink
         )
@@ -241,7 +234,7 @@ class ModuleSearch:
 
     def _left(self, found: Sequence[int] = ()) -> "_Left":
         """Compute what the base's columns, and gaps and kinks before the cells found, leave of a module."""
-        products, own = self._products, self._products.own
+        products = self._products
         shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
         of_shapes = products.of_shapes(shapes)
         with_columns = np.concatenate([products.with_columns, of_shapes])
@@ -250,19 +243,9 @@ class ModuleSearch:
         inverse = scaled_inverse(normal)
         of_base = np.concatenate([self._of_base, shapes @ products.score])
         score = products.score - (inverse @ of_base) @ with_columns
-        turn, border = self._turn, self._border
-
-        def of_kink(values: FloatArray) -> FloatArray:
-            return _moved(values * turn * self._u) - border * _moved(values * turn)
-
-        by_gap, by_kink = _moved(with_columns), of_kink(with_columns)
-        gap_taken, kink_taken = ((moved(products.taken), moved(products.by_stripes)) for moved in (_moved, of_kink))
-        turned, side = own * turn**2, np.where(np.arange(own.size) > own.size // 2, 1.0, -1.0)
-        gaps = side * _moved(own) - _taken(gap_taken, gap_taken)
-        kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
-        kinks *= side
-        kinks -= _taken(kink_taken, kink_taken)
+        by_gap, by_kink = _moved(with_columns), self._of_kink(with_columns)
         moved_by = inverse @ by_gap, inverse @ by_kink
+        gaps, kinks, between, seen = self._alone
         gap, kink = (
             np.where(left > LEAST_SEEN * whole[0], left, np.inf)
             for left, whole in (
@@ -270,11 +253,30 @@ class ModuleSearch:
                 (kinks - (by_kink * moved_by[1]).sum(axis=0), kinks),
             )
         )
+        between = between - (by_gap * moved_by[1]).sum(axis=0)
+        return _Left(gap, kink, between, (_moved(score), self._of_kink(score)), moved_by, seen)
+
+    @cached_property
+    def _alone(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Information about a gap, a kink and between both without other columns, and where a module may begin."""
+        products, own = self._products, self._products.own
+        gap_taken, kink_taken = (
+            (moved(products.taken), moved(products.by_stripes)) for moved in (_moved, self._of_kink)
+        )
+        turned, side = own * self._turn**2, np.where(np.arange(own.size) > own.size // 2, 1.0, -1.0)
+        gaps = side * _moved(own) - _taken(gap_taken, gap_taken)
+        border = self._border
+        kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
+        kinks = side * kinks - _taken(kink_taken, kink_taken)
         before = np.cumsum(own) - own
         seen = np.minimum(before, own.sum() - before) >= LEAST_BESIDE * own.sum()
         seen[:FEWEST_CELLS] = seen[seen.size - FEWEST_CELLS + 1 :] = False
-        between = side * of_kink(own) - _taken(gap_taken, kink_taken) - (by_gap * moved_by[1]).sum(axis=0)
-        return _Left(gap, kink, between, (_moved(score), of_kink(score)), moved_by, seen)
+        return gaps, kinks, side * self._of_kink(own) - _taken(gap_taken, kink_taken), seen
+
+    def _of_kink(self, values: FloatArray) -> FloatArray:
+        """Return the sums as `_moved` does, each cell's value times its movement by a kink."""
+        sums: FloatArray = _moved(values * self._turn * self._u) - self._border * _moved(values * self._turn)
+        return sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,11 +304,17 @@ class _Left:
 
     def best(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the likeliest gap and kink before each cell, and the power that they explain."""
-        of_gap, of_kink = self.scores
-        alone = of_kink - self.between / self.gap * of_gap
+        of_gap, alone = self.scores[0], self.score_of_kink_alone
         kink = alone / self.of_kink_alone
         gap = (of_gap - self.between * kink) / self.gap
         return gap, kink, of_gap**2 / self.gap + alone * kink
+
+    @property
+    def score_of_kink_alone(self) -> FloatArray:
+        """Score (cells,) of the part of a kink that the gap leaves."""
+        of_gap, of_kink = self.scores
+        alone: FloatArray = of_kink - self.between / self.gap * of_gap
+        return alone
 
     @property
     def of_kink_alone(self) -> FloatArray:

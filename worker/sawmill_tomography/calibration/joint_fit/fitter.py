@@ -26,7 +26,6 @@ from sawmill_tomography.calibration.faults.modules import (
     HiddenModule,
     ModuleSearch,
     effect_of,
-    with_module,
     with_modules,
 )
 from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
@@ -292,7 +291,15 @@ class JointFitter:
 
     def _with_fitted_modules(self) -> ScanModel:
         """Return the model with the known modules and those that are fitted."""
-        return with_modules(self.model, self.known_modules | first_cells_of(self.fitted))
+        kept = self.known_modules | first_cells_of(self.fitted)
+        return with_modules(self.model, (one for one in self.model.data.cells.modules if one.first_cell in kept))
+
+    @property
+    def _found_modules(self) -> list[tuple[Fitted, DetectorModule]]:
+        """The effects of the modules that were found, each with its module."""
+        modules = {one.first_cell: one for one in self.model.data.cells.modules}
+        found = ((one, cell) for one in self.fitted for cell in first_cells_of([one]) - self.known_modules)
+        return [(one, modules[cell]) for one, cell in found]
 
     def _module_search(self, grams: ViewGrams, system: System, used: list[int]) -> ModuleSearch:
         """Return the search next to these columns, which is made once for the derivatives of a round."""
@@ -308,8 +315,8 @@ class JointFitter:
             return []
         search = self._module_search(grams, system, used)
         modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
-        for module in modules:
-            self.model = with_module(self.model, module)
+        if modules:
+            self.model = with_modules(self.model, (*cells.modules, *modules))
         return [self._of_module(module, MODULE_TRIALS * self._places_of_modules) for module in modules]
 
     @property
@@ -319,19 +326,20 @@ class JointFitter:
 
     def _module_by_chance(self, system: System, used: list[int]) -> float:
         """Return the power that a gap or a kink explains by chance, or by rounding errors, at its likeliest place."""
-        variance = max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
+        variance = _variance_on_detector(system, used)
         rounding = system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2
         return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
 
     def _hidden_modules(self, grams: ViewGrams, system: System, used: list[int]) -> Iterator[tuple[HiddenModule, ...]]:
         """Yield the modules that the scan may hide, and for each that it shows the places at which it may begin."""
-        variance = max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
-        if Adjustment.MODULES in self.without or variance <= 0.0:
+        if Adjustment.MODULES in self.without:
             return
-        search, found = self._module_search(grams, system, used), first_cells_of(self.fitted) - self.known_modules
-        modules = [module for module in self.model.data.cells.modules if module.first_cell in found]
-        yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if modules else HIDDEN))
-        for module in modules:
+        variance = _variance_on_detector(system, used)
+        if variance <= 0.0:
+            return
+        search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
+        yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if found else HIDDEN))
+        for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
@@ -339,41 +347,37 @@ class JointFitter:
 
         A module that is found first stands in for others, and for effects that join later.
         """
-        found = [(one, cell) for one in self.fitted for cell in first_cells_of([one]) - self.known_modules]
-        if not found or self.rounds > JOINING:
+        if not self._found_modules or self.rounds > JOINING:
             return False
-        search = self._module_search(grams, system, used)
-        modules = {module.first_cell: module for module in self.model.data.cells.modules}
-        by_chance = self._module_by_chance(system, used)
-        for one, cell in found:
-            better = search.relocated(modules[cell], by_chance)
-            if better != cell:
-                self._move(one, modules[cell], better)
+        search, by_chance = self._module_search(grams, system, used), self._module_by_chance(system, used)
+        for one, module in self._found_modules:
+            better = search.relocated(module, by_chance)
+            if better != module.first_cell:
+                self._move(one, module, better)
                 return True
         return False
 
     def _move(self, one: Fitted, module: DetectorModule, first_cell: int) -> None:
         """Let a found module begin at another cell."""
-        modules = {other.first_cell for other in self.model.data.cells.modules} - {module.first_cell}
-        self.model = with_module(with_modules(self.model, modules), replace(module, first_cell=first_cell))
-        effect = effect_of(DetectorModule(first_cell), self.model.data.cells.width_mm)
-        again = Fitted(effect, effect.columns(self.model), one.trials)
+        others = [other for other in self.model.data.cells.modules if other.first_cell != module.first_cell]
+        self.model = with_modules(self.model, (*others, replace(module, first_cell=first_cell)))
+        again = self._of_module(DetectorModule(first_cell), one.trials)
         again.sizes = one.sizes
         self.fitted[self.fitted.index(one)] = again
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Locate the borders of the modules that were found; return whether one has moved."""
-        found = [one for one in self.fitted if first_cells_of([one]) - self.known_modules]
-        if not found:
+        if not self._found_modules:
             return False
+        # `result` uses this search, which is of the model before its last step.
         search, moved = self._module_search(grams, system, used), False
-        for one in found:
-            (cell,) = first_cells_of([one])
-            modules = {module.first_cell: module for module in self.model.data.cells.modules}
-            better = search.border(modules[cell])
-            free = all(abs(better - other) >= FEWEST_CELLS for other in modules if other != cell)
-            if better != cell and free and self.rounds < LATEST_MOVE:
-                self._move(one, modules[cell], better)
+        if self.rounds >= LATEST_MOVE:
+            return False
+        for one, module in self._found_modules:
+            better = search.border(module)
+            others = [each.first_cell for each in self.model.data.cells.modules if each.first_cell != module.first_cell]
+            if better != module.first_cell and all(abs(better - other) >= FEWEST_CELLS for other in others):
+                self._move(one, module, better)
                 moved = True
         return moved
 
@@ -490,6 +494,11 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _variance_on_detector(system: System, used: list[int]) -> float:
+    """Return the variance against which modules are judged: of noise, or their share of the structure."""
+    return max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
 
 
 def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:

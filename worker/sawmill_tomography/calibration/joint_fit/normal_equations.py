@@ -8,7 +8,7 @@ that scatter from view to view are a random effect too.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -196,7 +196,7 @@ class ViewGrams:
         own = list(terms)
         self._precisions |= dict.fromkeys(terms, precision)
         within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
-        inverse = np.linalg.pinv(within, rcond=1e-12, hermitian=True)
+        inverse = np.linalg.pinv(within, rcond=SINGULAR, hermitian=True)
         share = self.grams[:, :, own] @ inverse
         self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
         rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
@@ -224,11 +224,12 @@ class ViewGrams:
     def by_cell(self, columns: Sequence[Column]) -> "CellProducts":
         """Compute each cell's part of the inner products of the derivative by u_c, without the part of the stripes."""
         of_stripes, sums = self.stripe_shares * self._sums[Term.U_C], self._sums_of(columns)
+        of_kept = cache(self._of_kept)
         with_columns = np.zeros((len(columns), self._count.size))
         for number, column in enumerate(columns):
             for term, shape in column.parts:
                 row = self._rows.get(term, term)
-                with_columns[number] += self._of_column[row] if shape is None else shape @ self._of_kept(Term(term))
+                with_columns[number] += self._of_column[row] if shape is None else shape @ of_kept(Term(term))
         with_columns -= of_stripes * sums
         own = self._of_column[Term.U_C] - of_stripes * self._sums[Term.U_C]
         score = self._of_column[-1]
@@ -240,7 +241,7 @@ class ViewGrams:
             values, vectors = np.linalg.eigh(within)
             kept = values > SINGULAR * values[:, -1:]
             root = np.swapaxes(vectors * np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None], 1, 2)
-            taken = (root @ np.stack([self._of_kept(term) for term in terms], 1)).reshape(-1, own.size)
+            taken = (root @ np.stack([of_kept(term) for term in terms], 1)).reshape(-1, own.size)
             weighted = root @ np.stack([self._weighted[KEPT.index(term)] for term in terms], 1)
             by_stripes = (weighted * of_stripes).reshape(-1, own.size)
             of_columns = root @ self._with_terms(columns, terms) - (weighted * self.stripe_shares) @ sums.T
