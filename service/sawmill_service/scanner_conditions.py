@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
@@ -45,7 +46,7 @@ class ScannerCondition:
         """Why the newest calibration failed; None where it did not, or somebody has decided since."""
         return None if self.failed is None else self.failed.failure
 
-    @property
+    @cached_property
     def state(self) -> ScannerState:
         """The facts that decide the next step."""
         newest, failure, last = self.newest, self.failure, None
@@ -62,7 +63,7 @@ class ScannerCondition:
             alarms=tuple(alarm.what for alarm in self.alarms if alarm.what not in self.acknowledged),
         )
 
-    @property
+    @cached_property
     def step(self) -> NextStep:
         """The next step with the scanner, and with its newest calibration."""
         return next_step(self.state)
@@ -96,6 +97,11 @@ def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
     if not found:
         raise NotFound("scanner", scanner.id)
     return found[0]
+
+
+def step_with(store: Store, calibration: CalibrationSucceeded) -> NextStep:
+    """Return the next step with a calibration, by the state of its scanner now."""
+    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration)
 
 
 def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Alarm]) -> list[ScannerCondition]:

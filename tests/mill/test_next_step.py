@@ -114,7 +114,7 @@ def test_the_headline_has_the_number_and_the_limit_and_the_action_begins_with_th
 def test_a_sentence_of_an_earlier_version_stays_english_and_has_no_code():
     old = answer(reasons=["h_S is not resolved"], coded_reasons=[], **OLD)
     step = step_alone(old)
-    assert (step.code, step.english) == ("look", "h_S is not resolved")
+    assert (step.reason.message.value, step.english) == ("look", "h_S is not resolved")
     assert step.reason.parts[0].message is StandIn.EARLIER_VERSION
     unknown = CodedReason(code="of-a-later-version", sentence="A later reason.")
     assert step_alone(answer(coded_reasons=[unknown], **OLD)).english == "A later reason."

@@ -439,5 +439,5 @@ def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, 
     page = seeded.get("/scanners/example").text
     schedules = page[page.index('id="schedules"') : page.index('id="settings"')]
     assert f'href="/calibrate?calibration={running}"' in schedules
-    assert 'href="/calibrations/example/report"' in schedules
+    assert 'href="/calibrations/example/report?language=en"' in schedules
     assert "a calibration, which was removed since" in schedules

@@ -208,7 +208,7 @@ def test_a_log_s_page_says_how_it_was_made(seeded):
     shown = words(answer)
     for fact in ("Filtered back-projection", "Line &lt;2&gt;", "1.250 mm", "12", "32 x 32"):
         assert fact in shown
-    assert 'href="/calibrations/example/report"' in answer.text
+    assert 'href="/calibrations/example/report?language=en"' in answer.text
     assert 'src="/static/pages/viewer.js"' in answer.text
     # Without a script: the middle slice.
     assert '<img class="picture" src="/v1/reconstructions/example/slices/1.png"' in answer.text
@@ -275,4 +275,4 @@ def test_a_calibration_without_an_answer_leads_to_how_far_it_is(seeded, store):
     running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
     page = seeded.get("/scans/example").text
     assert f'href="/calibrate?calibration={running}"' in page
-    assert 'href="/calibrations/example/report"' in page
+    assert 'href="/calibrations/example/report?language=en"' in page

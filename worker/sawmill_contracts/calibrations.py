@@ -579,6 +579,12 @@ class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, F
         "or has fewer than 8 views.",
     )
 
+    @property
+    def other_explanations(self) -> list[CodedReason]:
+        """The explanations without that of the scanner's movement, which the comparison has."""
+        moved = None if self.comparison is None else self.comparison.reason
+        return [each for each in self.explanations if each.sentence != moved]
+
 
 class CalibrationFile(CalibrationResult):
     """A calibration as the command line prints it, without ids of a service."""

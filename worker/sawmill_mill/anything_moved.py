@@ -61,7 +61,7 @@ class AnythingMoved:
         if comparison is None:
             return cls(Answer.UNKNOWN if slip is None else look, slip or StandIn.NOT_COMPARED())
         numbers = comparison.ray_change_mm, comparison.tolerance_mm
-        moved = moved_reason(comparison, comparison.tolerance_mm or 0.0)
+        moved = moved_reason(comparison)
         explained = slip or (moved and (comparison.explanation.reason or moved))
         if explained is not None:
             return cls(look, explained, *numbers)
@@ -81,7 +81,7 @@ def slip_of(result: CalibrationResult) -> Reason | None:
     return None
 
 
-def moved_reason(comparison: Comparison, tolerance_mm: float) -> Reason | None:
+def moved_reason(comparison: Comparison, tolerance_mm: float = 0.0) -> Reason | None:
     """Return the reason for a movement beyond tolerance, without its cause; None within tolerance."""
     moved_mm, allowed_mm = comparison.ray_change_mm, comparison.tolerance_mm or tolerance_mm
     if comparison.within_tolerance:

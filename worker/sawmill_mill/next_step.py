@@ -149,11 +149,6 @@ class NextStep:
     english: str | None = None
 
     @property
-    def code(self) -> str:
-        """Code of the step."""
-        return self.reason.message.value
-
-    @property
     def answer(self) -> NextStepAnswer:
         """The step for programs."""
         return NextStepAnswer(
@@ -328,8 +323,7 @@ def _of_scale(result: CalibrationResult, both: TwoQuestions, *, active: bool) ->
 
 def _first(result: CalibrationResult) -> CodedReason | None:
     """Return the gravest reason that is not the movement of the scanner."""
-    moved = None if result.comparison is None or result.comparison.within_tolerance else result.comparison.reason
-    return next((each for each in result.explanations if each.sentence != moved), None)
+    return next(iter(result.other_explanations), None)
 
 
 def _because(message: StepMessage, explained: CodedReason | None, otherwise: Reason | None = None) -> NextStep:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.history import HistoryKind
+from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.tables import IN_HISTORY, EventRow
 from sawmill_platform.ledger.events import announce
 from sawmill_store.tables import ActivationRow
@@ -45,9 +46,7 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     again = calibration_id in session.scalars(history)
     what = mill_events.CALIBRATION_ROLLED_BACK if again else mill_events.CALIBRATION_ACTIVATED
-    detail = {"reason": reason}
-    decided = {"scanner_id": scanner_id, **detail}
-    announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
+    _announce(session, what, scanner_id, calibration_id, reason, now)
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
 
@@ -56,7 +55,13 @@ def discard(session: Session, scanner_id: str, calibration_id: str, reason: str,
     """Put a calibration aside, with an entry in history and audit; do nothing where it was the last one put aside."""
     if calibration_id == session.scalar(last_discarded(EventRow.subject_id, scanner_id)):
         return
-    what, detail = mill_events.CALIBRATION_DISCARDED, {"reason": reason}
+    _announce(session, mill_events.CALIBRATION_DISCARDED, scanner_id, calibration_id, reason, now)
+
+
+def _announce(
+    session: Session, what: EventKind, scanner_id: str, calibration_id: str, reason: str, now: datetime
+) -> None:
+    detail = {"reason": reason}
     decided = {"scanner_id": scanner_id, **detail}
     announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
 

@@ -69,7 +69,8 @@ def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
 def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
     """Request a log, and go to its page."""
     texts = {name: value for name, value in fields.items() if name in LogForm.model_fields and value.strip()}
-    texts |= {name: plain_number(texts[name]) for name in ("field_mm",) if name in texts}
+    if "field_mm" in texts:
+        texts["field_mm"] = plain_number(texts["field_mm"])
     try:
         options = LogForm.model_validate(texts)
         ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))

@@ -24,7 +24,7 @@ from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import Language
 from sawmill_service.pages.frame.page_frame import formats_of
-from sawmill_service.scanner_conditions import condition_of
+from sawmill_service.scanner_conditions import step_with
 
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
@@ -59,10 +59,10 @@ class InLanguage(Given):
     summary="Get the next step with a calibration",
     responses=refuses("calibration-not-found", "calibration-without-result"),
 )
-def get_calibration_step(calibration_id: Identifier, calibrations: TheCalibrations, store: TheStore) -> NextStepAnswer:
+def get_calibration_step(calibration_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
-    calibration = succeeded(calibrations, calibration_id, "next step")
-    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration).answer
+    calibration = succeeded(store.calibrations, calibration_id, "next step")
+    return step_with(store, calibration).answer
 
 
 @router.get(
@@ -79,8 +79,7 @@ def get_report(
     The report is drawn on the first request of a language and of a next step, which takes seconds, and stored.
     """
     calibration = succeeded(store.calibrations, calibration_id, "report.png")
-    step = condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration)
-    path = report_picture(store.files, calibration_id, step, formats_of(asked.language).reader)
+    path = report_picture(store.files, calibration_id, step_with(store, calibration), formats_of(asked.language).reader)
     return file(request, path, Png.media_type)
 
 

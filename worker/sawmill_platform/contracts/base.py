@@ -49,9 +49,8 @@ def placed_complaint(error: ValidationError) -> str:
 
 def placed_complaints(error: ValidationError) -> list[str]:
     """Return all of a contract's complaints, each after the place of its value."""
-    places = [".".join(str(part) for part in detail["loc"]) for detail in error.errors()]
-    messages = [_message(detail) for detail in error.errors()]
-    return [f"{place}: {message}" if place else message for place, message in zip(places, messages, strict=True)]
+    placed = ((".".join(map(str, detail["loc"])), _message(detail)) for detail in error.errors())
+    return [f"{place}: {message}" if place else message for place, message in placed]
 
 
 def _message(detail: ErrorDetails) -> str:

@@ -92,9 +92,7 @@ def _lines(result: CalibrationResult, step: NextStep, reader: Reader) -> Iterato
     words, comparison = step.reason.in_words(reader), result.comparison
     for sentence in (f"{words.headline} {words.action}", step.english):
         yield from ((line, COLORS[step.card_tone]) for line in textwrap.wrap(sentence or "", COLUMNS))
-    # A scanner that moved too far is also among the reasons.
-    moved = None if comparison is None else comparison.reason
-    explained = [(each, "black") for each in result.explanations if each.sentence != moved]
+    explained = [(each, "black") for each in result.other_explanations]
     if comparison is not None:
         explained.append((comparison.explanation, "black" if comparison.within_tolerance else ALARM))
     for each, color in (*explained, *((done, "0.35") for done in result.findings_in_scan)):

@@ -204,7 +204,7 @@ def _newest_of_phantom(store: Store, scanner_id: str) -> Scan | None:
 
 def _of_inspection(page: PageFrame, store: Store, where: WizardAddress, inspection: Inspection) -> HTMLResponse:
     if inspection.state in {"queued", "running"}:
-        return page.answer("calibrate_looking.html", where=where, inspection=inspection)
+        return page.answer("calibrate_looking.html", inspection=inspection)
     result = inspection.result
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
@@ -268,7 +268,6 @@ def _of_calibration(
         jobs = [calibration.job_id] if scan is None else [scan.job_id, calibration.job_id]
         return page.answer(
             "calibrate_running.html",
-            where=where,
             calibration=calibration,
             scanner=scanner,
             jobs=jobs,

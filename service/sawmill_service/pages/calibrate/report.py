@@ -25,7 +25,7 @@ from sawmill_service.pages.frame.formats import known_zone
 from sawmill_service.pages.frame.languages import Language
 from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.routes.calibrations import succeeded
-from sawmill_service.scanner_conditions import condition_of
+from sawmill_service.scanner_conditions import step_with
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
-    zone = mill_zone(store, scanner.id)
+    zone = _mill_zone(store, scanner.id)
     return About(
         calibration_id=calibration.id,
         made_at=calibration.created_at.astimezone(zone),
@@ -69,12 +69,12 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else moment(activation.at.astimezone(zone)),
         activated_why="" if activation is None else activation.why or "",
-        step=condition_of(store, scanner).step_with(calibration),
+        step=step_with(store, calibration),
         back=f"/scanners/{scanner.id}",
     )
 
 
-def mill_zone(store: Store, scanner_id: str) -> ZoneInfo | None:
+def _mill_zone(store: Store, scanner_id: str) -> ZoneInfo | None:
     """Return the time zone of the mill, which the newest schedule of the scanner names; None: this machine's."""
     newest = store.schedules.page(scanner_id=scanner_id, limit=1).items
     return ZoneInfo(known_zone(newest[0].time_zone)) if newest else None

@@ -51,7 +51,6 @@ class Formats:
             "bytes": self.bytes,
             "moment": self.moment,
             "day": self.day,
-            "hour": self.hour,
             "axis": self.axis,
             "age": self.age,
             "iso": iso,

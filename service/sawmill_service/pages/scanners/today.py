@@ -73,11 +73,6 @@ class ScannerLine:
         return not self.example and self.condition.step.needs_somebody
 
     @property
-    def folds(self) -> bool:
-        """Whether the row is folded where there are many: nobody has to look at it."""
-        return self.example or (self.condition.step.tone == "good" and not self.needs_somebody)
-
-    @property
     def rank(self) -> tuple[bool, int, float, list[str | int]]:
         """Key for sorting: the worst comes first, among equals the scanner that has moved farthest; examples last."""
         moved = self.condition.state.moved
@@ -113,12 +108,12 @@ class Board:
     @property
     def folded(self) -> Sequence[ScannerLine]:
         """Rows of the scanners that are fine, where there are many."""
-        return [row for row in self.rows if self.compact and row.folds]
+        return [row for row in self.rows if self.compact and not row.needs_somebody]
 
     @property
     def shown(self) -> Sequence[ScannerLine]:
         """Rows that are in sight at once."""
-        return [row for row in self.rows if not (self.compact and row.folds)]
+        return [row for row in self.rows if row.needs_somebody or not self.compact]
 
 
 def _is_kiosk(kiosk: Annotated[str | None, Query(max_length=10)] = None) -> bool:

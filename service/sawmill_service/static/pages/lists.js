@@ -1,11 +1,7 @@
-// Days are those of the browser's time zone; while something on a list is not finished, the list is looked at again.
+// While something on a list is not finished, the list is looked at again.
 import { showTimes } from "./time.js";
 
 const EVERY_MS = 4000;
-
-for (const zone of document.querySelectorAll('.filter input[name="zone"]')) {
-  zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
-}
 
 // A picture that is not there any more leaves an empty place.
 document.addEventListener("error", (event) => {

@@ -107,7 +107,7 @@ export class Pane {
 
   // Lay the picture, the marks and the scale where the view has them.
   lay() {
-    const { view, mark } = this.viewer;
+    const { view } = this.viewer;
     const { clientWidth: width, clientHeight: height } = this.stage;
     this.perMm = Math.min(width, height) / view.side;
     this.toPixels = ([x, y]) => [(y - view.centre[1]) * this.perMm + width / 2, (x - view.centre[0]) * this.perMm + height / 2];

@@ -23,5 +23,10 @@ export function showTimes(root = document) {
   }
 }
 
+// Days and hours that a form sends are those of the browser's time zone.
+for (const zone of document.querySelectorAll('input[name="zone"]')) {
+  zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
+}
+
 showTimes();
 setInterval(showTimes, 30_000);

@@ -18,7 +18,7 @@ export class View {
 
   // Never beyond the whole field, and its middle never outside.
   show(centre, side) {
-    this.side = Math.min(Math.max(side, this.least), this.whole.side);
+    this.side = this.#allowed(side);
     const within = (mm, axis) => Math.min(Math.max(mm, this.low[axis]), this.high[axis]);
     this.centre = this.zoomed ? centre.map(within) : this.whole.centre;
     this.changed();
@@ -30,8 +30,12 @@ export class View {
 
   // Show less by a factor below 1; the place stays where it is.
   zoom(factor, place = this.centre) {
-    const side = Math.min(Math.max(this.side * factor, this.least), this.whole.side);
+    const side = this.#allowed(this.side * factor);
     this.show(place.map((mm, axis) => mm + ((this.centre[axis] - mm) * side) / this.side), side);
+  }
+
+  #allowed(side) {
+    return Math.min(Math.max(side, this.least), this.whole.side);
   }
 
   moveBy(by) {

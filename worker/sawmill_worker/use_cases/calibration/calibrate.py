@@ -73,6 +73,10 @@ class CalibrationInput:
         views = mean.views if self.views is None else self.views[mean.views]
         return replace(self, sinogram=mean.sinogram, angles_rad=self.angles_rad[mean.views], rows=rows, views=views)
 
+    def with_remark(self, remark: str) -> "CalibrationInput":
+        """Add a remark."""
+        return replace(self, remarks=(*self.remarks, remark))
+
 
 def run_calibration(
     calibration_input: CalibrationInput,
@@ -148,7 +152,7 @@ def _of_rows(
     narrowed = calibration_input.of_rows(
         stack[:, first - calibration_input.rows[0] : last - calibration_input.rows[0]], rows
     )
-    return replace(narrowed, remarks=(*calibration_input.remarks, remark))
+    return narrowed.with_remark(remark)
 
 
 def _with_odd_rows(calibration_input: CalibrationInput, stack: NDArray[np.float32]) -> CalibrationInput:
@@ -158,7 +162,7 @@ def _with_odd_rows(calibration_input: CalibrationInput, stack: NDArray[np.float3
     if not odd:
         return calibration_input
     remark = AdjustmentMessage.ODD_ROWS(rows=f"{first}:{last}", odd=", ".join(odd))
-    return replace(calibration_input, remarks=(*calibration_input.remarks, remark))
+    return calibration_input.with_remark(remark)
 
 
 def _in_phantom_rows(

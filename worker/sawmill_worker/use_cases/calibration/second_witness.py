@@ -69,7 +69,7 @@ def with_second_witness(
         combined = with_log(calibration, log.sinogram)
     except DriftError as error:
         remark = AdjustmentMessage.LOG_NOT_USED(rows=_span(log.rows), why=str(error))
-        return replace(calibration_input, remarks=(*calibration_input.remarks, remark)), calibration
+        return calibration_input.with_remark(remark), calibration
     return replace(calibration_input, log_rows=log.rows), combined
 
 
