@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
 PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
+    "service/sawmill_service/pages/frame/verdicts.py: _MOVED_WORDS": "the other answers have the words of _WORDS",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
     "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
