@@ -110,7 +110,7 @@ bench-viewer: install-dev
 bench-pages: install-dev
 	@$(BIN)/python benchmarks/pages.py
 
-# What docs/scale.md shows. OPTIONS: --quick, --parts, --databases, --workers, --queued.
+# What docs/do/sizing.md shows. OPTIONS: --quick, --parts, --databases, --workers, --queued.
 study-load: install-dev
 	@$(BIN)/python benchmarks/load.py $(OPTIONS)
 
@@ -154,7 +154,7 @@ study-production-logs: install-dev
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py
 
-# The paper's own experiments for docs/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
+# The paper's own experiments for docs/understand/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
 
@@ -162,7 +162,7 @@ paper: install-dev
 figures:
 	@$(PYTHON) benchmarks/figures.py
 
-# The tables of docs/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
+# The tables of docs/understand/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
 measured: install-dev
 	@$(BIN)/python benchmarks/measured.py $(OPTIONS)
 
@@ -176,7 +176,7 @@ bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
 
-# Every method on eleven logs, with the truth in hand: docs/performance.md. Goes on where it stopped; 50 minutes of a core.
+# Every method on eleven logs, with the truth in hand: docs/evidence/speed.md. Goes on where it stopped; 50 minutes of a core.
 # OPTIONS: --logs 0-2, --settings 20:0.04, --methods NAME, --again NAME, --seconds NAME, --out FOLDER, --show.
 study-logs: install-dev
 	@$(BIN)/python benchmarks/log_table.py $(OPTIONS)

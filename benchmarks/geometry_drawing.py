@@ -1,4 +1,4 @@
-"""Draw docs/geometry.svg, the picture in docs/conventions.md, from the product's own geometry.
+"""Draw docs/pictures/geometry.svg, the picture in docs/look-up/conventions.md, from the product's own geometry.
 
     python benchmarks/geometry_drawing.py [FOLDER]
 
@@ -28,7 +28,7 @@ from sawmill_tomography.geometry.geometry import (
     rotate,
 )
 
-FOLDER = Path(__file__).parents[1] / "docs"
+FOLDER = Path(__file__).parents[1] / "docs/pictures"
 # Not to any scanner's scale: shifts and tilt are large, so that they can be seen.
 SCANNER = Scanner(source_to_cor_mm=500.0, num_detector_pixels=14, detector_pitch_mm=40.0)
 THETA = Theta(

@@ -1,4 +1,4 @@
-"""A line's day as docs/scale.md counts it: what its logs mean for disk, network and processors.
+"""A line's day as docs/do/sizing.md counts it: what its logs mean for disk, network and processors.
 
 The tables of the page from the values that `benchmarks/load.py` measures.
 """

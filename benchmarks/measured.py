@@ -1,4 +1,4 @@
-"""The tables of docs/measured.md: calibration, drift and reconstruction on the measured discs.
+"""The tables of docs/understand/measured.md: calibration, drift and reconstruction on the measured discs.
 
     make measured
     python benchmarks/measured.py [--only PART ...] [--processes N]

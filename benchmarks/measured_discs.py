@@ -1,4 +1,4 @@
-"""The measured discs of docs/measured.md: read here, and converted from the files as they are published.
+"""The measured discs of docs/understand/measured.md: read here, and converted from the files as they are published.
 
     python benchmarks/measured_discs.py PUBLISHED FOLDER
 

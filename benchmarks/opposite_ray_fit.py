@@ -1,8 +1,8 @@
 """COR and tilt of a full turn by opposite rays, with no code of the product: what `measured.py` compares it with.
 
 Over a full turn every ray is measured from either end, p(phi, gamma) = p(phi + pi - 2 gamma, -gamma), with the fan
-angle gamma of docs/conventions.md#source-frame. Least squares over (u_c, tau) at a given SDD, cubic splines between
-views and cells, standard deviations by leaving out each of twelve stretches of the turn (jackknife).
+angle gamma of docs/look-up/conventions.md#source-frame. Least squares over (u_c, tau) at a given SDD, cubic splines
+between views and cells, standard deviations by leaving out each of twelve stretches of the turn (jackknife).
 """
 
 import math

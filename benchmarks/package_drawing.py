@@ -1,4 +1,4 @@
-"""Draw docs/packages.svg, the picture in docs/architecture.md, from the packages' own imports.
+"""Draw docs/pictures/packages.svg, the picture in docs/understand/architecture.md, from the packages' own imports.
 
     python benchmarks/package_drawing.py [FOLDER]
 
@@ -80,7 +80,7 @@ def drawing() -> str:
 
 def main() -> None:
     """Write the drawing."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs/pictures"
     (folder / "packages.svg").write_text(drawing())
 
 

@@ -1,4 +1,4 @@
-"""The paper's own experiments (arXiv 2206.14444), for docs/paper.md.
+"""The paper's own experiments (arXiv 2206.14444), for docs/understand/paper.md.
 
     python benchmarks/paper_experiments.py [--only EXPERIMENT ...] [--full] [--work build/paper]
 
@@ -16,7 +16,7 @@ from paper.conduct import Places, conduct
 from paper.experiment import FULL, Plan
 from paper.registry import EXPERIMENTS
 
-PICTURES = Path(__file__).resolve().parents[1] / "docs" / "paper"
+PICTURES = Path(__file__).resolve().parents[1] / "docs/pictures/paper"
 
 
 def main() -> None:

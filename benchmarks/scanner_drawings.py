@@ -1,4 +1,4 @@
-"""Draw the scanner for people: docs/scanner.svg, scanner-numbers.svg, handedness.svg and phantom.svg.
+"""Draw the scanner for people: docs/pictures/scanner.svg, scanner-numbers.svg, handedness.svg and phantom.svg.
 
     python benchmarks/scanner_drawings.py [FOLDER]
 
@@ -19,7 +19,7 @@ from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Rotation
 
-FOLDER = Path(__file__).parents[1] / "docs"
+FOLDER = Path(__file__).parents[1] / "docs/pictures"
 # The published scanner's size, with shifts and a tilt that can be seen.
 SCANNER = Scanner(source_to_cor_mm=860.0, num_detector_pixels=16, detector_pitch_mm=72.0)
 THETA = Theta(

@@ -100,7 +100,7 @@ END
 else
   ln -s -- "$version" "$folder/current"
   cat << END
-Next, as root, a service of systemd's (docs/install.md):
+Next, as root, a service of systemd's (docs/do/install.md):
   "$folder/current/bin/sawmill" install-service --to /etc/systemd/system
 or try it at once, at http://127.0.0.1:8000:
   "$folder/current/bin/sawmill" serve

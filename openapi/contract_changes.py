@@ -61,7 +61,7 @@ def fault_of_version(released: Document, today: Document) -> str | None:
         f"(openapi/released.json), this changed:\n{listed}\n"
         "Either raise VERSION in worker/sawmill_vocabulary/version.py and the first heading of CHANGELOG.md, "
         "and run `make openapi clients`; or take the changes back, and keep old names beside the new ones "
-        "(docs/http.md#versions)."
+        "(docs/look-up/http.md#versions)."
     )
 
 

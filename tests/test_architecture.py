@@ -1,4 +1,4 @@
-"""The direction of imports (docs/architecture.md#direction-of-imports), and what each part wakes up."""
+"""The direction of imports (docs/understand/architecture.md#direction-of-imports), and what each part wakes up."""
 
 import os
 import subprocess

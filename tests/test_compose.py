@@ -32,7 +32,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.settings import ServiceSettings
 
-PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
+PAGE, OPERATIONS = ROOT / "docs/do/containers.md", ROOT / "docs/do/run.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
 BIN = Path(sys.executable).parent
@@ -212,7 +212,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def documented_commands() -> list[list[str]]:
-    """What docs/operations.md says of one machine and of a cluster."""
+    """What docs/do/run.md says of one machine and of a cluster."""
     lines = [line for block in blocks(OPERATIONS, "sh") for line in block.splitlines()]
     return [line.split() for line in lines if not line.startswith("export ")]
 

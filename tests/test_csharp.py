@@ -1,4 +1,4 @@
-"""The C# of docs/rest.md, which no compiler reads here: its grammar, and that it speaks of the contract as it is."""
+"""The C# of docs/do/connect.md, which no compiler reads here: its grammar and its names."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import tree_sitter_c_sharp
 from tree_sitter import Language, Node, Parser
 
 ROOT = Path(__file__).parents[1]
-BLOCKS = re.findall(r"```csharp\n(.*?)```", (ROOT / "docs/rest.md").read_text(), re.DOTALL)
+BLOCKS = re.findall(r"```csharp\n(.*?)```", (ROOT / "docs/do/connect.md").read_text(), re.DOTALL)
 DOCUMENT = json.loads((ROOT / "openapi/openapi.json").read_text())
 SCHEMAS = DOCUMENT["components"]["schemas"]
 # Records that the page calls otherwise than the contract does.

@@ -40,11 +40,11 @@ from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
 
 ROOT = Path(__file__).parents[1]
-README, TOUR, HTTP = ROOT / "README.md", ROOT / "docs/tour.md", ROOT / "docs/http.md"
-FIRST_CALIBRATION = ROOT / "docs/first-calibration.md"
-PROGRAMS = ROOT / "docs/rest.md"
+README, TOUR, HTTP = ROOT / "README.md", ROOT / "docs/start/demo.md", ROOT / "docs/look-up/http.md"
+FIRST_CALIBRATION = ROOT / "docs/start/first-calibration.md"
+PROGRAMS = ROOT / "docs/do/connect.md"
 HEART = "The heart of it, with curl"
-DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
@@ -289,7 +289,7 @@ def test_the_command_line_block_works(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_files_that_the_formats_page_makes_can_be_read(tmp_path):
-    for block in blocks(sections(ROOT / "docs/formats.md")["What can be read"], "python"):
+    for block in blocks(sections(ROOT / "docs/look-up/formats.md")["What can be read"], "python"):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True)
     with (
         reading_scan(tmp_path / "scan.npz", counts=True) as compressed,
@@ -334,7 +334,7 @@ def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
     (tmp_path / "napari.py").write_text(NAPARI)
     reported = [
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
-        for block in blocks(sections(ROOT / "docs/formats.md")["Opening a volume"], "python")
+        for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Opening a volume"], "python")
     ]
     assert reported == [
         "(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n",
@@ -363,7 +363,7 @@ class AcquisitionGeometry:
 
 @pytest.mark.slow
 def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path, monkeypatch):
-    page = ROOT / "docs/export.md"
+    page = ROOT / "docs/do/export.md"
     monkeypatch.chdir(tmp_path)
     run_in_process("".join(blocks(page.read_text(), "sh")))
     (tmp_path / "cil").mkdir()
@@ -387,9 +387,9 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks(TOUR.read_text(), "sh"),
         *blocks(FIRST_CALIBRATION.read_text(), "sh"),
         *blocks(HTTP.read_text(), "sh"),
-        *blocks((ROOT / "docs/export.md").read_text(), "sh"),
+        *blocks((ROOT / "docs/do/export.md").read_text(), "sh"),
         *blocks(PROGRAMS.read_text(), "sh"),  # by test_generated_client.py
-        *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
+        *blocks((ROOT / "docs/understand/measured.md").read_text(), "sh"),  # by test_measured.py
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.
@@ -417,7 +417,7 @@ def test_every_flag_that_is_named_exists():
 
 
 def settings_table(settings: type[BaseSettings]) -> str:
-    """As docs/operations.md has it."""
+    """As docs/do/run.md has it."""
     rows = ["| variable | default | what |", "|---|---|---|"]
     for name, field in settings.model_fields.items():
         default = shown_default(field.get_default(call_default_factory=True))
@@ -437,11 +437,11 @@ def shown_default(value: object) -> str:
 @pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: settings.__name__)
 def test_the_settings_table_is_the_code_s(settings):
     table = settings_table(settings)
-    assert table in (ROOT / "docs/operations.md").read_text(), f"docs/operations.md needs this table:\n{table}"
+    assert table in (ROOT / "docs/do/run.md").read_text(), f"docs/do/run.md needs this table:\n{table}"
 
 
 def physics_row(group: str, field: "Field[float]") -> str:
-    """As docs/simulating.md has it."""
+    """As docs/do/simulate.md has it."""
     bounds = field.metadata
     least = bounds["ge"] if "ge" in bounds else bounds.get("gt")
     limits = "12, 16" if least is None else f"{'above ' if 'gt' in bounds else ''}{least:g} to {bounds['le']:g}"
@@ -451,7 +451,7 @@ def physics_row(group: str, field: "Field[float]") -> str:
 
 def test_the_table_of_physics_is_the_code_s():
     table = "\n".join(physics_row(group.name, field) for group in fields(Physics) for field in fields(group.default))
-    assert table in (ROOT / "docs/simulating.md").read_text(), f"docs/simulating.md needs this table:\n{table}"
+    assert table in (ROOT / "docs/do/simulate.md").read_text(), f"docs/do/simulate.md needs this table:\n{table}"
 
 
 def test_the_table_of_routes_is_the_openapi_document_s():
@@ -463,7 +463,7 @@ def test_the_table_of_routes_is_the_openapi_document_s():
     ]
     methods = r"^\| (?:GET|PUT|PATCH|POST|DELETE) \|.*$"
     documented = re.findall(methods, HTTP.read_text(), re.MULTILINE)
-    assert documented == rows, "docs/http.md needs these rows:\n" + "\n".join(rows)
+    assert documented == rows, "docs/look-up/http.md needs these rows:\n" + "\n".join(rows)
 
 
 def test_the_example_inputs_are_valid():
@@ -476,7 +476,7 @@ def test_the_example_inputs_are_valid():
 
 
 def test_every_test_that_shows_a_figure_exists():
-    named = re.findall(r"(tests/[\w/]+\.py)::(\w+)", (ROOT / "docs/accuracy.md").read_text())
+    named = re.findall(r"(tests/[\w/]+\.py)::(\w+)", (ROOT / "docs/understand/accuracy.md").read_text())
     assert named
     for file, function in named:
         assert re.search(rf"^def {function}\(", (ROOT / file).read_text(), re.MULTILINE), f"{file}::{function}"

@@ -1,4 +1,4 @@
-"""A measured disc, where its data are: the command of docs/measured.md against what is known of the scan."""
+"""A measured disc, where its data are: the command of docs/understand/measured.md against what is known of the scan."""
 
 import json
 import math
@@ -22,7 +22,7 @@ from sawmill_tomography.geometry.ray_error import ray_error
 
 pytestmark = pytest.mark.slow
 
-PAGE = Path(__file__).parents[1] / "docs" / "measured.md"
+PAGE = Path(__file__).parents[1] / "docs/understand/measured.md"
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def folder(tmp_path_factory):
 def disc(published_data):  # noqa: F811 - the fixture
     """The page's."""
     if not (published_data / "measured-discs").is_dir():
-        pytest.skip(f"the measured discs are not in {published_data}: docs/measured.md has how to get them")
+        pytest.skip(f"the measured discs are not in {published_data}: docs/understand/measured.md has how to get them")
     (disc,) = (each for each in read_discs(published_data / "measured-discs") if each.name == "07b")
     return disc
 

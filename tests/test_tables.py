@@ -156,11 +156,11 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
 
 
 def test_every_adjustment_has_its_row_in_the_table_of_faults():
-    page = (ROOT / "docs/geometry.md").read_text().split("## Scans with faults")[1].split("\n\n###")[0]
+    page = (ROOT / "docs/understand/verdict.md").read_text().split("## Scans with faults")[1].split("\n\n###")[0]
     named = [
         name for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in re.findall(r"`([\w-]+)`", row)
     ]
-    assert sorted(named) == sorted(Adjustment), "complete the table of docs/geometry.md#scans-with-faults"
+    assert sorted(named) == sorted(Adjustment), "complete the table of docs/understand/verdict.md#scans-with-faults"
 
 
 def test_every_limit_of_an_alarm_is_in_the_scanner_s_form():

@@ -194,7 +194,7 @@ class _Demo:
         section = self._section(
             "A bad day at the mill",
             "The same scanner, but much is wrong. Every effect is simulated with the size in the table (its fields: "
-            "docs/simulating.md); below is what the calibration found by itself.",
+            "docs/do/simulate.md); below is what the calibration found by itself.",
             "bad-day",
             calibrated,
         )

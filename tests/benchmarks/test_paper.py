@@ -22,7 +22,7 @@ from scans import TRUE_THETA
 from sawmill_tomography.geometry.geometry import to_vector
 
 MOST_BYTES = 150_000
-PAGE = Path(__file__).parents[2] / "docs/paper.md"
+PAGE = Path(__file__).parents[2] / "docs/understand/paper.md"
 
 
 @pytest.fixture(autouse=True)

@@ -53,7 +53,7 @@ def test_a_notebook_runs_and_draws(path, kernel, tmp_path):
 @pytest.mark.nightly
 def test_the_notebook_of_a_measured_disc_runs_and_draws(published_data, kernel, tmp_path, monkeypatch):  # noqa: F811 - the fixture
     if not (published_data / "measured-discs").is_dir():
-        pytest.skip(f"the measured discs are not in {published_data}: docs/measured.md has how to get them")
+        pytest.skip(f"the measured discs are not in {published_data}: docs/understand/measured.md has how to get them")
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(published_data.resolve()))
     assert {"text/html", "image/png"} <= run(MEASURED, kernel, tmp_path)
 

@@ -11,7 +11,7 @@ import pytest
 import sawmill_calibration
 
 ROOT = Path(__file__).parents[2]
-PYTHON_PAGE = ROOT / "docs/python.md"
+PYTHON_PAGE = ROOT / "docs/look-up/python.md"
 SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "skimage"}
 
 

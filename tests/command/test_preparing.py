@@ -78,7 +78,7 @@ def test_an_unknown_way_is_wrong_use(run, lossy, tmp_path):
 
 
 def test_the_document_has_every_parameter_with_its_flag_and_values():
-    page = (Path(__file__).parents[2] / "docs/preparing.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/understand/preparation.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| `(--[\w-]+)` \| ([^|]+) \|", page, re.MULTILINE)
     assert [(name, flag) for name, flag, _ in rows] == [
         (name, "--" + name.replace("_", "-")) for name in ("faulty_cells", "air", "rings", "align_rows")

@@ -24,7 +24,7 @@ from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow
 
-PAGE = ROOT / "docs/compose.md"
+PAGE = ROOT / "docs/do/containers.md"
 NAME = "calibration.mill.example"
 # Another address of this machine than the proxy's.
 CLIENT = "127.0.0.7"

@@ -1,4 +1,4 @@
-"""The programs of docs/rest.md do the whole job with the generated client, installed from its wheel, and with curl."""
+"""The programs of docs/do/connect.md do the whole job with the generated client and with curl."""
 
 import os
 import re
@@ -19,7 +19,7 @@ from sawmill_vocabulary.version import VERSION
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs/rest.md"
+PAGE = ROOT / "docs/do/connect.md"
 DOCUMENTED = "http://127.0.0.1:8000"
 SIMULATED = ("log-with-phantom", "--theta", "146.1deg,714.7,319.9,43.7,15.7deg", "--views", "90", "--rows", "4")
 CUTS = 3  # of the line, in the middle of parts

@@ -48,7 +48,7 @@ def labels_by_name(client) -> dict[str, set[str]]:
 
 
 def test_the_page_names_every_metric_and_label(labels_by_name):
-    page = (ROOT / "docs" / "operations.md").read_text().partition("## Metrics")[2].partition("\n## ")[0]
+    page = (ROOT / "docs/do/run.md").read_text().partition("## Metrics")[2].partition("\n## ")[0]
     rows = [line.split("|")[1:3] for line in page.splitlines() if line.startswith("| `sawmill")]
     assert {name.strip(" `"): set(re.findall(r"`(\w+)`", labels)) for name, labels in rows} == labels_by_name
 

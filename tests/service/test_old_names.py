@@ -15,7 +15,7 @@ from sawmill_platform.contracts.old_names import out_of_use
 from sawmill_service.http.document.old_names import OLD_ROUTES, markdown_table
 from sawmill_vocabulary.version import VERSION
 
-PAGE = Path(__file__).parents[2] / "docs/http.md"
+PAGE = Path(__file__).parents[2] / "docs/look-up/http.md"
 PATH = "/v1/reconstructions"
 HISTORY = "/v1/scanners/example/history"
 FIELDS = [(declared.ask, name, mark) for declared in asked_kinds() for name, mark in out_of_use(declared.ask)]

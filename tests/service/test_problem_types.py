@@ -112,8 +112,8 @@ def test_every_failure_s_code_has_its_texts():
 
 
 def test_the_documents_have_the_codes_of_now():
-    http, table = (ROOT / "docs" / "http.md").read_text(), markdown_table()
-    assert table in http, f"docs/http.md needs this table:\n{table}"
+    http, table = (ROOT / "docs/look-up/http.md").read_text(), markdown_table()
+    assert table in http, f"docs/look-up/http.md needs this table:\n{table}"
 
 
 def test_a_problem_leads_to_its_page(client):

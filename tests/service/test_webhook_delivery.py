@@ -438,7 +438,7 @@ def test_what_a_killed_process_had_sent_and_not_noted_is_sent_again_with_its_id(
     assert first.body == again.body
 
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "webhooks.md"
+DOCUMENT = Path(__file__).parents[2] / "docs/do/webhooks.md"
 
 
 def test_the_receiver_of_the_page_takes_what_is_signed_once_and_nothing_else(

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Detector:
-    """Cells of modules, as points along a bent line (docs/conventions.md#modules)."""
+    """Cells of modules, as points along a bent line (docs/look-up/conventions.md#modules)."""
 
     cells: int
     pitch_mm: float

@@ -1,4 +1,4 @@
-"""The exported numbers make the rays of docs/conventions.md: with the toolkit itself, or by its published formulas."""
+"""The exported numbers make the rays of docs/look-up/conventions.md: by the toolkit or its formulas."""
 
 import math
 import warnings

@@ -1,4 +1,4 @@
-"""The public names for Python users and notebooks; docs/python.md shows them at work.
+"""The public names for Python users and notebooks; docs/look-up/python.md shows them at work.
 
 Each name is imported when it is first used, so that importing the package takes no time.
 """

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibration: the whole answer is `result` (docs/http.md has its fields); properties give the most used fields.
+    """A calibration: the whole answer is `result`, properties give its most used fields (docs/look-up/http.md).
 
     Attributes
     ----------
@@ -273,8 +273,8 @@ def calibrate(
     log_radius_mm : float, optional
         Radius of the disc in which ray errors are counted; by default the phantom's, at most 150 mm.
     **options
-        Options of a calibration, as in docs/http.md: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
-        `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.
+        Options of a calibration, as in docs/look-up/http.md: `method`, `seed`, `handedness`, `rotation`, `rows`,
+        `views`, `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.
 
     Raises
     ------
@@ -332,8 +332,8 @@ def reconstruct(
     rotation : str
         Sense of rotation for a Theta: which way the angles count. A calibration carries its own.
     **options
-        Options of a reconstruction, as in docs/http.md: `method` (fbp by default), `size`, `field_mm`, `rows`, `views`,
-        `filter`, `alpha`, and more.
+        Options of a reconstruction, as in docs/look-up/http.md: `method` (fbp by default), `size`, `field_mm`, `rows`,
+        `views`, `filter`, `alpha`, and more.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def bare_scanner(constants: ScannerConstants) -> Scanner:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Line integrals in memory with each view's angle; axes and signs as in docs/conventions.md.
+    """Line integrals in memory with each view's angle; axes and signs as in docs/look-up/conventions.md.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ def read_scan(
     transpose : bool
         Whether the axes are in reverse order: (cells, views), as MATLAB's radon writes, or (cells, rows, views).
     air, faulty_cells, rings, align_rows : str
-        Corrections of the data (docs/preparing.md).
+        Corrections of the data (docs/understand/preparation.md).
 
     Raises
     ------

@@ -53,8 +53,8 @@ def simulate_phantom_scan(
     background : float
         Constant that is added to all line integrals.
     physics : mapping, or the path of a JSON file, optional
-        Effects of a mill, with the fields in docs/simulating.md: the scan is then made as counts with ten flat and dark
-        fields, read as a file of counts is, and has no other noise or background.
+        Effects of a mill, with the fields in docs/do/simulate.md: the scan is then made as counts with ten flat and
+        dark fields, read as a file of counts is, and has no other noise or background.
     photons : float
         Number of photons in air, a cell and view; used with physics.
 

@@ -73,7 +73,7 @@ Coupling = Annotated[
 class OptionOf:
     """Mark of an option that belongs to some methods: with any other method it must be left out.
 
-    A method's class in `sawmill_tomography` has a field of the same name (docs/adding.md).
+    A method's class in `sawmill_tomography` has a field of the same name (docs/understand/adding.md).
     """
 
     methods: tuple[ReconstructionMethod, ...]

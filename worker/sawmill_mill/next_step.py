@@ -1,7 +1,7 @@
 """The next step of a person with a scanner: one headline, what to do, and one button.
 
 Pages, reports, answers for programs and events take the step from `next_step`, so that they never contradict one
-another. docs/technician.md tells the technician the same.
+another. docs/do/technician.md tells the technician the same.
 """
 
 from dataclasses import dataclass, replace

@@ -48,7 +48,7 @@ class LogImages:
 
 @dataclass(frozen=True)
 class CalibrationArrays:
-    """Arrays of result.h5, as docs/formats.md lists them.
+    """Arrays of result.h5, as docs/look-up/formats.md lists them.
 
     Attributes
     ----------

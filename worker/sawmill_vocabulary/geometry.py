@@ -4,7 +4,7 @@ Each field is typed here once, with its unit, its description and its bounds. Th
 and the contracts take them as field types: pydantic reads the fields' metadata. Bounds in the metadata hold
 where a value crosses a boundary, the checks of `__post_init__` everywhere.
 
-Axes, signs and formulas: docs/conventions.md#source-frame.
+Axes, signs and formulas: docs/look-up/conventions.md#source-frame.
 """
 
 import math
@@ -52,7 +52,7 @@ def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
 class DetectorModule(AsContract):
     """A module of the line detector after the first, as it stands against the module before.
 
-    Positions count from the module that holds the detector's middle (docs/conventions.md#modules).
+    Positions count from the module that holds the detector's middle (docs/look-up/conventions.md#modules).
     """
 
     first_cell: int = field(

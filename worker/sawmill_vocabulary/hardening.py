@@ -9,7 +9,7 @@ from sawmill_vocabulary.as_contract import AsContract
 class BeamHardening(AsContract):
     """Beam hardening: a line integral p of the unhardened beam is measured as ln(1 + spread p) / spread.
 
-    Formula and source: docs/reconstruction.md#beam-hardening.
+    Formula and source: docs/understand/reconstruction.md#beam-hardening.
     """
 
     spread: float = field(

@@ -10,7 +10,7 @@ from sawmill_vocabulary.hardening import BeamHardening
 class ScatteredRadiation(AsContract):
     """Shares of the intensity that the object scatters out of the beam, and that reach the cells from other directions.
 
-    Formula: docs/reconstruction.md#scattered-radiation.
+    Formula: docs/understand/reconstruction.md#scattered-radiation.
     """
 
     around: float = field(

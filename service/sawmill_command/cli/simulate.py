@@ -67,7 +67,7 @@ def simulate(
             metavar="FILE",
             exists=True,
             dir_okay=False,
-            help="Of counts: JSON of what the beam, the detector, the motion and the wood add (docs/simulating.md).",
+            help="Of counts: JSON of what the beam, the detector, the motion and the wood add (docs/do/simulate.md).",
         ),
     ] = None,
 ) -> None:

@@ -17,7 +17,9 @@ app = typer.Typer()
 def watch(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE.toml", help="Which folders, and where the service is (docs/watched-folder.md)."),
+        typer.Argument(
+            metavar="FILE.toml", help="Which folders, and where the service is (docs/do/watched-folder.md)."
+        ),
     ],
     once: Annotated[
         bool, typer.Option("--once", help="End when all that is whole has been read; exit code 1 if anything is left.")

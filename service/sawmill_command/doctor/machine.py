@@ -76,7 +76,7 @@ def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) ->
             "user",
             State.WATCH,
             "this is root: a service of root that somebody takes over has all rights on the machine",
-            "run the service, and the doctor, as a user of its own: see docs/install.md",
+            "run the service, and the doctor, as a user of its own: see docs/do/install.md",
         )
     else:
         yield DoctorFinding("user", State.GOOD, f"user {os.geteuid()}, who is not root")

@@ -79,7 +79,7 @@ def failure_texts(file: IO[bytes], *_: object, **_options: object) -> Iterator[t
 
 
 def markdown_table() -> str:
-    """Return the table of codes by status for docs/http.md."""
+    """Return the table of codes by status for docs/look-up/http.md."""
     statuses = sorted({kind.status for kind in problem_types().values() if kind.status is not None})
     rows = [f"| {status} {HTTPStatus(status).phrase} | {_codes_of(status)} |" for status in statuses]
     return "\n".join(["| status | `code` |", "|---|---|", *rows])
@@ -105,4 +105,4 @@ def _read(path: Path) -> list[ProblemType]:
 
 
 if __name__ == "__main__":
-    print(markdown_table())  # noqa: T201 - for docs/http.md
+    print(markdown_table())  # noqa: T201 - for docs/look-up/http.md

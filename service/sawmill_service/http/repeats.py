@@ -1,6 +1,7 @@
 """`Idempotency-Key`: a repeated request creates nothing again, and gets the answer of the first request.
 
-The IETF's draft-ietf-httpapi-idempotency-key-header-07 defines the header. docs/http.md has what the draft leaves open.
+The IETF's draft-ietf-httpapi-idempotency-key-header-07 defines the header. docs/look-up/http.md has what the draft
+leaves open.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The TOML of docs/watched-folder.md works as it stands there, with this machine's paths."""
+"""The TOML of docs/do/watched-folder.md works as it stands there, with this machine's paths."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_worker.watching.command import watch
 from sawmill_worker.watching.settings import Files, WatchedFolder, Watching
 
-PAGE = Path(__file__).parents[3] / "docs/watched-folder.md"
+PAGE = Path(__file__).parents[3] / "docs/do/watched-folder.md"
 
 
 def test_the_page_s_toml_takes_a_phantom_and_a_log(watched, tmp_path):

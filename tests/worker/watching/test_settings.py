@@ -110,7 +110,7 @@ def test_a_folder_stands_there_once_and_is_known_to_be_whole_somehow(tmp_path):
 def test_yaml_is_refused_with_the_name_of_the_toml_file(tmp_path, suffix):
     (tmp_path / f"line2.{suffix}").write_text("service: http://127.0.0.1:8000\n")
     sentence = (
-        f"{tmp_path}/line2.{suffix}: write {tmp_path}/line2.toml instead, in TOML as docs/watched-folder.md shows"
+        f"{tmp_path}/line2.{suffix}: write {tmp_path}/line2.toml instead, in TOML as docs/do/watched-folder.md shows"
     )
     with pytest.raises(WrongFileError, match=re.escape(sentence)):
         read_settings(tmp_path / f"line2.{suffix}")

@@ -213,7 +213,7 @@ def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:
 
 
 def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
-    # Pixel centres at -half + (i + 1/2) h: docs/conventions.md#axes.
+    # Pixel centres at -half + (i + 1/2) h: docs/look-up/conventions.md#axes.
     return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
 
 

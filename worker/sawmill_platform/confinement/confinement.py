@@ -1,7 +1,7 @@
 """Confinement of an attempt's process to its own input, its own folder, and the installation that it runs from.
 
 The process reads strangers' files with libraries in C. An attacker who takes over a library finds nothing to read,
-nowhere to write, and nobody to call (docs/decisions/0011-an-attempt-reaches-nothing-but-its-own.md).
+nowhere to write, and nobody to call (docs/understand/decisions/0011-an-attempt-reaches-nothing-but-its-own.md).
 """
 
 import os
@@ -112,7 +112,7 @@ def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -
     """Warn of the user root, of attempts not confined to their own files, and of a gap in the kernel's Landlock."""
     if surroundings.user_id == 0:
         structlog.get_logger().warning(
-            "run-as-root", remedy="run the service as a user of its own: see docs/install.md"
+            "run-as-root", remedy="run the service as a user of its own: see docs/do/install.md"
         )
     found = surroundings.landlock if settings.confine_attempts else 0
     if found < landlock.COMPLETE:
@@ -120,5 +120,5 @@ def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -
             "attempts-confined-in-part" if found else "attempts-not-confined",
             landlock=found,
             complete_from=landlock.COMPLETE,
-            remedy="see docs/operations.md#what-an-attempt-may-touch",
+            remedy="see docs/do/run.md#what-an-attempt-may-touch",
         )

@@ -1,4 +1,4 @@
-"""Jobs: the row is the job, a message only announces that there is one (docs/architecture.md#jobs)."""
+"""Jobs: the row is the job, a message only announces that there is one (docs/understand/architecture.md#jobs)."""
 
 from datetime import datetime
 from enum import StrEnum

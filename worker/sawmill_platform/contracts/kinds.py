@@ -6,8 +6,8 @@ from importlib import import_module
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 
-# A file of this size is read in 5 s, one of 1.4 GB in 27 s (docs/performance.md); a packed one may hold several times
-# as many samples.
+# A file of this size is read in 5 s, one of 1.4 GB in 27 s (docs/evidence/speed.md); a packed one may hold several
+# times as many samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
 
 
@@ -31,7 +31,7 @@ class KindDeclaration:
         Seconds that an attempt may take.
     stall_s : int
         Seconds for which progress may pause: several times the longest regular pause on a slow machine
-        (`docs/operations.md#time-and-progress`).
+        (`docs/do/run.md#time-and-progress`).
     lighter : str
         Remedy for a job that takes too long.
     upload : str or None

@@ -1,4 +1,4 @@
-"""Fields and routes that are out of use, and work until a later version refuses them (docs/http.md#old-names)."""
+"""Fields and routes out of use, until a later version refuses them (docs/look-up/http.md#old-names)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

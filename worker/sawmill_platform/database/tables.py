@@ -145,7 +145,7 @@ class Resource(Base):
 
 
 class JobRow(Resource):
-    """The row is the job (docs/architecture.md#jobs)."""
+    """The row is the job (docs/understand/architecture.md#jobs)."""
 
     __tablename__ = "jobs"
     # Lists, all or in one state; claims and places in the queue; counts.

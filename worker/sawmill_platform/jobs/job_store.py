@@ -1,4 +1,4 @@
-"""The job store: claims, leases, ends (docs/architecture.md#jobs).
+"""The job store: claims, leases, ends (docs/understand/architecture.md#jobs).
 
 A claim is one conditional UPDATE of the job that is next in turn (`turns`). The attempt number fences: reports of an
 attempt count only while the row is still running that attempt. Losses are counted apart from the number, because a

@@ -66,7 +66,9 @@ def scale_uncertainty(
     *,
     aspect_half: float = 0.0,
 ) -> ScaleUncertainty:
-    """Compute the uncertainty for rays inside a disc of this radius around the COR (docs/geometry.md#the-scale).
+    """Compute the uncertainty for rays inside a disc of this radius around the COR.
+
+    docs/understand/verdict.md#the-scale has the derivation.
 
     Parameters
     ----------

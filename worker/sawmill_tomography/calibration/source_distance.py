@@ -40,7 +40,7 @@ class SourceDistance:
 def with_theta(
     task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
-    """Fit freely, or with R = r_S where the free fit has no theta (docs/conventions.md#theta).
+    """Fit freely, or with R = r_S where the free fit has no theta (docs/look-up/conventions.md#theta).
 
     The covariance of a held fit is the free fit's covariance plus the square of the change that holding made: the
     scanner's R may be larger than r_S, or r_S itself be wrong, and R and SDD then have errors together. The scan

@@ -1,8 +1,8 @@
 """The scanner's geometry: theta, the source frame, view angles, and the rays they make.
 
 The value classes come from `sawmill_vocabulary` and are exported here for the science; this module adds the arrays.
-Axes, signs and formulas: docs/conventions.md#axes. image[i, j] has x along i and y along j, in mm, the centre of
-rotation (COR) is the origin, angles count counter-clockwise.
+Axes, signs and formulas: docs/look-up/conventions.md#axes. image[i, j] has x along i and y along j, in mm, the centre
+of rotation (COR) is the origin, angles count counter-clockwise.
 """
 
 import math

@@ -20,7 +20,9 @@ def refuse_log_beyond_source(stated_mm: float | None, scanner: Scanner) -> None:
 
 
 def counted_radius_mm(stated_mm: float | None, seen: Phantom) -> float:
-    """Return the radius of the disc around the COR in which ray errors are counted (docs/conventions.md#ray-error).
+    """Return the radius of the disc around the COR in which ray errors are counted.
+
+    docs/look-up/conventions.md#ray-error defines it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The distance between the rays of two geometries, up to a common scale (docs/conventions.md#ray-error)."""
+"""The distance between the rays of two geometries, up to a common scale (docs/look-up/conventions.md#ray-error)."""
 
 import math
 from collections.abc import Sequence
@@ -128,7 +128,7 @@ def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radiu
     """Compute the RMS distance, mm, to the rays of a geometry with R larger by a share, one rotation removed.
 
     A phantom that is larger than stated makes R larger by the same share and changes nothing else
-    (docs/geometry.md#the-scale).
+    (docs/understand/verdict.md#the-scale).
     """
     points, cells = chord_points(scanner, frame, radius_mm)
     _, (by_turn, by_shrink) = _distances(scanner, frame, points, cells, 0.0, 1.0)

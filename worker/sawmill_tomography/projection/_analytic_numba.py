@@ -1,6 +1,6 @@
 """Kernels of the analytic projection. They only loop; `analytic.py` checks, documents and allocates.
 
-Symbols are defined in docs/conventions.md#symbols, in the source frame of one view: the source is at (0, -R), a
+Symbols are defined in docs/look-up/conventions.md#symbols, in the source frame of one view: the source is at (0, -R), a
 point V of the object at q = Rot(-beta) V + (0, R) seen from the source, and a ray to detector coordinate u runs along
 a = (w cos tau, SDD + w sin tau), w = u - u_c. An edge A -> B is met at the distance |a| X / Y from the source, with
 X = q_A x q_B and Y = a x (q_B - q_A); the chord of a polygon is minus the sum of these over its edges, each signed

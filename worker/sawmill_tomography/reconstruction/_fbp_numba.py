@@ -1,4 +1,4 @@
-"""Kernels of the back-projection. Symbols are defined in docs/conventions.md#source-frame.
+"""Kernels of the back-projection. Symbols are defined in docs/look-up/conventions.md#source-frame.
 
 The kernels sum filtered rows at u(x, k), over (n.(x - S))**power. Rows have one zero cell at either end: rays beyond
 the detector add nothing. Cell m is centred at (m + 1/2 - n/2) pitch and has the index m + 1.

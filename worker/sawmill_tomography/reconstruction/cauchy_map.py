@@ -31,7 +31,7 @@ from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_weight
 from sawmill_tomography.sinograms.noise import noise_of_each_ray, rms_noise
 
-# The exponent of the Cauchy density in the plane (docs/reconstruction.md#methods).
+# The exponent of the Cauchy density in the plane (docs/understand/reconstruction.md#methods).
 STRENGTH = 1.5
 # Beta over the typical attenuation, times the square root of the pixels across the log: with smaller pixels the
 # differences on a slope are smaller, the differences at an edge are not. This and the constants of the choice below
@@ -55,7 +55,7 @@ ITERATIONS = 400
 TOLERANCE = 2e-5
 # Iterations after which most logs have converged (benchmarks/iterative.py).
 USUAL_ITERATIONS = 40
-# Projections forward and back with the continuation (docs/performance.md#the-cauchy-map).
+# Projections forward and back with the continuation (docs/evidence/speed.md#the-cauchy-map).
 USUAL_PAIRS = 105.0
 # Cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
 # variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views
@@ -99,7 +99,7 @@ def cauchy_map(
     tolerance: float = TOLERANCE,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices with a Cauchy prior (docs/reconstruction.md#methods).
+    """Reconstruct one slice or a block of slices with a Cauchy prior (docs/understand/reconstruction.md#methods).
 
     The objective is 1/2 sum ((A x - y) / sigma)^2 + 3/2 sum log(1 + |d|^2 / beta^2): zero for a flat image that
     explains the data. The estimate's parameters are `sigma`, (1,), the root mean square over all rays, and `beta`,

@@ -43,7 +43,9 @@ def fbp(
     frequency_scaling: float = 1.0,
     weighting: Weighting = "exact",
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices (docs/geometry.md#reconstruction; Kak and Slaney 1988, chapter 3).
+    """Reconstruct one slice or a block of slices (Kak and Slaney 1988, chapter 3).
+
+    docs/understand/verdict.md#reconstruction has the formulas.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ class Preparation:
     def of(
         cls, projector: Projector, weighting: Weighting, filter_name: FilterName, frequency_scaling: float
     ) -> "Preparation":
-        """Prepare a geometry and a grid (docs/geometry.md#reconstruction)."""
+        """Prepare a geometry and a grid (docs/understand/verdict.md#reconstruction)."""
         geometry, grid = projector.geometry, projector.grid
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad
@@ -212,7 +214,7 @@ class FilteredBackProjection(DirectMethod):
         )
 
     def seconds(self, projector: Projector, slices: int) -> float:
-        """Estimate the seconds by a fit to measured times (docs/performance.md)."""
+        """Estimate the seconds by a fit to measured times (docs/evidence/speed.md)."""
         return cost.seconds(*projector.geometry.sinogram_shape, projector.grid.size, slices)
 
     def remark_on(self, projector: Projector, image: Image, misfit: float, line: Image, noise: float) -> str | None:

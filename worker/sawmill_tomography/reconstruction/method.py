@@ -1,6 +1,6 @@
 """Base classes of reconstruction methods: options, memory, and the reconstruction of a block.
 
-A method's fields are its options, by the names of the request's fields (docs/adding.md).
+A method's fields are its options, by the names of the request's fields (docs/understand/adding.md).
 """
 
 from abc import ABC, abstractmethod

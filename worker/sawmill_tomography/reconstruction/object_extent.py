@@ -29,8 +29,8 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """Return the radius of the disc around the COR that holds the object in a sinogram (views, detector).
 
     It is the distance R sin(gamma) at which the farthest ray through cells that are not air in every view passes the
-    COR (gamma: docs/conventions.md#source-frame). If the object reaches an end of the detector, the ray at that end
-    counts. 0 if all cells are air.
+    COR (gamma: docs/look-up/conventions.md#source-frame). If the object reaches an end of the detector, the ray at
+    that end counts. 0 if all cells are air.
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells

@@ -79,7 +79,7 @@ def tikhonov(
     iterations: int = ITERATIONS,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices (docs/reconstruction.md#alpha-of-tikhonov).
+    """Reconstruct one slice or a block of slices (docs/understand/reconstruction.md#alpha-of-tikhonov).
 
     Golub-Kahan bidiagonalisation, the iteration inside LSQR (Paige and Saunders 1982), does not depend on the weight:
     it leaves a small problem, which is solved for each weight (Hansen 1998, section 6.3). The estimate's parameter
@@ -330,7 +330,7 @@ class Tikhonov(FittedMethod):
     """The method `tikhonov` in the table of methods."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
-    # Slices are solved one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
+    # Slices are solved one by one, which makes a projection 2.4 times as slow (docs/evidence/speed.md#the-projector).
     pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + VALIDATION_STEPS)
     shrinks: ClassVar[bool] = True
 

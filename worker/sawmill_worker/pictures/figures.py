@@ -48,7 +48,7 @@ def slice_figure(
     window: Window,
     title: str,
 ) -> Figure:
-    """Draw a slice (x, y) in mm, x downwards and y to the right (docs/conventions.md#axes)."""
+    """Draw a slice (x, y) in mm, x downwards and y to the right (docs/look-up/conventions.md#axes)."""
     figure = Figure(figsize=(6.8, 5.8), layout="constrained")
     ax = figure.add_subplot()
     shown = show_image(ax, image, field_mm, window, centre_mm=centre_mm)

@@ -48,7 +48,7 @@ def draw_residual(figure: SubFigure, residual: NDArray[Any], angles_deg: NDArray
     _draw_profile(by_view, np.arange(views), residual, axis=1)
     by_view.tick_params(labelleft=False)
     by_view.set_title("by view", fontsize=10)
-    # u_m = (m + 1/2 - n_D/2) pitch, docs/conventions.md#axes.
+    # u_m = (m + 1/2 - n_D/2) pitch, docs/look-up/conventions.md#axes.
     by_cell = figure.add_subplot(grid[1, 0], sharex=image_ax)
     _draw_profile(by_cell, (np.arange(cells) + 0.5 - cells / 2) * pitch_mm, residual, axis=0)
     by_cell.set_xlabel("position on the detector, mm")

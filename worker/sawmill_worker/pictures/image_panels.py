@@ -1,6 +1,6 @@
 """Panels of reconstructions: the phantom under its outlines, and a log before and after.
 
-A picture's row is +x and its column is +y (docs/conventions.md#axes).
+A picture's row is +x and its column is +y (docs/look-up/conventions.md#axes).
 """
 
 from io import BytesIO

@@ -1,6 +1,6 @@
 """Images and sinograms as PNG, with NumPy and Pillow only.
 
-A PNG's row is +x and its column is +y (docs/conventions.md#axes).
+A PNG's row is +x and its column is +y (docs/look-up/conventions.md#axes).
 """
 
 from io import BytesIO

@@ -1,6 +1,6 @@
 """Drawing of a phantom to print at full size: SVG in mm.
 
-Down is +x and right is +y (docs/conventions.md#axes), as in every picture of an image.
+Down is +x and right is +y (docs/look-up/conventions.md#axes), as in every picture of an image.
 """
 
 from collections.abc import Collection, Mapping

@@ -1,6 +1,6 @@
 """Figures of a calibration's report: images as PNG inside SVG, lines and marks as SVG.
 
-A picture's row is +x and its column is +y (docs/conventions.md#axes).
+A picture's row is +x and its column is +y (docs/look-up/conventions.md#axes).
 """
 
 from base64 import b64encode

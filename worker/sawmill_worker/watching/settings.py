@@ -184,7 +184,7 @@ def read_settings(path: Path) -> Watching:
     """
     if path.suffix.lower() in {".yaml", ".yml"}:
         toml = path.with_suffix(".toml")
-        raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/watched-folder.md shows")
+        raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/do/watched-folder.md shows")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -85,7 +85,7 @@ def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:
 
 
 def markdown_table() -> str:
-    """Return the table of deprecated names for docs/http.md."""
+    """Return the table of deprecated names for docs/look-up/http.md."""
     marks = [
         (f"`{name}` of `{declared.ask.__name__}`", mark)
         for declared in asked_kinds()
@@ -97,4 +97,4 @@ def markdown_table() -> str:
 
 
 if __name__ == "__main__":
-    print(markdown_table())  # noqa: T201 - for docs/http.md
+    print(markdown_table())  # noqa: T201 - for docs/look-up/http.md

@@ -50,8 +50,8 @@ class ScannerDrawing:
 def scanner_drawing(constants: ScannerConstants, theta: Theta | None, log_radius_mm: float) -> ScannerDrawing:
     """Draw a scanner by its constants and its active calibration, at the angle of the first view.
 
-    docs/conventions.md#theta: the source is at (h_S, -r_S), the detector's middle at (-h_D, r_D), and the detector's
-    axis runs along (1, alpha_D), with y upwards.
+    docs/look-up/conventions.md#theta: the source is at (h_S, -r_S), the detector's middle at (-h_D, r_D), and the
+    detector's axis runs along (1, alpha_D), with y upwards.
     """
     r_s = constants.source_to_cor_mm
     drawn = theta or Theta(0.0, ASSUMED_DETECTOR_SHARE * r_s, 0.0, 0.0, 0.0)

@@ -48,7 +48,7 @@ def read_calibration_json(path: Path) -> str:
 
 
 def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
-    """Read the arrays behind an answer by name, as in docs/formats.md; None where the file has the answer alone.
+    """Read the arrays behind an answer by name (docs/look-up/formats.md); None where it has the answer alone.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The control chart of one scanner since its calibration: quiet, a jump, or a slow trend.
 
 A generalised likelihood ratio chart over change points and two models of change. Its input is robustly pooled groups of
-drift checks (docs/drift-chart.md).
+drift checks (docs/understand/drift.md).
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from sawmill_vocabulary import DetectorEstimate
 
 # Drift checks pooled in one group: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
 GROUP_LOOKS = 10
-# Evidence above this is an alarm. Simulated: `make study-run-lengths`, docs/drift-chart.md.
+# Evidence above this is an alarm. Simulated: `make study-run-lengths`, docs/understand/drift.md.
 LIMIT = 30.0
 # Standard deviations of u_c (mm) and tau (rad) between times at which other logs are sawn on an unchanged scanner.
 QUIET_DEVIATION = (0.002, 5e-5)

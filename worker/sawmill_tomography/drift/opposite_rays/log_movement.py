@@ -2,7 +2,7 @@
 
 A log that shifts by t between two views shifts the rays after it by -(dP/ds) t . n(chi), s the distance of a ray from
 the COR and n its normal; a pair of rays shows this only where one was measured before and the other after. Each view
-is tried as the first after the shift (docs/geometry.md#a-second-witness).
+is tried as the first after the shift (docs/understand/verdict.md#a-second-witness).
 """
 
 import math

@@ -2,13 +2,14 @@
 
 Let L be the line through the sources of two views, and let it miss the body. A view's rays p(gamma), summed as
 p dgamma / cos(angle to L's normal), are the integral of f(x) / dist(x, L) over the plane, since dA = r dr dgamma and
-dist(x, L) = r cos(that angle): the same for both. With gamma as in docs/conventions.md#source-frame and 2 delta the
-angle from the first view to the second,
+dist(x, L) = r cos(that angle): the same for both. With gamma as in docs/look-up/conventions.md#source-frame and 2
+delta the angle from the first view to the second,
 
     int p_1 dgamma / cos(gamma + delta) = int p_2 dgamma / cos(gamma - delta).
 
 These are the pair conditions of fan-beam data with which Clackdoyle, Desbat, Lesaint and others calibrate. They are
-linear in the rays, so the rows of a log may be averaged first, and R is not in them (docs/geometry.md#sparse-scans).
+linear in the rays, so the rows of a log may be averaged first, and R is not in them
+(docs/understand/verdict.md#sparse-scans).
 """
 
 import math

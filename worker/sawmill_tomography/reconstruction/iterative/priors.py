@@ -77,7 +77,7 @@ class Prior(ABC):
 
 
 class CauchyPrior(Prior):
-    """Prior strength * sum log(1 + |d|^2 / scale^2): not convex; flat wood, sharp edges (docs/reconstruction.md)."""
+    """Prior strength * sum log(1 + |d|^2 / scale^2): not convex (docs/understand/reconstruction.md)."""
 
     power = 1.0
     kernel = staticmethod(kernels.cauchy)

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 PHANTOM_SIZE = 256
 PAGES = frozenset({".html", ".htm"})
 # Regularisation weight of the image of a phantom with views over less than a full turn: as smooth as with the weight
-# that cross-validation chooses for the measured disc (docs/measured.md), in a tenth of the time.
+# that cross-validation chooses for the measured disc (docs/understand/measured.md), in a tenth of the time.
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
 
 
 def calibration_arrays(
     calibration: CalibrationOutcome, calibration_input: CalibrationInput, log: LogImages | None
 ) -> CalibrationArrays:
-    """Compute the arrays from which a calibration's pictures are drawn, as docs/formats.md lists them."""
+    """Compute the arrays from which a calibration's pictures are drawn, as docs/look-up/formats.md lists them."""
     seen = calibration.seen
     reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
     frame = calibration.frame

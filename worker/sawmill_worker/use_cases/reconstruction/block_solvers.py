@@ -46,7 +46,7 @@ Settings = Mapping[str, Any]
 Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 
 # Number of slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it
-# (docs/performance.md).
+# (docs/evidence/speed.md).
 CHECKED_SLICES = 5
 # Number of slices that a fitted method reconstructs together: more are no faster (benchmarks/iterative.py).
 FITTED_TOGETHER = 16
@@ -55,7 +55,7 @@ COUPLED_TOGETHER = 32
 MOST_TOGETHER = max(FITTED_TOGETHER, COUPLED_TOGETHER)
 NO_UNCERTAINTY = (
     "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
-    "(docs/reconstruction.md#the-uncertainty-map)"
+    "(docs/understand/reconstruction.md#the-uncertainty-map)"
 )
 # A background below this share of the noise is treated as 0.
 BACKGROUND = 0.5

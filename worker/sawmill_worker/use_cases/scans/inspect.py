@@ -46,7 +46,7 @@ PNG = "PNG"
 NO_SCAN: Mapping[OwnKind | str, tuple[str, str]] = {
     OwnKind.VOLUME: (
         "volume-file",
-        "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
+        "it is a reconstructed volume and no scan; docs/look-up/formats.md names the programs that show it",
     ),
     OwnKind.CALIBRATION: ("calibration-file", "it is a calibration and no scan"),
     PNG: ("picture-file", "it is a picture and no scan"),

@@ -10,7 +10,7 @@ from sawmill_worker.use_cases.json_file import read_json
 
 
 def read_physics(path: Path) -> Physics:
-    """Read physical effects from a JSON file; docs/simulating.md lists the fields.
+    """Read physical effects from a JSON file; docs/do/simulate.md lists the fields.
 
     Raises
     ------
