@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle image image-check release clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -204,6 +204,18 @@ bundle: install-dev
 # The bundle in an empty environment without a network: installed, served, upgraded. Ten minutes.
 try-bundle: bundle
 	@$(BIN)/python installation/try_bundle.py
+
+# The container image, by Docker or by buildah, and as an archive in dist/ (installation/image.sh).
+image:
+	@sh installation/image.sh
+
+# A calibration in the image: read-only root, no capability, no network, process 1. As root; two minutes.
+image-check: image
+	@$(PYTHON) installation/image_check.py
+
+# All files of a release in dist/VERSION, of the commit that is checked out. OPTIONS: --untagged, --without-image.
+release: install-dev
+	@$(BIN)/python installation/release.py $(OPTIONS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -1,8 +1,9 @@
 """An archive with everything that an installation needs, for a machine without a network (`make bundle`).
 
 `dist/sawmill-VERSION-PLATFORM-PYTHON.tar.gz` holds the wheels of the product, of the generated Python client and of
-all that they need, as constraints.txt pins them, `install.sh`, the documents, and a list of what is inside. It is made
-of the commit that is checked out: the same commit and the same wheels give the same bytes.
+all that they need, as constraints.txt pins them, `install.sh`, the documents, a bill of materials (CycloneDX) and the
+licences of all packages. It is made of the commit that is checked out: the same commit and the same wheels give the
+same bytes.
 """
 
 import gzip
@@ -19,14 +20,13 @@ import tempfile
 import tomllib
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from email.message import Message
-from email.parser import BytesParser
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
+from shipped import bill_of_materials, licences
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ".".join(platform.python_version_tuple()[:2])
@@ -88,10 +88,12 @@ def build(root: Path, target: Path, kept: Path) -> Path:
         wheels = sorted((content / "wheels").glob("*.whl"))
         facts = described(wheels)
         (content / "BUNDLE").write_text("".join(f"{name}={value}\n" for name, value in facts.items()))
-        (content / "PACKAGES.txt").write_text("".join(listed(wheels)))
+        digests = {wheel.name: digest(wheel) for wheel in wheels}
+        (content / "sbom.cdx.json").write_text(bill_of_materials(wheels, digests, committed_at))
+        (content / "LICENSES.txt").write_text("".join(licences(wheels, (source / "LICENSE").read_text())))
         (content / "SHA256SUMS").write_text("".join(sums(content)))
         name = f"sawmill-{facts['version']}-{facts['platform']}-python{facts['python']}"
-        target.mkdir(exist_ok=True)
+        target.mkdir(parents=True, exist_ok=True)
         archive = target / f"{name}.tar.gz"
         pack(content, name, archive, committed_at)
     archive.with_name(f"{archive.name}.sha256").write_text(f"{digest(archive)}  {archive.name}\n")
@@ -208,29 +210,6 @@ def least_glibc(wheel: Path) -> tuple[int, int]:
         if words[0] == "manylinux":
             found.append((int(words[1]), int(words[2])))
     return min(found[1:], default=found[0])
-
-
-def listed(wheels: Iterable[Path]) -> Iterator[str]:
-    """Yield a line for each package: name, version, licence and the wheel, which has the licence's text."""
-    for wheel in wheels:
-        about = metadata(wheel)
-        yield f"{about['Name']}\t{about['Version']}\t{licence(about)}\t{wheel.name}\n"
-
-
-def metadata(wheel: Path) -> Message:
-    """Read the package's metadata from a wheel."""
-    with zipfile.ZipFile(wheel) as packed:
-        (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA") and name.count("/") == 1)
-        return BytesParser().parsebytes(packed.read(name))
-
-
-def licence(about: Message) -> str:
-    """Return the licence as the package's makers state it: an expression, a name, or a classifier."""
-    given = [about["License-Expression"], about["License"]]
-    given += [text.rpartition(" :: ")[2] for text in about.get_all("Classifier", []) if text.startswith("License ::")]
-    # Some packages have the whole text of the licence there; a text that is not ASCII is no `str`.
-    lines = [line for line in (str(text).strip() for text in given if text) if "\n" not in line and line != "UNKNOWN"]
-    return lines[0] if lines else "see the wheel"
 
 
 def sums(content: Path) -> Iterator[str]:

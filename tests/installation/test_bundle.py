@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tarfile
 import tomllib
-import zipfile
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -90,24 +89,6 @@ def test_an_archive_depends_on_its_content_alone(tmp_path):
 )
 def test_the_c_library_that_a_wheel_needs_is_the_oldest_of_its_tags(tags, least):
     assert bundle.least_glibc(Path(f"a-1.0-{tags}.whl")) == least
-
-
-@pytest.mark.parametrize(
-    ("fields", "shown"),
-    [
-        ("License-Expression: MIT", "MIT"),
-        ("Classifier: License :: OSI Approved :: BSD License", "BSD License"),
-        ("License: a text\n        of many lines\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
-        ("License: die übliche\n  in vielen Zeilen\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
-        ("Author: nobody", "see the wheel"),
-    ],
-    ids=["expression", "classifier", "whole text", "not ASCII", "none"],
-)
-def test_the_list_names_each_package_with_its_licence(tmp_path, fields, shown):
-    wheel = tmp_path / "a-1.0-py3-none-any.whl"
-    with zipfile.ZipFile(wheel, "w") as packed:
-        packed.writestr("a-1.0.dist-info/METADATA", f"Name: a\nVersion: 1.0\n{fields}\n\nabout it\n")
-    assert list(bundle.listed([wheel])) == [f"a\t1.0\t{shown}\t{wheel.name}\n"]
 
 
 def test_the_script_is_one_of_any_posix_shell():
@@ -213,7 +194,7 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
     target, log, stand_in = tmp_path / "in use", tmp_path / "log", tmp_path / "python"
     stand_in.write_text(STAND_IN.format(python=sys.executable, log=log))
     stand_in.chmod(0o755)
-    for name in ("README.md", "CHANGELOG.md", "LICENSE", "PACKAGES.txt", "docker-compose.yml"):
+    for name in ("README.md", "CHANGELOG.md", "LICENSE", "LICENSES.txt", "sbom.cdx.json", "docker-compose.yml"):
         (unpacked / name).touch()
     for name in ("docs", "examples", "openapi"):
         (unpacked / name).mkdir()

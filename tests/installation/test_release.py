@@ -1,0 +1,102 @@
+"""What a release contains, and which commits are refused. `make release` builds everything; that takes minutes."""
+
+import json
+import re
+import subprocess
+import zipfile
+from email.parser import BytesParser
+from pathlib import Path
+
+import pytest
+import release
+import shipped
+from bundle import digest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def commit(tmp_path: Path) -> Path:
+    """A repository whose only commit may be released as 1.2.3."""
+    root = tmp_path / "repository"
+    for name, text in {
+        release.VERSION_FILE: 'VERSION = "1.2.3"\n',
+        "CHANGELOG.md": "# Changelog\n\n## [1.2.3] - 2026-11-26\n",
+        "openapi/released.json": '{"info": {"version": "1.2.3"}}',
+    }.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
+    for command in (["init"], ["add", "."], [*author, "commit", "--message", "A release"], ["tag", "v1.2.3"]):
+        subprocess.run(["git", *command], cwd=root, check=True, capture_output=True)
+    return root
+
+
+def test_a_commit_whose_tag_version_changelog_and_contract_agree_is_released(commit):
+    release.check(commit, release.version_of(commit))
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "fault"),
+    [
+        (release.VERSION_FILE, 'VERSION = "1.2.4"\n', r"has the tags \['v1\.2\.3'\], and must have v1\.2\.4"),
+        ("CHANGELOG.md", "## [1.2.3] - unreleased\n", r"begins with '## \[1\.2\.3\] - unreleased': it must be 1\.2\.3"),
+        ("openapi/released.json", '{"info": {"version": "1.2.2"}}', r"has version 1\.2\.2: make release-contract"),
+        ("CHANGELOG.md", "", "files are changed and not committed"),
+    ],
+    ids=["version", "date", "contract", "changed"],
+)
+def test_a_commit_that_is_no_release_is_refused_with_the_remedy(commit, file, text, fault):
+    (commit / file).write_text(text)
+    with pytest.raises(release.ReleaseError, match=fault):
+        release.check(commit, release.version_of(commit))
+
+
+@pytest.fixture
+def wheels(tmp_path: Path) -> list[Path]:
+    """The product's wheel, one with the text of its licence, and one without."""
+    texts = {"sawmill_calibration": {}, "a": {"a-1.0.dist-info/licenses/COPYING.txt": "Do as you like."}, "b": {}}
+    made = [tmp_path / f"{name}-1.0-py3-none-any.whl" for name in texts]
+    for wheel, (name, files) in zip(made, texts.items(), strict=True):
+        about = f"Name: {name.replace('_', '-')}\nVersion: 1.0\nLicense-Expression: MIT\n\nabout it\n"
+        with zipfile.ZipFile(wheel, "w") as packed:
+            for path, text in {f"{name}-1.0.dist-info/METADATA": about, **files}.items():
+                packed.writestr(zipfile.ZipInfo(path), text)
+    return made
+
+
+def test_the_bill_of_materials_names_each_package_and_depends_on_the_wheels_alone(wheels):
+    digests = {wheel.name: digest(wheel) for wheel in wheels}
+    texts = {shipped.bill_of_materials(wheels, digests, 1_700_000_000) for _ in range(2)}
+    bill = json.loads(texts.pop())
+    assert not texts
+    assert (bill["bomFormat"], bill["specVersion"], bill["metadata"]["component"]["name"]) == (
+        "CycloneDX",
+        "1.6",
+        "sawmill-calibration",
+    )
+    component, _ = bill["components"]
+    assert (component["purl"], component["licenses"]) == ("pkg:pypi/a@1.0", [{"license": {"name": "MIT"}}])
+    assert component["hashes"] == [{"alg": "SHA-256", "content": digests["a-1.0-py3-none-any.whl"]}]
+
+
+def test_the_licences_have_our_own_each_package_s_name_and_its_texts(wheels):
+    text = "".join(shipped.licences(wheels, "Apache License"))
+    assert text.startswith("Sawmill calibration is licensed under Apache-2.0:\n\nApache License\n")
+    assert re.search(r"\na 1\.0: MIT\n\n----- a-1\.0\.dist-info/licenses/COPYING\.txt\n\nDo as you like\.\n", text)
+    assert "\nb 1.0: MIT\n\nIts wheel contains no text of the licence.\n" in text
+
+
+@pytest.mark.parametrize(
+    ("fields", "shown"),
+    [
+        ("License-Expression: MIT", "MIT"),
+        ("Classifier: License :: OSI Approved :: BSD License", "BSD License"),
+        ("License: a text\n        of many lines\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
+        ("License: die übliche\n  in vielen Zeilen\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
+        ("Author: nobody", "see the wheel"),
+    ],
+    ids=["expression", "classifier", "whole text", "not ASCII", "none"],
+)
+def test_a_package_s_licence_is_what_its_makers_state(fields, shown):
+    assert shipped.licence(BytesParser().parsebytes(f"{fields}\n\n".encode())) == shown
