@@ -29,7 +29,7 @@ SCAN = "simulate l-shape --theta 146.1deg,714.7,319.9,43.7,15.7deg --views 90 --
 # Only a hang takes so long; compiling all kernels again takes two minutes.
 LONGEST_S = 600.0
 
-# Mounts, for a shell in a mount namespace of its own: the image read-only, and what a container may write to.
+# For a shell in a mount namespace: $1 is the image's root, $2 an empty folder, $3 the token, $4 what makes the scan.
 CONTAINED = """\
 mount --rbind "$1" "$2"
 mount -o remount,bind,ro "$2"
@@ -39,10 +39,11 @@ mount -t tmpfs tmpfs "$2/dev"
 for device in null zero random urandom; do touch "$2/dev/$device"; mount --bind "/dev/$device" "$2/dev/$device"; done
 mkdir "$2/dev/shm"; mount -t tmpfs -o mode=1777 tmpfs "$2/dev/shm"
 mount -t proc proc "$2/proc"
-shift; exec chroot "$1" setpriv --reuid 4242 --regid 4242 --clear-groups --bounding-set=-all --inh-caps=-all \\
-  --no-new-privs env -i PATH=/opt/sawmill/bin:/usr/bin:/bin HOME=/tmp SAWMILL_DATA_FOLDER=/data \\
-  NUMBA_CACHE_DIR=/var/cache/sawmill SAWMILL_TOKEN="$2" \\
-  sh -euc 'if touch /x 2> /dev/null; then exit 3; fi; sawmill '"$3"' > /tmp/simulated; exec sawmill serve --workers 1'
+exec chroot "$2" setpriv --reuid 4242 --regid 4242 --clear-groups --bounding-set=-all --inh-caps=-all --no-new-privs \\
+  env -i PATH=/opt/sawmill/bin:/usr/bin:/bin HOME=/tmp SAWMILL_DATA_FOLDER=/data NUMBA_CACHE_DIR=/var/cache/sawmill \\
+  SAWMILL_TOKEN="$3" sh -euc "if touch /x 2> /dev/null; then echo the root is not read-only; exit 3; fi
+sawmill $4
+exec sawmill serve --no-examples --workers 1"
 """
 
 
@@ -95,26 +96,17 @@ def image_root() -> Iterator[Path]:
 
 @contextmanager
 def started(root: Path, scratch: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run the service as process 1 of a namespace; kill what is left of it."""
-    here = scratch / "root"
+    """Run the service as process 1 of a namespace; kill what is left of it, and show its log where the check failed."""
+    here, log = scratch / "root", scratch / "service.log"
     here.mkdir()
-    script = CONTAINED.replace("$3", SCAN).replace('"$2" \\\n  sh', f'"{TOKEN}" \\\n  sh')
-    command = [
-        "unshare",
-        "--mount",
-        "--pid",
-        "--fork",
-        "--kill-child",
-        "sh",
-        "-euc",
-        script,
-        "sh",
-        str(root),
-        str(here),
-    ]
-    with subprocess.Popen(command) as service:  # noqa: S603 - our own
+    contained = ["sh", "-euc", CONTAINED, "sh", str(root), str(here), TOKEN, SCAN]
+    command = ["unshare", "--mount", "--pid", "--fork", "--kill-child", *contained]
+    with log.open("wb") as file, subprocess.Popen(command, stdout=file, stderr=file) as service:  # noqa: S603 - our own
         try:
             yield service
+        except BaseException:
+            print(log.read_text(), file=sys.stderr)
+            raise
         finally:
             service.kill()
 
@@ -135,7 +127,7 @@ def wait_for(path: str, service: "subprocess.Popen[bytes]") -> None:
             time.sleep(0.2)
         else:
             return
-    require(False, f"the service was not ready within {LONGEST_S:g} s")  # noqa: FBT003
+    sys.exit(f"the service was not ready within {LONGEST_S:g} s")
 
 
 def status_without_a_key() -> int:
