@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import Field, fields
 from pathlib import Path
 
 import h5py
@@ -21,8 +20,6 @@ import typer
 from PIL import Image
 from ports import free_port
 from pydantic import TypeAdapter
-from pydantic_core import PydanticUndefined
-from pydantic_settings import BaseSettings
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
@@ -31,9 +28,6 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.settings import ServiceSettings
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_vocabulary.physics import Physics
@@ -45,7 +39,6 @@ FIRST_CALIBRATION = ROOT / "docs/start/first-calibration.md"
 PROGRAMS = ROOT / "docs/do/connect.md"
 HEART = "The heart of it, with curl"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
-SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
 THETA = theta_of(THETA_FLAG)
@@ -414,56 +407,6 @@ def test_every_flag_that_is_named_exists():
         for code in re.findall(r"`((?:sawmill |--)[^`]+)`", prose):
             named = {flag for flag in re.findall(r"(?<!\S)--?[a-z][a-z-]*", code) if flag not in CURL_FLAGS}
             assert named <= flags | {"--help"}, code
-
-
-def settings_table(settings: type[BaseSettings]) -> str:
-    """As docs/do/run.md has it."""
-    rows = ["| variable | default | what |", "|---|---|---|"]
-    for name, field in settings.model_fields.items():
-        default = shown_default(field.get_default(call_default_factory=True))
-        rows.append(f"| `SAWMILL_{name.upper()}` | {default} | {field.description} |")
-    return "\n".join(rows)
-
-
-def shown_default(value: object) -> str:
-    assert value is not PydanticUndefined
-    if value is None:
-        return "null"
-    if isinstance(value, Path):
-        return f"`~/{value.relative_to(Path.home())}`"
-    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
-
-
-@pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: settings.__name__)
-def test_the_settings_table_is_the_code_s(settings):
-    table = settings_table(settings)
-    assert table in (ROOT / "docs/do/run.md").read_text(), f"docs/do/run.md needs this table:\n{table}"
-
-
-def physics_row(group: str, field: "Field[float]") -> str:
-    """As docs/do/simulate.md has it."""
-    bounds = field.metadata
-    least = bounds["ge"] if "ge" in bounds else bounds.get("gt")
-    limits = "12, 16" if least is None else f"{'above ' if 'gt' in bounds else ''}{least:g} to {bounds['le']:g}"
-    default = "null" if field.default is None else f"{field.default:g}"
-    return f"| `{group}.{field.name}` | {default} | {limits} | {bounds['description']} |"
-
-
-def test_the_table_of_physics_is_the_code_s():
-    table = "\n".join(physics_row(group.name, field) for group in fields(Physics) for field in fields(group.default))
-    assert table in (ROOT / "docs/do/simulate.md").read_text(), f"docs/do/simulate.md needs this table:\n{table}"
-
-
-def test_the_table_of_routes_is_the_openapi_document_s():
-    paths = json.loads((ROOT / "openapi/openapi.json").read_text())["paths"]
-    rows = [
-        f"| {method.upper()} | `{path}` | {operation['summary']} |"
-        for path, item in paths.items()
-        for method, operation in item.items()
-    ]
-    methods = r"^\| (?:GET|PUT|PATCH|POST|DELETE) \|.*$"
-    documented = re.findall(methods, HTTP.read_text(), re.MULTILINE)
-    assert documented == rows, "docs/look-up/http.md needs these rows:\n" + "\n".join(rows)
 
 
 def test_the_example_inputs_are_valid():
