@@ -17,6 +17,7 @@ import httpx
 import numpy as np
 import pytest
 import typer
+from generate import PAGES as GENERATED
 from PIL import Image
 from ports import free_port
 from pydantic import TypeAdapter
@@ -407,6 +408,11 @@ def test_every_flag_that_is_named_exists():
         for code in re.findall(r"`((?:sawmill |--)[^`]+)`", prose):
             named = {flag for flag in re.findall(r"(?<!\S)--?[a-z][a-z-]*", code) if flag not in CURL_FLAGS}
             assert named <= flags | {"--help"}, code
+
+
+@pytest.mark.parametrize("name", GENERATED)
+def test_the_generated_pages_are_current(name):
+    assert (ROOT / "docs" / name).read_text() == GENERATED[name](), "run make docs"
 
 
 def test_the_example_inputs_are_valid():
