@@ -201,11 +201,19 @@ def commands() -> str:
     for name, command in commands_of("sawmill", typer.main.get_command(program)):
         with command.make_context(name, [], resilient_parsing=True) as context:
             records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
-        rows = [(code(option), text) for option, text in filter(None, records) if option != "--help"]
+        rows = [option_row(*record) for record in records if record and record[0] != "--help"]
         text = "\n\n".join(textwrap.fill(part, 120) for part in (command.help or "").split("\n\n"))
         page += f"\n## {name}\n\n{text}\n"
         page += f"\n{table(('option', 'what'), rows)}" if rows else ""
     return page
+
+
+def option_row(option: str, text: str) -> tuple[str, str]:
+    """Return the row of an option; what a list may hold is text, which a narrow column can break."""
+    listed = re.search(r"<list\[(.*)\]>", option)
+    if listed is None:
+        return code(option), text
+    return code(option.replace(listed[0], "<list>")), f"{text} Any of {', '.join(map(code, listed[1].split('|')))}."
 
 
 def commands_of(name: str, command: "typer.main.Command") -> "Iterator[tuple[str, typer.main.Command]]":

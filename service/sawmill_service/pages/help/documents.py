@@ -147,6 +147,8 @@ def _document(name: str) -> Document:
     sections = list(_sections(tokens))
     for at, token in enumerate(tokens):
         _lead(name, token.children or [])
+        if "right" in str(token.attrs.pop("style", "")):
+            token.attrs["class"] = "figure"
         if token.type == "th_open" and not tokens[at + 1].content:  # an empty head of a column is none
             token.tag = tokens[at + 2].tag = "td"
     path, language = _path(name), _language(name)
@@ -189,31 +191,47 @@ def _plain(token: Token) -> str:
 
 
 def _lead(name: str, tokens: Sequence[Token]) -> None:
-    """Let the links and pictures of a document lead to where the service has them; a link elsewhere becomes text."""
+    """Let the links and pictures of a document lead to where the service has them; a link elsewhere becomes text.
+
+    A link whose text is a file's name gets the title of that document.
+    """
     opened: list[Token] = []
-    for token in tokens:
+    for at, token in enumerate(tokens):
         if token.type == "link_open":
-            address = _address(name, str(token.attrs["href"]))
+            link, text = str(token.attrs["href"]), tokens[at + 1]
+            address = _address(name, link)
             opened.append(token)
             token.tag, token.attrs = ("span", {}) if address is None else ("a", {"href": address})
+            if text.content == posixpath.basename(link.partition("#")[0]) and text.content.endswith(".md"):
+                text.content = _title(_target(name, link)) or text.content
         elif token.type == "link_close":
             token.tag = opened.pop().tag
         elif token.type == "image":
             token.attrs["src"] = _address(name, str(token.attrs["src"])) or ""
 
 
+def _target(name: str, link: str) -> str:
+    """Return the path in the repository to which a link of a document leads."""
+    return posixpath.normpath(posixpath.join(posixpath.dirname(name), unquote(link.partition("#")[0])))
+
+
+def _title(name: str) -> str:
+    """Return the first heading of a document, without marks; empty without the document."""
+    file = _tree().get(name)
+    return "" if file is None else file.read_text().partition("\n")[0].strip("# ").replace("`", "")
+
+
 def _address(name: str, link: str) -> str | None:
     """Return the address to which a link of a document leads; None where the service does not have its target."""
     if urlsplit(link).scheme or link.startswith(("/", "#")):
         return link
-    file, _, anchor = link.partition("#")
-    target = posixpath.normpath(posixpath.join(posixpath.dirname(name), unquote(file)))
+    target, anchor = _target(name, link), link.partition("#")[2]
     if target in _ELSEWHERE:
         return _ELSEWHERE[target]
     if target not in _tree():
         return None
     path = _path(target)
-    if path == _path(name):  # the same document in another language
+    if path == _path(name) or _language(target) != ENGLISH:  # this language, whatever the reader's
         path += f".{_language(target)}"
     return f"{HELP}/{path}".rstrip("/") + (f"#{anchor}" if anchor else "")
 

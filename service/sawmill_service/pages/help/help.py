@@ -31,7 +31,7 @@ def help_list(page: ThePage, words: Annotated[str, Query(alias="search", max_len
 def help_page(path: Annotated[str, Path(max_length=200)], request: Request, page: ThePage) -> Response:
     """Show a document, or return a picture or an example."""
     if found := find_file(path):
-        return file(request, found, _PICTURES.get(found.suffix, _TEXT))
+        return file(request, found, _PICTURES.get(found.suffix, _TEXT), save_as=found.name)
     return _shown(path, page)
 
 
