@@ -67,7 +67,9 @@ def _phrase(wanted: list[str]) -> re.Pattern[str]:
 def _excerpt(text: str, wanted: list[str]) -> Markup:
     pattern = re.compile(f"({'|'.join(map(re.escape, wanted))})", re.IGNORECASE)
     found = _phrase(wanted).search(text) or pattern.search(text)
-    start = text.rfind(" ", 0, max(0, found.start() - _BEFORE)) + 1 if found else 0
-    parts = pattern.split(text[start : (found.start() if found else 0) + _AFTER])
+    at = found.start() if found else 0
+    start = text.rfind(" ", 0, max(0, at - _BEFORE)) + 1
+    end = text.find(" ", at + _AFTER)
+    parts = pattern.split(text[start:] if end < 0 else text[start:end])
     marked = (Markup("<mark>{}</mark>").format(part) if place % 2 else escape(part) for place, part in enumerate(parts))
-    return escape("… " if start else "") + Markup("").join(marked)
+    return escape("… " if start else "") + Markup("").join(marked) + escape(" …" if end > 0 else "")
