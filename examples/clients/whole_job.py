@@ -189,6 +189,7 @@ mean_scan = once(
 drift = ended(get_drift, once(ask_drift, body=DriftAsk(scan_id=mean_scan.id)).id)
 print(f"drift: {drift.result.reason}")
 
+
 # 9. Follow the events
 def events(after=0):
     """Yield each event of the scanner; after a broken line, continue with the one after the last."""

@@ -35,7 +35,7 @@ scanner=$(once --json "{\"name\": \"Line 2\", \"constants\": $constants}" "$api/
 
 # 2. Send the scan
 upload=$(once --json "{\"size_bytes\": $(wc -c < "$stack")}" "$api/v1/uploads" | field id)
-for pause in 0 1 2 4 8; do  # after a broken connection, and after wrong-offset or upload-busy
+for pause in 0 1 1 2 2 4 8; do  # after a broken connection, and after wrong-offset or upload-busy
   sleep "$pause"
   offset=$(call --fail -I "$api/v1/uploads/$upload" | tr -d '\r' | sed -n 's/^upload-offset: //Ip') || continue
   tail -c "+$((offset + 1))" "$stack" |
