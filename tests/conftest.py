@@ -71,7 +71,6 @@ LONG = {
     "test_the_python_program_does_the_whole_job",
     "test_the_published_log_with_nothing_given",
     "test_the_published_scan_is_calibrated_from_every_seed",
-    "test_the_http_page_works_with_curl_alone",
     "test_the_shell_program_does_the_whole_job",
     "test_what_compose_starts_does_a_mill_s_work",
     "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
