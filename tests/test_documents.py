@@ -1,25 +1,20 @@
 """What the documents say is true: their commands run, their tables are the code's, their links lead somewhere."""
 
 import json
-import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
-import httpx
 import numpy as np
 import pytest
 import typer
 from generate import PAGES as GENERATED
 from PIL import Image
-from ports import free_port
 from pydantic import TypeAdapter
 from typer.testing import CliRunner
 
@@ -35,17 +30,14 @@ from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
 
 ROOT = Path(__file__).parents[1]
-README, DEMO, HTTP = ROOT / "README.md", ROOT / "docs/start/demo.md", ROOT / "docs/look-up/http.md"
+README, DEMO = ROOT / "README.md", ROOT / "docs/start/demo.md"
 FIRST_CALIBRATION, PHANTOM = ROOT / "docs/start/first-calibration.md", ROOT / "docs/do/phantom.md"
-PROGRAMS = ROOT / "docs/do/connect.md"
+FIRST_PROGRAM = ROOT / "docs/start/first-program.md"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
 THETA = theta_of(THETA_FLAG)
-DOCUMENTED = "http://127.0.0.1:8000"
-# Limits that only a hang reaches.
-START_TIMEOUT_S = STOP_TIMEOUT_S = 120.0
-CURL_FLAGS = {"--data-binary"}
+OTHER_PROGRAMS_FLAGS = {"--data-binary", "--default-non-nullable"}
 
 # Blocks that start what the tests start by themselves, or that would start the tests.
 ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve")
@@ -64,61 +56,6 @@ def blocks(text: str, language: str) -> list[str]:
 
 def script(text: str) -> str:
     return "\n".join(block for block in blocks(text, "sh") if not block.startswith(ELSEWHERE))
-
-
-def environment(**changes: str) -> dict[str, str]:
-    """As a user's shell has it after the installation."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
-    return kept | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "no_proxy": "*"} | changes
-
-
-def run(commands: str, folder: Path) -> str:
-    """Run a script in a folder which has the examples, as the repository does; its standard output."""
-    if not (folder / "examples").exists():
-        shutil.copytree(ROOT / "examples", folder / "examples")
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", commands],
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-    assert done.returncode == 0, f"{commands}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
-
-
-@contextmanager
-def serving(folder: Path) -> Iterator[str]:
-    """Run `sawmill serve` on a free port with a data folder of its own; yield its address."""
-    port = free_port()
-    with (folder / "service.log").open("w") as log:
-        service = subprocess.Popen(
-            ["sawmill", "serve", "--port", str(port), "--no-examples", "--workers", "1"],
-            env=environment(SAWMILL_DATA_FOLDER=str(folder / "data")),
-            stdout=log,
-            stderr=log,
-        )
-        try:
-            wait_until_ready(f"http://127.0.0.1:{port}", service)
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            service.terminate()
-            service.wait(STOP_TIMEOUT_S)
-
-
-def wait_until_ready(address: str, service: "subprocess.Popen[bytes]") -> None:
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while time.monotonic() < deadline:
-        assert service.poll() is None, "the service ended while starting"
-        try:
-            httpx.get(f"{address}/health/ready", trust_env=False).raise_for_status()
-        except httpx.TransportError:  # it does not listen yet
-            time.sleep(0.05)
-        else:
-            return
-    raise AssertionError(f"the service was not ready within {START_TIMEOUT_S} s")
 
 
 def ray_error_mm(frame: dict[str, float]) -> float:
@@ -142,87 +79,10 @@ def test_the_readme_s_block_works(tmp_path, monkeypatch):
     check_pictures(tmp_path, "report.png")
 
 
-@pytest.mark.slow
-def test_the_example_script_works_with_curl_alone(tmp_path):
-    example = """
-API=http://127.0.0.1:8000
-scanner=$(curl -sS -H 'Content-Type: application/json' -d @examples/scanner.json "$API/v1/scanners" | \\
-  grep -o '"id":"[^"]*"' | head -n 1 | cut -d '"' -f 4)
-examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > log.txt
-if examples/calibrate.sh "$API" no-such-scanner README.md l-shape 2> refused.txt; then exit 1; fi
-"""
-    simulate_phantom(tmp_path)
-    shutil.copy(README, tmp_path)
-    with serving(tmp_path) as address:
-        run(example.replace(DOCUMENTED, address), tmp_path)
-    assert ": pass" in (tmp_path / "log.txt").read_text()
-    assert "there is no scanner 'no-such-scanner'" in (tmp_path / "refused.txt").read_text()
-
-
-def simulate_phantom(folder: Path) -> None:
-    in_process("simulate", "l-shape", "--theta", THETA_FLAG, "--views", 90, "-o", folder / "phantom.h5")
-
-
 def check_pictures(folder: Path, *names: str) -> None:
     for name in names:
         with Image.open(folder / name) as picture:
             assert picture.size >= (256, 256), name
-
-
-# The blocks of the HTTP page continue with these variables and files.
-BEFORE_HTTP = r"""
-sawmill simulate log-with-phantom --theta 146.1deg,714.7,319.9,43.7,15.7deg \
-  --views 180 --rows 6 --phantom-rows 3 -o mill.h5
-API=http://127.0.0.1:8000
-field() { grep -o "\"$1\":\"[^\"]*\"" | head -n 1 | cut -d '"' -f 4; }  # of a JSON answer
-post() { curl -sS -H 'Content-Type: application/json' -d "$2" "$API/v1/$1"; }
-scanner=$(post scanners @examples/scanner.json | field id)
-given="scanner_id=$scanner&data=counts&phantom_id=l-shape&phantom_rows=0:3"
-scan=$(curl -sS -X POST -T mill.h5 "$API/v1/scans?$given" | field id)
-post calibrations "{\"scan_id\": \"$scan\", \"activate\": true}" > asked.json
-calibration=$(field id < asked.json)
-log="{\"scan_id\": \"$scan\", \"calibration_id\": \"$calibration\", \"rows\": \"3:6\"}"
-reconstruction=$(post reconstructions "$log" | field id)
-while curl -sS "$API/v1/reconstructions/$reconstruction" | grep -qE '"state":"(queued|running)"'; do sleep 1; done
-curl -sS -o calibration.json "$API/v1/calibrations/$calibration"
-curl -sS -o calibration.h5 "$API/v1/calibrations/$calibration/result.h5"
-curl -sS -o volume.h5 "$API/v1/reconstructions/$reconstruction/volume.h5"
-"""
-
-
-@pytest.mark.nightly
-def test_the_http_page_works_with_curl_alone(tmp_path):
-    further = "\n".join(blocks(HTTP.read_text(), "sh"))
-    with serving(tmp_path) as address:
-        run(f"{BEFORE_HTTP}\n{further}".replace(DOCUMENTED, address), tmp_path)
-    check_log_volume(tmp_path / "volume.h5", 3)
-    assert (tmp_path / "first-bytes").read_bytes() == (tmp_path / "volume.h5").read_bytes()[:8]
-    check_either_file_is_enough(tmp_path)
-
-
-# A command of curl up to its address, which may go on in the next line.
-CURL = re.compile(r'\bcurl ((?:[^\n]|(?<=[\\|])\n)*?)"\$API(/v1/[^"]*)"')
-# Each way to send a body, and its method; -X names another one.
-SENDING = {"-d": "post", "--data-binary": "post", "-F": "post", "-T": "put", "-I": "head"}
-
-
-@pytest.mark.parametrize("path", [HTTP, PROGRAMS], ids=lambda path: path.name)
-def test_every_curl_command_asks_for_a_route_of_the_contract_with_its_parameters(path):
-    paths = json.loads((ROOT / "openapi/openapi.json").read_text())["paths"]
-    commands = [found for block in blocks(path.read_text(), "sh") for found in CURL.findall(block)]
-    assert commands
-    for options, target in commands:
-        route, _, query = re.sub(r"\$\([^)]*\)|\$\w+", "x", target).partition("?")
-        named = re.search(r"-X (\w+)", options)
-        sending = [method for flag, method in SENDING.items() if re.search(rf"(?<!\S){flag}(?!\S)", options)]
-        method = named[1].lower() if named else next(iter(sending), "get")
-        [operation] = [
-            item.get(method) or item["get" if method == "head" else method]
-            for pattern, item in paths.items()
-            if re.fullmatch(re.sub(r"\{\w+\}", "[^/]+", pattern), route) and (method in item or method == "head")
-        ][:1]
-        known = {parameter["name"] for parameter in operation.get("parameters", []) if parameter["in"] == "query"}
-        assert {part.partition("=")[0] for part in query.split("&") if part} <= known, target
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
@@ -272,15 +132,6 @@ def test_a_first_calibration_goes_as_its_page_has_it(tmp_path, monkeypatch):
     other = json.loads(in_process("calibrate", "phantom-scan.h5", "--data", "counts", *measured_wrongly))
     assert other["source_frame"] == pytest.approx(found["source_frame"], rel=1e-6)
     assert other["theta"]["source_shift_mm"] != pytest.approx(found["theta"]["source_shift_mm"], rel=0.1)
-
-
-def check_either_file_is_enough(folder: Path) -> None:
-    """calibration.h5 reconstructs the same slice as calibration.json."""
-    for calibration, volume in (("calibration.json", "from-json.h5"), ("calibration.h5", "from-hdf5.h5")):
-        flags = ("--data", "counts", "--rows", "3:4", "--calibration", folder / calibration, "-o", folder / volume)
-        in_process("reconstruct", folder / "mill.h5", *flags)
-    with h5py.File(folder / "from-json.h5") as one, h5py.File(folder / "from-hdf5.h5") as other:
-        assert np.array_equal(*(file["entry/reconstruction/data"][()] for file in (one, other)))
 
 
 @pytest.mark.nightly
@@ -398,9 +249,8 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks(DEMO.read_text(), "sh"),
         *blocks(FIRST_CALIBRATION.read_text(), "sh"),
         *blocks(PHANTOM.read_text(), "sh"),
-        *blocks(HTTP.read_text(), "sh"),
         *blocks((ROOT / "docs/do/export.md").read_text(), "sh"),
-        *blocks(PROGRAMS.read_text(), "sh"),  # by test_generated_client.py
+        *blocks(FIRST_PROGRAM.read_text(), "sh"),  # by test_client_programs.py
         *blocks((ROOT / "docs/understand/measured.md").read_text(), "sh"),  # by test_measured.py
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
@@ -424,7 +274,7 @@ def test_every_flag_that_is_named_exists():
     for path in DOCUMENTS:
         prose = re.sub(r"^```.*?^```$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
         for code in re.findall(r"`((?:sawmill |--)[^`]+)`", prose):
-            named = {flag for flag in re.findall(r"(?<!\S)--?[a-z][a-z-]*", code) if flag not in CURL_FLAGS}
+            named = {flag for flag in re.findall(r"(?<!\S)--?[a-z][a-z-]*", code) if flag not in OTHER_PROGRAMS_FLAGS}
             assert named <= flags | {"--help"}, code
 
 

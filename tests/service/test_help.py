@@ -155,9 +155,9 @@ def test_files_are_sent_as_downloads_with_a_tag(client):
     assert (picture.headers["Content-Type"], picture.status_code) == ("image/svg+xml", 200)
     again = client.get("/help/pictures/geometry.svg", headers={"If-None-Match": picture.headers["ETag"]})
     assert again.status_code == 304
-    script = client.get("/help/examples/calibrate.sh")
-    assert script.headers["Content-Disposition"] == 'attachment; filename="calibrate.sh"'
-    assert script.text == (ROOT / "examples/calibrate.sh").read_text()
+    script = client.get("/help/examples/clients/whole_job.sh")
+    assert script.headers["Content-Disposition"] == 'attachment; filename="whole_job.sh"'
+    assert script.text == (ROOT / "examples/clients/whole_job.sh").read_text()
 
 
 @pytest.mark.slow

@@ -139,3 +139,10 @@ def test_a_message_to_a_webhook_is_as_described(document):
     validator = Draft202012Validator(message | {"components": document["components"]})
     validator.validate(json.loads(body_of_event(event)))
     assert not validator.is_valid(event.model_dump(mode="json"))
+
+
+def test_successful_answers_are_described_and_required_parameters_come_first(document):
+    assert "Successful Response" not in json.dumps(document)
+    for _, operation in parts(document["paths"]):
+        required = [parameter["required"] for parameter in operation.get("parameters", []) if "required" in parameter]
+        assert required == sorted(required, reverse=True)

@@ -1,11 +1,13 @@
 """A proxy on loopback that cuts uploads in the middle of their parts, as a poor line does."""
 
+import re
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 _PART = b"PATCH /v1/uploads/"
+_OFFSET = re.compile(rb"(upload-offset: )\d+", re.IGNORECASE)
 _PIECE_BYTES = 2**14
 
 
@@ -20,11 +22,13 @@ class CuttingProxy:
         Number of parts that are cut. The service learns of every other cut; the others leave it an open, silent line.
     after_bytes
         Bytes of a part that still pass, with its head.
+    wrong_offsets
+        Number of parts, after those that are cut, whose offset is changed to 1.
     """
 
-    def __init__(self, service: tuple[str, int], *, cuts: int, after_bytes: int) -> None:
+    def __init__(self, service: tuple[str, int], *, cuts: int, after_bytes: int, wrong_offsets: int = 0) -> None:
         self._service, self._after_bytes = service, after_bytes
-        self.cuts_left = cuts
+        self.cuts_left, self.wrong_offsets_left = cuts, wrong_offsets
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._open = [self._listener]
         host, port = self._listener.getsockname()
@@ -49,8 +53,12 @@ class CuttingProxy:
         left: int | None = None
         with suppress(OSError):
             while piece := client.recv(_PIECE_BYTES):
-                if left is None and self.cuts_left and _PART in piece:
-                    left = self._after_bytes
+                if left is None and _PART in piece:
+                    if self.cuts_left:
+                        left = self._after_bytes
+                    elif self.wrong_offsets_left:
+                        self.wrong_offsets_left -= 1
+                        piece = _OFFSET.sub(rb"\g<1>1", piece)
                 service.sendall(piece[:left])
                 if left is not None and (left := left - len(piece)) <= 0:
                     self.cuts_left -= 1
@@ -67,9 +75,9 @@ class CuttingProxy:
 
 
 @contextmanager
-def cutting(service: tuple[str, int], *, cuts: int, after_bytes: int) -> Iterator[CuttingProxy]:
+def cutting(service: tuple[str, int], *, cuts: int, after_bytes: int, wrong_offsets: int = 0) -> Iterator[CuttingProxy]:
     """Run a proxy within the block."""
-    proxy = CuttingProxy(service, cuts=cuts, after_bytes=after_bytes)
+    proxy = CuttingProxy(service, cuts=cuts, after_bytes=after_bytes, wrong_offsets=wrong_offsets)
     try:
         yield proxy
     finally:

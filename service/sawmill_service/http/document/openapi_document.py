@@ -222,7 +222,8 @@ def _drop_generated_refusal(responses: dict[str, Any]) -> None:
 
 
 def _describe_parameters(operation: dict[str, Any]) -> None:
-    """Remove null from the types of parameters: a parameter is left out, and cannot be given as null."""
+    """Put required parameters first; remove null from their types, because a parameter is left out and never null."""
+    operation.get("parameters", []).sort(key=lambda parameter: not parameter["required"])
     for parameter in operation.get("parameters", []):
         parameter["schema"] = _not_null(parameter["schema"])
 
