@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots notebooks bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -196,6 +196,11 @@ screenshots: install-dev
 	@mkdir -p $(SHOTS)
 	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
+
+# The notebooks in examples/ with their outputs, and the page that is made from one of them. Two minutes.
+notebooks: install-dev
+	@$(BIN)/python benchmarks/notebooks.py
+	@$(BIN)/python docs/generate_python.py
 
 # One archive for a machine without a network, of the commit that is checked out, in dist/.
 bundle: install-dev
