@@ -85,7 +85,7 @@ class Calibration:
 
     @property
     def reasons(self) -> list[str]:
-        """Reasons why the verdict is not pass, and further remarks, a sentence each."""
+        """Reasons why the verdict is not pass, and further remarks."""
         return self.result.reasons
 
     @property
@@ -224,7 +224,7 @@ class Drift:
 
     @property
     def reason(self) -> str:
-        """Likely cause and what to do, in one sentence."""
+        """Result, likely cause, and what to do."""
         return self.result.reason
 
     def plot(self) -> "Figure":

@@ -232,14 +232,18 @@ def read_scan(
         r_S, source to centre of rotation, mm.
     angles_deg : str or sequence of float, optional
         View angles: `START:STEP` in degrees, or every view's angle; for a file that carries none.
-    detector_pitch_mm, row_pitch_mm : float, optional
-        Distances between cells and between rows, mm, where the file does not carry them.
+    detector_pitch_mm : float, optional
+        Distance between two cells, mm; for a file that does not carry it.
+    row_pitch_mm : float, optional
+        Distance between two rows of the detector, mm; for a file that does not carry it.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
     follow_links : bool
         Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data.
-    flats, darks : str or Path, optional
-        Files or folders of the flat and the dark fields of counts, where the scan's file carries none.
+    flats : str or Path, optional
+        File or folder of the flat fields of counts; for a file that carries none.
+    darks : str or Path, optional
+        File or folder of the dark fields of counts; for a file that carries none.
     rows : str, optional
         Rows `A:B` or `A:B:STEP`; all by default.
     views : int, optional
