@@ -8,6 +8,7 @@ docs/look-up/python.md comes from signatures, docstrings and the contracts of op
 import inspect
 import json
 import re
+import textwrap
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -162,7 +163,8 @@ def _class(name: str, public: type) -> Iterator[str]:
     yield f"### Class {name}\n"
     if name != "InputError" and name not in {"Calibration", "Reconstruction", "Drift"}:
         yield f"```\n{signature(name, public)}\n```\n"
-    yield f"{_linked(' '.join(filter(None, (docstring.summary, docstring.more))))}\n"
+    text = _linked(" ".join(filter(None, (docstring.summary, docstring.more))))
+    yield textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False) + "\n"
     yield table(("attribute", "meaning"), attributes(public, docstring))
     methods = [*_methods(public)]
     if methods:
