@@ -163,8 +163,7 @@ def _class(name: str, public: type) -> Iterator[str]:
     yield f"### Class {name}\n"
     if name != "InputError" and name not in {"Calibration", "Reconstruction", "Drift"}:
         yield f"```\n{signature(name, public)}\n```\n"
-    text = _linked(" ".join(filter(None, (docstring.summary, docstring.more))))
-    yield textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False) + "\n"
+    yield _paragraph(" ".join(filter(None, (docstring.summary, docstring.more))))
     yield table(("attribute", "meaning"), attributes(public, docstring))
     methods = [*_methods(public)]
     if methods:
@@ -248,7 +247,7 @@ def _returned(function: Any) -> str:  # noqa: ANN401 - any public function
 
 def _raised(docstring: Docstring) -> Iterator[str]:
     for error in docstring.sections.get("Raises", ()):
-        yield f"Raises: `{error.name}`. {_linked(error.text)}\n"
+        yield _paragraph(f"Raises: `{error.name}`. {error.text}")
 
 
 def option_rows(contract: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str, str]]:
@@ -352,6 +351,10 @@ def _linked(text: str) -> str:
         return f"[{Path(path).name}]({target}{anchor})"
 
     return re.sub(r"docs/([\w/-]+\.md)(#[\w-]+)?", link, text)
+
+
+def _paragraph(text: str) -> str:
+    return textwrap.fill(_linked(text), 120, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:

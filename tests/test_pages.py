@@ -112,6 +112,21 @@ def test_the_architecture_is_read_in_ten_minutes():
     assert len((ROOT / "docs/understand/architecture.md").read_text().splitlines()) <= 150
 
 
+def test_files_that_the_contributors_pages_name_exist():
+    files = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    whole = "\n" + "\n".join(files) + "\n"
+    pages = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs/understand").rglob("a[dr]*.md"))]
+    pages += sorted((ROOT / "docs/understand/decisions").glob("*.md"))
+    # What the reader makes, and what is made in places that Git does not see.
+    new = re.compile(r"level|my_|/NAME\.json|\.venv/|^worker\.py$")
+    text = "\n".join(page.read_text() for page in pages)
+    named_files = {name.removeprefix("service:") for name in re.findall(r"`([\w:./-]+\.(?:py|toml|po|html|txt|json))`", text)}
+    missing = {name for name in named_files if f"/{name}\n" not in whole and f"\n{name}\n" not in whole}
+    # Files of results, which are no part of the repository.
+    assert {name for name in missing if not new.search(name)} == {"scan.h5", "volume.h5"} & missing
+    assert len(named_files) > 50
+
+
 def test_no_folder_of_the_science_and_the_services_is_a_heap():
     """Some twenty modules at most, so that a reader sees at once where a thing is."""
     folders = {path.parent for root in ("service", "worker") for path in (ROOT / root).rglob("*.py")}
