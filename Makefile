@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots notebooks bundle try-bundle clean
+.PHONY: install install-dev pins demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots notebooks bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -28,6 +28,10 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt $(VENV)/.installed
 	@# It asks for a typer older than ours, for its command line alone; it runs with both, and is never needed by the service.
 	@$(PIP) --no-deps openapi-python-client
 	@touch $@
+
+# The newest versions that pyproject.toml allows, into constraints.txt; then `make test`. Two minutes.
+pins:
+	@$(PYTHON) installation/newer_pins.py
 
 demo: install
 	@$(BIN)/sawmill demo --output demo-output
