@@ -44,7 +44,7 @@ README, TOUR, HTTP = ROOT / "README.md", ROOT / "docs/start/demo.md", ROOT / "do
 FIRST_CALIBRATION = ROOT / "docs/start/first-calibration.md"
 PROGRAMS = ROOT / "docs/do/connect.md"
 HEART = "The heart of it, with curl"
-DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
@@ -55,7 +55,7 @@ START_TIMEOUT_S = STOP_TIMEOUT_S = 120.0
 CURL_FLAGS = {"--data-binary"}
 
 # Blocks that start what the tests start by themselves, or that would start the tests.
-ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve")
+ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve", ".venv/bin/python -m pytest")
 
 
 def sections(path: Path) -> dict[str, str]:
