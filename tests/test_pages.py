@@ -58,6 +58,11 @@ def test_the_readme_is_read_in_a_minute():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 100
 
 
+def test_a_release_is_read_in_two_minutes():
+    _, *releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)
+    assert max(len(release.strip().splitlines()) for release in releases) <= 40
+
+
 def test_the_index_of_the_documents_has_each_page():
     index = ROOT / "docs/README.md"
     listed = set(re.findall(r"\]\(([^)#]+)\)", index.read_text()))
