@@ -10,7 +10,7 @@ RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml'
  && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt --requirement /src/needed.txt \
 # A service runs no library's tests.
  && find /opt/sawmill/lib -depth -type d \( -name tests -o -name test \) -path '*/site-packages/*' -exec rm -r {} +
-COPY README.md CHANGELOG.md LICENSE docker-compose.yml /src/
+COPY README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE docker-compose.yml /src/
 COPY docs /src/docs
 COPY examples /src/examples
 COPY service /src/service

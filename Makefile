@@ -29,6 +29,10 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt $(VENV)/.installed
 	@$(PIP) --no-deps openapi-python-client
 	@touch $@
 
+# The newest versions that pyproject.toml allows, into constraints.txt; then `make test`. Two minutes.
+pins:
+	@$(PYTHON) installation/newer_pins.py
+
 demo: install
 	@$(BIN)/sawmill demo --output demo-output
 
@@ -200,6 +204,11 @@ screenshots: install-dev
 	@mkdir -p $(SHOTS)
 	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
+
+# The notebooks in examples/ with their outputs, and the page that is made from one of them. Two minutes.
+notebooks: install-dev
+	@$(BIN)/python benchmarks/notebooks.py
+	@$(BIN)/python docs/generate.py
 
 # One archive for a machine without a network, of the commit that is checked out, in dist/.
 bundle: install-dev

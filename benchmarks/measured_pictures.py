@@ -9,18 +9,15 @@ University of Helsinki, CC BY 4.0.
 """
 
 import argparse
-import base64
 import io
 import os
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
-import nbformat
 import numpy as np
 from matplotlib.figure import Figure
 from measured import DISC_RADIUS_MM, RADIUS_MM, SIZE, acrylic_of, image_of
 from measured_discs import OUTLINE_WIDTH_MM, VIEWS, Disc, discs_folder, read_discs
-from nbclient import NotebookClient
+from notebooks import MEASURED, run_and_keep
 from PIL import Image
 from scipy.ndimage import binary_erosion
 from screenshots import save
@@ -28,15 +25,12 @@ from screenshots import save
 import sawmill_calibration as sawmill
 from sawmill_worker.pictures.image_panels import draw_phantom, show_image
 
-NOTEBOOK = Path(__file__).parents[1] / "examples/measured-disc.ipynb"
 # The one with the most holes of those with all views.
 DISC = "07b"
 CALIBRATED_VIEWS = 90
 FEW_VIEWS = (20, 45, 90, VIEWS)
-LONGEST_CELL_S = 600
 # Sizes of palettes. Eight images of noise need few colours to be small.
 COLOURS, GREYS = 160, 48
-PNG = "image/png"
 
 
 def main() -> None:
@@ -119,25 +113,8 @@ def hardening(disc: Disc) -> Figure:
 
 def run_notebook(_: Disc) -> None:
     """Run the notebook from the first cell to the last and keep its outputs in it."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
     os.environ.setdefault("SAWMILL_PUBLISHED_DATA", str(discs_folder().parent.resolve()))
-    NotebookClient(notebook, timeout=LONGEST_CELL_S, record_timing=False).execute()
-    notebook.metadata["language_info"] = {"name": "python"}
-    for cell in notebook.cells:
-        for output in cell.get("outputs", []):
-            if PNG in output.get("data", {}):
-                output["data"][PNG] = with_few_colours(output["data"][PNG])
-    nbformat.write(notebook, NOTEBOOK)
-    print(f"{NOTEBOOK.name}: {NOTEBOOK.stat().st_size / 1e3:.0f} kB")
-
-
-def with_few_colours(png: str) -> str:
-    """Write a PNG in base64 again with a palette: a tenth of its bytes."""
-    picture, stream = Image.open(io.BytesIO(base64.b64decode(png))), io.BytesIO()
-    picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-        stream, format="png", optimize=True
-    )
-    return base64.b64encode(stream.getvalue()).decode()
+    run_and_keep(MEASURED)
 
 
 if __name__ == "__main__":

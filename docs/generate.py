@@ -1,4 +1,4 @@
-"""The pages of docs/look-up that are made of the code, and the list of all pages (`make docs`).
+"""The pages that are made of the code and of the first notebook, and the list of all pages (`make docs`).
 
 A page is a function that returns its Markdown, and a row of `PAGES`.
 """
@@ -18,6 +18,8 @@ from pathlib import Path
 
 import httpx
 import typer
+from generate_notebook import notebook_page, pictures
+from generate_python import python_page
 from prometheus_client.core import Metric
 from pydantic_settings import BaseSettings
 from starlette.types import ASGIApp
@@ -51,7 +53,9 @@ SETTINGS: tuple[type[BaseSettings], ...] = (ServiceSettings, StorageSettings, Ex
 
 
 def main() -> int:
-    """Write every page, the list of the pages last."""
+    """Write the pictures of the first notebook and every page, the list of the pages last."""
+    for name, png in pictures().items():
+        (DOCUMENTS / name).write_bytes(png)
     for name, page in PAGES.items():
         (DOCUMENTS / name).write_text(page())
     return 0
@@ -272,6 +276,8 @@ PAGES: dict[str, Callable[[], str]] = {
     "look-up/metrics.md": metrics,
     "look-up/commands.md": commands,
     "look-up/physics.md": physics,
+    "look-up/python.md": python_page,
+    "start/first-notebook.md": notebook_page,
     # The last one: it reads the others.
     "README.md": index,
 }

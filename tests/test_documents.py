@@ -33,14 +33,14 @@ ROOT = Path(__file__).parents[1]
 README, DEMO = ROOT / "README.md", ROOT / "docs/start/demo.md"
 FIRST_CALIBRATION, PHANTOM = ROOT / "docs/start/first-calibration.md", ROOT / "docs/do/phantom.md"
 FIRST_PROGRAM = ROOT / "docs/start/first-program.md"
-DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
 THETA = theta_of(THETA_FLAG)
 OTHER_PROGRAMS_FLAGS = {"--data-binary", "--default-non-nullable"}
 
 # Blocks that start what the tests start by themselves, or that would start the tests.
-ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve")
+ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve", ".venv/bin/python -m pytest")
 
 
 def sections(path: Path) -> dict[str, str]:

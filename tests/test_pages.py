@@ -16,7 +16,7 @@ from sawmill_service.pages.frame.languages import (
 from sawmill_vocabulary.version import PACKAGES
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = ("service", "worker", "tests", "benchmarks", "examples")
 
 
@@ -57,6 +57,11 @@ def test_links_lead_to_files_and_headings(page):
 
 def test_the_readme_is_read_in_a_minute():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 70
+
+
+def test_a_release_is_read_in_two_minutes():
+    _, *releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)
+    assert max(len(release.strip().splitlines()) for release in releases) <= 40
 
 
 def page_words(document: str) -> set[str]:
@@ -102,6 +107,22 @@ def test_the_picture_of_the_packages_is_the_code_s():
 
 def test_the_architecture_is_read_in_ten_minutes():
     assert len((ROOT / "docs/understand/architecture.md").read_text().splitlines()) <= 150
+
+
+# Names in the pages for contributors of files that a change makes, or that are no part of the repository.
+NEW_FILES = re.compile(r"level|my_|NAME\.json|\.venv/|^worker\.py$")
+
+
+def test_files_that_the_pages_for_contributors_name_exist():
+    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    files = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    understand = ROOT / "docs/understand"
+    pages = [ROOT / "CONTRIBUTING.md", understand / "architecture.md", understand / "adding.md"]
+    text = "\n".join(page.read_text() for page in [*pages, *sorted((understand / "decisions").glob("*.md"))])
+    names = set(re.findall(r"`(?:service:)?([\w./-]+\.(?:py|md|toml|po|html|txt|json))`", text))
+    paths = [f"/{file}" for file in files]
+    missing = [name for name in names if not any(path.endswith(f"/{name}") for path in paths)]
+    assert not [name for name in missing if not NEW_FILES.search(name)]
 
 
 def test_no_folder_of_the_science_and_the_services_is_a_heap():

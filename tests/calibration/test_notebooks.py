@@ -1,19 +1,16 @@
-"""The notebooks in examples/ run from the first cell to the last."""
+"""The notebooks in examples/ run from the first cell to the last, and are kept with their outputs."""
 
 import json
 import os
 import sys
-from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from notebooks import EXAMPLES, MEASURED, clean
 from scan_files import published_data  # noqa: F401 - fixture
 from tiers import first_by_day
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-# Needs data that are not everywhere, and so is kept with its outputs.
-MEASURED = EXAMPLES / "measured-disc.ipynb"
 LARGEST_BYTES = 1_000_000
 NOTEBOOKS = sorted(set(EXAMPLES.glob("*.ipynb")) - {MEASURED})
 
@@ -35,19 +32,36 @@ def kernel(tmp_path, monkeypatch):
 
 
 def run(path, kernel, folder):
-    """Run a notebook from its first cell to its last, and give the kinds of its outputs."""
+    """Run a notebook from its first cell to its last, and give the notebook with its outputs."""
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(notebook, kernel_name=kernel, timeout=120, resources={"metadata": {"path": str(folder)}})
     client.execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
-    assert not [output for output in outputs if output.get("name") == "stderr"]
-    return {kind for output in outputs for kind in output.get("data", {})}
+    assert not [output for cell in code_of(notebook) for output in cell.outputs if output.get("name") == "stderr"]
+    return notebook
+
+
+def code_of(notebook):
+    """The cells of code."""
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def shown(notebook):
+    """The first kind of each output, cell by cell: how a reader sees them."""
+    kinds = ("image/png", "text/html", "text/plain")
+    return [
+        [
+            next((kind for kind in kinds if kind in output.get("data", {})), output.output_type)
+            for output in cell.outputs
+        ]
+        for cell in code_of(notebook)
+    ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", first_by_day(1, NOTEBOOKS[::-1]), ids=lambda path: path.stem)
-def test_a_notebook_runs_and_draws(path, kernel, tmp_path):
-    assert {"text/html", "image/png"} <= run(path, kernel, tmp_path)
+def test_a_notebook_runs_and_shows_what_it_is_kept_with(path, kernel, tmp_path):
+    kept = nbformat.read(path, as_version=4)
+    assert shown(run(path, kernel, tmp_path)) == shown(kept), "run `make notebooks`"
 
 
 @pytest.mark.nightly
@@ -55,30 +69,41 @@ def test_the_notebook_of_a_measured_disc_runs_and_draws(published_data, kernel, 
     if not (published_data / "measured-discs").is_dir():
         pytest.skip(f"the measured discs are not in {published_data}: docs/understand/measured.md has how to get them")
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(published_data.resolve()))
-    assert {"text/html", "image/png"} <= run(MEASURED, kernel, tmp_path)
+    assert shown(run(MEASURED, kernel, tmp_path)) == shown(nbformat.read(MEASURED, as_version=4))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_is_kept_without_outputs(path):
-    code = code_of(path)
-    assert not [cell for cell in code if cell.outputs or cell.execution_count is not None]
-
-
-def test_the_notebook_of_a_measured_disc_is_kept_with_its_outputs_in_order():
-    code = code_of(MEASURED)
-    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
-    assert not [output for cell in code for output in cell.outputs if output.output_type == "error"]
-    assert MEASURED.stat().st_size < LARGEST_BYTES
-
-
-def code_of(path):
-    """The cells of code of a valid notebook."""
+@pytest.mark.parametrize("path", [*NOTEBOOKS, MEASURED], ids=lambda path: path.stem)
+def test_a_notebook_is_kept_with_its_outputs_in_order(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
-    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert code
-    return code
+    code = code_of(notebook)
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell.outputs]
+    assert not [output for output in outputs if output.output_type == "error"]
+    assert {"text/html", "image/png"} <= {kind for output in outputs for kind in output.get("data", {})}
+    assert path.stat().st_size < LARGEST_BYTES
 
 
-def test_there_are_two_notebooks_beside_it():
+@pytest.mark.parametrize("path", [*NOTEBOOKS, MEASURED], ids=lambda path: path.stem)
+def test_kept_outputs_have_neither_times_nor_paths_of_a_machine(path):
+    notebook = nbformat.read(path, as_version=4)
+    before = json.dumps([cell.get("outputs") for cell in notebook.cells], sort_keys=True)
+    pictures = [
+        output.data.pop("image/png", None) for cell in code_of(notebook) for output in cell.outputs if "data" in output
+    ]
+    assert any(pictures)
+    without_pictures = json.dumps([cell.get("outputs") for cell in notebook.cells], sort_keys=True)
+    clean(notebook)
+    cleaned = json.dumps([cell.get("outputs") for cell in notebook.cells], sort_keys=True)
+    assert cleaned == without_pictures != before, "run `make notebooks`"
+
+
+def test_a_path_of_a_machine_in_an_output_is_refused():
+    output = nbformat.v4.new_output("stream", text="saved in /" + "home/someone/result.json")
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("run()", outputs=[output])])
+    with pytest.raises(ValueError, match="absolute path"):
+        clean(notebook)
+
+
+def test_there_are_two_notebooks_of_simulated_scans():
     assert len(NOTEBOOKS) == 2

@@ -45,12 +45,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibration: the whole answer is `result`, properties give its most used fields (docs/look-up/http.md).
+    """A calibration: the whole answer is `result`, properties give its most used fields.
 
     Attributes
     ----------
+    result : CalibrationResult
+        All fields of RESULT.json, with the same names (docs/look-up/http.md).
     arrays : callable, or None
-        Computes the arrays behind the report; None for a calibration that was read from a file.
+        Computes the arrays of the report; None for a calibration that was read from a file.
     """
 
     result: CalibrationResult
@@ -83,7 +85,7 @@ class Calibration:
 
     @property
     def reasons(self) -> list[str]:
-        """Reasons why the verdict is not pass, and further remarks, a sentence each."""
+        """Reasons why the verdict is not pass, and further remarks."""
         return self.result.reasons
 
     @property
@@ -146,6 +148,10 @@ class Reconstruction:
     ----------
     volume : (slices, x, y) float32
         Values in `result.unit`.
+    result : ReconstructionResult
+        Method, pixel size, unit, rows and remarks, with the field names of the service (docs/look-up/http.md).
+    field_centre_mm : (x, y)
+        Centre of the field, mm.
     """
 
     volume: NDArray[np.float32] = field(repr=False)
@@ -191,7 +197,13 @@ class Reconstruction:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """A drift check: the whole answer is `result`; properties give the most used fields."""
+    """A drift check: the whole answer is `result`; properties give the most used fields.
+
+    Attributes
+    ----------
+    result : DriftResult
+        All fields of the answer, with the field names of the service (docs/look-up/http.md).
+    """
 
     result: DriftResult
 
@@ -212,7 +224,7 @@ class Drift:
 
     @property
     def reason(self) -> str:
-        """Likely cause and what to do, in one sentence."""
+        """Result, likely cause, and what to do."""
         return self.result.reason
 
     def plot(self) -> "Figure":
@@ -237,7 +249,12 @@ class Drift:
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read a calibration that `save`, `sawmill calibrate --json` or the service wrote (RESULT.json or result.h5).
+    """Read a calibration that `save`, `sawmill calibrate --json` or the service wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        RESULT.json or result.h5.
 
     Raises
     ------
@@ -263,18 +280,22 @@ def calibrate(
 
     Parameters
     ----------
-    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON or of a picture (PNG)
+    scan : Scan
+        Scan of the phantom.
+    phantom : Phantom, str or Path
+        A phantom, the name of a built-in one, or the path of a drawing (JSON) or of a picture (PNG).
     phantom_width_mm : float, optional
-        Whole width of a picture.
+        Whole width of the picture, mm; for a picture alone.
     tolerance_mm : float
-        Limit of the predicted ray error: the calibration passes where it is below the limit with 95 %.
+        Limit of the predicted ray error, mm. The calibration passes where the error is below the limit with 95 %.
     scale_tolerance_percent : float
-        Limit of the 95 % uncertainty of the image's millimetres.
+        Limit of the 95 % uncertainty of the image's millimetres, per cent.
     log_radius_mm : float, optional
-        Radius of the disc in which ray errors are counted; by default the phantom's, at most 150 mm.
+        Radius of the disc in which ray errors are counted, mm. Default: the phantom's, at most 150.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
     **options
-        Options of a calibration, as in docs/look-up/http.md: `method`, `seed`, `handedness`, `rotation`, `rows`,
-        `views`, `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.
+        Further options of a calibration, listed in docs/look-up/python.md#options-of-calibrate.
 
     Raises
     ------
@@ -328,12 +349,16 @@ def reconstruct(
 
     Parameters
     ----------
+    scan : Scan
+        Scan of a log.
     geometry : Calibration or Theta
+        Geometry of the scanner that made the scan.
     rotation : str
-        Sense of rotation for a Theta: which way the angles count. A calibration carries its own.
+        Sense of rotation for a Theta, `as-given` or `reversed`: which way the angles count. A calibration has its own.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
     **options
-        Options of a reconstruction, as in docs/look-up/http.md: `method` (fbp by default), `size`, `field_mm`, `rows`,
-        `views`, `filter`, `alpha`, and more.
+        Further options of a reconstruction, listed in docs/look-up/python.md#options-of-reconstruct.
 
     Raises
     ------
@@ -380,17 +405,19 @@ def drift(
 
     Parameters
     ----------
+    scan : Scan
+        Scan of a log.
     calibration : Calibration or Theta
         Geometry to compare with. For a Theta of nominal distances the answer is where the centre of rotation is, and
         `result.theta` is the geometry to reconstruct with.
     rotation : str
-        Sense of rotation for a Theta: which way the angles count. A calibration carries its own.
+        Sense of rotation for a Theta, `as-given` or `reversed`: which way the angles count. A calibration has its own.
     baseline : sequence of Drift, or of paths
         Answers of earlier drift checks, whose mean is the zero of the change: results of this function, or files that
         `sawmill drift --json` or the service wrote. Three checks or more against this calibration, each of another
         scan; only checks by this scan's method count.
     tolerance_mm : float
-        RMS ray distance up to which nothing moved.
+        RMS ray distance up to which the scanner counts as not moved, mm.
 
     Raises
     ------

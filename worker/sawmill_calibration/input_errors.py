@@ -25,7 +25,7 @@ class InputError(ValueError):
     Attributes
     ----------
     code : str
-        Stable, for programs: one of docs/look-up/http.md's, or `options`.
+        Stable name for programs: one of docs/look-up/codes.md, or `options`.
     """
 
     def __init__(self, code: str, sentence: str) -> None:

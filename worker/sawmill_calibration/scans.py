@@ -52,10 +52,17 @@ class Scan:
     line_integrals : (views, rows, cells) float32, dimensionless
         NaN in every cell of rows that a view lacks, which only a file that was read with `align_rows` has.
     angles_rad : (views,) float64
-    rows, row_step
-        Rows of the file that are held: the first, the one after the last, and the step.
+        View angles.
+    scanner : Scanner
+        Known constants of the scanner.
+    rows : (first, stop)
+        Rows of the file that are held: the first, and the one after the last.
+    row_step : int
+        Step of these rows.
     rows_chosen : bool
         Whether the user chose the rows: a calibration then averages all of them, and else finds the phantom's rows.
+    row_pitch_mm : float or None
+        Distance between two rows of the detector, where it is known.
     from_counts : bool
         Whether the line integrals were made from counts: volumes are then in 1/mm.
     sha256 : str
@@ -91,7 +98,20 @@ class Scan:
         row_pitch_mm: float | None = None,
         from_counts: bool = False,
     ) -> Self:
-        """Make a scan of (views, rows, cells) line integrals, or of one sinogram (views, cells).
+        """Make a scan of line integrals.
+
+        Parameters
+        ----------
+        line_integrals : (views, rows, cells) or (views, cells)
+            Line integrals, or one sinogram; dimensionless.
+        angles_rad : (views,)
+            View angles, rad.
+        scanner : Scanner
+            Known constants of the scanner.
+        row_pitch_mm : float, optional
+            Distance between two rows of the detector.
+        from_counts : bool
+            Whether the line integrals were made from counts: volumes are then in 1/mm.
 
         Raises
         ------
@@ -126,7 +146,14 @@ class Scan:
         return sinogram
 
     def select(self, *, rows: str | None = None, views: int | None = None) -> "Scan":
-        """Select a part: rows `A:B` or `A:B:STEP`, counted within this scan, and every (total / views)-th view.
+        """Select a part of the scan.
+
+        Parameters
+        ----------
+        rows : str, optional
+            Rows `A:B` or `A:B:STEP`, counted within this scan.
+        views : int, optional
+            Number of views to use: every (total / views)-th.
 
         Raises
         ------
@@ -193,24 +220,30 @@ def read_scan(
     align_rows: RowAlignment | str = RowAlignment.OFF,
     on_progress: ProgressCallback = unreported,
 ) -> Scan:
-    """Read a scan as the command line does: HDF5 (NXtomo, Data Exchange), TIFFs (a ZIP or a folder too), NPY, NPZ, MAT.
+    """Read a scan from a file as the command line does (docs/look-up/formats.md).
 
     Parameters
     ----------
+    path : str or Path
+        A file (HDF5, TIFF, a ZIP of TIFFs, NPY, NPZ, MAT), or a folder of TIFFs.
     data : str
         Kind of the numbers, `counts` or `line-integrals`; never guessed.
     source_to_cor_mm : float
-        r_S, source to centre of rotation.
+        r_S, source to centre of rotation, mm.
     angles_deg : str or sequence of float, optional
         View angles: `START:STEP` in degrees, or every view's angle; for a file that carries none.
-    detector_pitch_mm, row_pitch_mm : float, optional
-        Distances between cells and between rows, where the file does not carry them.
+    detector_pitch_mm : float, optional
+        Distance between two cells, mm; for a file that does not carry it.
+    row_pitch_mm : float, optional
+        Distance between two rows of the detector, mm; for a file that does not carry it.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
     follow_links : bool
         Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data.
-    flats, darks : str or Path, optional
-        Files or folders of the flat and the dark fields of counts, where the scan's file carries none.
+    flats : str or Path, optional
+        File or folder of the flat fields of counts; for a file that carries none.
+    darks : str or Path, optional
+        File or folder of the dark fields of counts; for a file that carries none.
     rows : str, optional
         Rows `A:B` or `A:B:STEP`; all by default.
     views : int, optional
@@ -219,8 +252,16 @@ def read_scan(
         The number of detector rows whose line integrals were averaged into the file's one row.
     transpose : bool
         Whether the axes are in reverse order: (cells, views), as MATLAB's radon writes, or (cells, rows, views).
-    air, faulty_cells, rings, align_rows : str
-        Corrections of the data (docs/understand/preparation.md).
+    air : str
+        Correction of the source's drift by the air beside the log (docs/understand/preparation.md).
+    faulty_cells : str
+        Bridging of dead and hot cells.
+    rings : str
+        Removal of rings.
+    align_rows : str
+        Alignment of views that lost rows.
+    on_progress : callable, optional
+        Called with an object that has the `fraction` of the work that is done, from 0 to 1, and its `stage`.
 
     Raises
     ------

@@ -39,15 +39,28 @@ def simulate_phantom_scan(
     photons: float = 30_000.0,
     seed: int = 1,
 ) -> Scan:
-    """Simulate a scan of a phantom at `position_mm`, the same in each row.
+    """Simulate a scan of a phantom, the same in each row.
 
     Parameters
     ----------
-    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
+    phantom : Phantom, str or Path
+        A phantom, the name of a built-in one, or the path of a drawing (JSON).
+    scanner : Scanner
+        Known constants of the scanner.
+    theta : Theta
+        The scanner's geometry.
     views : int, optional
         Number of views of a full turn, 360 by default, starting at half a step.
     angles_deg : (views,), optional
-        Every view's angle, instead of `views`.
+        Every view's angle, degrees, instead of `views`.
+    rows : int
+        Number of detector rows.
+    position_mm : (x, y)
+        Position of the drawing's origin, mm.
+    handedness : str
+        End from which the phantom is seen, `as-drawn` or `from-behind`.
+    rotation : str
+        Sense of rotation, `as-given` or `reversed`: which way the angles count.
     noise : float
         Standard deviation, relative to the RMS of the noise-free sinogram.
     background : float
@@ -57,6 +70,8 @@ def simulate_phantom_scan(
         dark fields, read as a file of counts is, and has no other noise or background.
     photons : float
         Number of photons in air, a cell and view; used with physics.
+    seed : int
+        Seed of the noise.
 
     Raises
     ------
@@ -89,7 +104,36 @@ def simulate_log_scan(
     background: float = 0.0,
     seed: int = 1,
 ) -> Scan:
-    """Simulate a scan of a synthetic log with knots, rows `row_pitch_mm` apart; else as `simulate_phantom_scan`."""
+    """Simulate a scan of a synthetic log with knots.
+
+    Parameters
+    ----------
+    scanner : Scanner
+        Known constants of the scanner.
+    theta : Theta
+        The scanner's geometry.
+    views : int, optional
+        Number of views of a full turn, 360 by default, starting at half a step.
+    angles_deg : (views,), optional
+        Every view's angle, degrees, instead of `views`.
+    rows : int
+        Number of detector rows.
+    row_pitch_mm : float
+        Distance between two rows in the log, mm.
+    rotation : str
+        Sense of rotation, `as-given` or `reversed`: which way the angles count.
+    noise : float
+        Standard deviation, relative to the RMS of the noise-free sinogram.
+    background : float
+        Constant that is added to all line integrals.
+    seed : int
+        Seed of the log and of the noise.
+
+    Raises
+    ------
+    ValueError
+        The geometry is impossible.
+    """
     _check(rows=rows, noise=noise, background=background, seed=seed)
     slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)
     angles = _angles_rad(views, angles_deg)

@@ -44,6 +44,10 @@ class Phantom:
 
     Attributes
     ----------
+    name : str
+        Name for reports.
+    shapes : tuple of Polygon and Disc
+        Shapes of the body.
     size_tolerance : float
         Relative standard uncertainty of the given size. The size sets the scanner's scale: R inherits the uncertainty.
     """
