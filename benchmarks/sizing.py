@@ -4,22 +4,21 @@
 
 `sawmill serve` runs as users start it, with one worker and an empty data folder. A log of a line is uploaded, read, and
 reconstructed whole by `fbp` and by `auto`, one job after another. The system's own books are read (/proc): processor
-seconds of all processes of the service, ended children included. The peak of memory of each attempt is what
-its last event reports, and disk is what the files take. The table on docs/do/sizing.md multiplies these by the logs of a
-day. The figures go to `benchmarks/results/sizing.json`.
+seconds of all processes of the service, ended children included. The peak of memory of each attempt is what its last
+event reports, and disk is what the files take. The table on docs/do/sizing.md multiplies these by the logs of a day.
+The figures go to `benchmarks/results/sizing.json`.
 """
 
 import argparse
 import math
 import tempfile
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
 import httpx
-from job_price import processor_s, processes, pss_mib, settled
+from job_price import processes, pss_mib, settled
 from line_day import SHIFT_H, VIEWS
 from measurement import Measurement
 from memory import make_counts
