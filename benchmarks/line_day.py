@@ -1,6 +1,6 @@
-"""A line's day as docs/do/sizing.md counts it: what its logs mean for disk, network and processors.
+"""A line's day: what its logs mean for disk, network and processors.
 
-The tables of the page from the values that `benchmarks/load.py` measures.
+The tables are made from the values that `benchmarks/load.py` measures.
 """
 
 from collections.abc import Iterable, Sequence

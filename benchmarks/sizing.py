@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import httpx
+from http_latency import by_events
 from job_price import processes, pss_mib, settled
 from line_day import SHIFT_H, VIEWS
 from measurement import Measurement
@@ -112,7 +113,7 @@ def sent(client: httpx.Client, file: Path, scanner: str) -> Json:
         )
     answer.raise_for_status()
     scan: Json = answer.json()
-    demo_client.wait(client, scan["job_id"], lambda *_: None)
+    by_events(client, scan["job_id"])
     return scan
 
 
@@ -124,7 +125,7 @@ def asked(client: httpx.Client, scan_id: str, rows: int, method: str) -> Json:
 
 def ended(client: httpx.Client, job_id: str, folder: Path, start: Start) -> Price:
     """Wait for a job; return what it took since the start."""
-    demo_client.wait(client, job_id, lambda *_: None)
+    by_events(client, job_id)
     job = demo_client.get(client, f"/v1/jobs/{job_id}")
     history = demo_client.get(client, f"/v1/jobs/{job_id}/history")
     stamps = (datetime.fromisoformat(job[name]) for name in ("started_at", "finished_at"))
