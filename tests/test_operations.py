@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 import tarfile
 import tomllib
 from pathlib import Path
@@ -144,6 +146,16 @@ def run(words: list[str], status: int = 0) -> str:
     done = CliRunner().invoke(main, words)
     assert done.exit_code == status, done.output
     return done.output
+
+
+def test_a_worker_may_be_limited_to_the_kinds_of_the_page():
+    """A fresh process registers the kinds by itself."""
+    page = (DO / "run.md").read_text()
+    [kinds] = re.findall(r"`--kinds ([\w,-]+)`", page)
+    command = [sys.executable, "-m", "sawmill_command.commands", "worker", "--kinds", f"{kinds},paint"]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "'paint' is no kind of job: ingest" in " ".join(refused.stderr.split())
 
 
 def test_the_picture_of_an_installation_names_what_runs():
