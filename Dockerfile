@@ -1,5 +1,7 @@
 FROM python:3.11-slim-bookworm AS build
-COPY pyproject.toml constraints.txt README.md LICENSE /src/
+COPY pyproject.toml constraints.txt README.md CHANGELOG.md LICENSE docker-compose.yml /src/
+COPY docs /src/docs
+COPY examples /src/examples
 COPY service /src/service
 COPY worker /src/worker
 RUN python -m venv /opt/sawmill \

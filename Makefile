@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts docs nightly study study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-guard bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper figures measured bench-preparing bench-iterative bench-choosing study-logs study-drift study-mill study-production-logs faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -80,6 +80,10 @@ texts: install-dev
 		--output-file ../$(VENV)/sawmill.pot sawmill_service ../worker/sawmill_contracts ../worker/sawmill_mill ../worker/sawmill_vocabulary ../worker/sawmill_worker/pictures
 	@cd service && ../$(BIN)/pybabel update --input-file ../$(VENV)/sawmill.pot --output-dir sawmill_service/locale \
 		--domain sawmill --width 120 --no-fuzzy-matching --ignore-obsolete --ignore-pot-creation-date
+
+# The pages of docs/look-up that are made of the code, and the list of all pages.
+docs: install-dev
+	@$(BIN)/python docs/generate.py
 
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift

@@ -1,4 +1,4 @@
-"""Draw the scanner for people: docs/pictures/scanner.svg, scanner-numbers.svg, handedness.svg and phantom.svg.
+"""Draw the scanner and its phantom for people, as SVG in docs/pictures.
 
     python benchmarks/scanner_drawings.py [FOLDER]
 
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from geometry_drawing import BLUE, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
+from geometry_drawing import BLUE, GREY, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
 from matplotlib.axes import Axes
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
@@ -27,6 +27,7 @@ THETA = Theta(
 )
 LOG_RADIUS_MM = 190.0
 WOOD, BARK, PALE = "#f3e6d0", "#c8a26b", "#e3e3e3"
+BOARD, EDGE, BEAM, STEEL, GREEN, ORANGE = "#d9b27c", "#7d5a2b", "#f4b6ae", "#8a8f94", "#1f6b3f", "#ff8c1a"
 PHANTOM = L_SHAPE.scaled(0.55)
 # A drawing lies on its side, the beam from left to right.
 SIDEWAYS = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -51,7 +52,7 @@ def sideways(points: FloatArray) -> FloatArray:
 def outline(axes: Axes, body: Phantom, place: Callable[[FloatArray], FloatArray] = np.asarray) -> None:
     """Fill the body's outlines."""
     for corners in body.outlines():
-        axes.fill(*place(corners).T, facecolor="#d9b27c", edgecolor="#7d5a2b", lw=1.2, zorder=2)
+        axes.fill(*place(corners).T, facecolor=BOARD, edgecolor=EDGE, lw=1.2, zorder=2)
 
 
 def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
@@ -75,6 +76,8 @@ def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
         name(axes, words[part], place)
     if "measured" in words:
         measured_and_found(axes, words, source, centre, axis)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, max(high, named["detector"][1] + 45.0))
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.03)
@@ -112,12 +115,13 @@ def measured_and_found(
 
 
 def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]") -> None:
-    """Draw the phantom as drawn and from behind, and the log turning as the angles state and the other way."""
+    """Draw the phantom as drawn and from behind, x down, and the log turning as the angles state and the other way."""
     for row, (seen, body) in enumerate((("as-drawn", L_SHAPE), ("from-behind", L_SHAPE.mirrored()))):
         for column, rotation in enumerate(Rotation):
             axes: Axes = panels[row, column]
-            outline(axes, body)
-            first, last = rotation.apply(np.radians([20.0, 120.0]))
+            outline(axes, body, sideways)
+            # A quarter turn back, as x points down.
+            first, last = rotation.apply(np.radians([20.0, 120.0])) - 0.5 * np.pi
             arc(axes, 235.0, float(first), float(last), "")
             axes.plot(0.0, 0.0, "+", color="black", markersize=9)
             axes.set_title(f"handedness {seen}, rotation {rotation}", fontsize=10)
@@ -154,6 +158,78 @@ def draw_measured_phantom(axes: Axes) -> None:
     axes.axis("off")
 
 
+def draw_mounting(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> None:
+    """Draw a phantom from the side: on a log's end, on a turntable, and on a turntable as it must not be."""
+    on_the_log, upright, slanting = panels
+    draw_phantom_on_a_log(on_the_log)
+    draw_phantom_on_a_turntable(upright, slope=0.0)
+    draw_phantom_on_a_turntable(slanting, slope=0.22)
+    for axes, right in ((on_the_log, True), (upright, True), (slanting, False)):
+        mark(axes, right=right, place=np.array([185.0, 205.0]))
+        axes.set_xlim(-240.0, 240.0)
+        axes.set_ylim(-215.0, 240.0)
+        axes.set_aspect("equal")
+        axes.axis("off")
+
+
+def draw_phantom_on_a_log(axes: Axes) -> None:
+    """Draw a board screwed flat to the end of a log that lies on rollers; the beam comes from above."""
+    for x in (-150.0, -20.0):
+        axes.add_patch(plt.Circle((x, -116.0), 30.0, facecolor=STEEL, lw=0, zorder=1))
+    axes.add_patch(plt.Rectangle((-215.0, -85.0), 265.0, 170.0, facecolor=WOOD, edgecolor=BARK, lw=3.0, zorder=1))
+    axes.fill([62.0, 50.0, 74.0], [190.0, -190.0, -190.0], color=BEAM, alpha=0.7, lw=0, zorder=0)
+    axes.add_patch(plt.Rectangle((50.0, -72.0), 24.0, 144.0, facecolor=BOARD, edgecolor=EDGE, lw=1.5, zorder=3))
+    for y in (-45.0, 45.0):
+        line(axes, np.array([15.0, y]), np.array([79.0, y]), color="black", lw=2.5, zorder=4)
+    line(axes, np.array([-235.0, 0.0]), np.array([150.0, 0.0]), ls="-.", lw=1.2, zorder=5)
+    axes.plot(62.0, 190.0, "o", color="black", markersize=10)
+    line(axes, np.array([30.0, -190.0]), np.array([94.0, -190.0]), color="black", lw=4.0)
+    for number, place in {"1": (115.0, 70.0), "2": (115.0, -45.0), "3": (180.0, 0.0), "4": (105.0, 150.0)}.items():
+        name(axes, number, np.array(place))
+
+
+def draw_phantom_on_a_turntable(axes: Axes, slope: float) -> None:
+    """Draw a board clamped to the block on a turntable, level or at a slope; the beam comes from the left."""
+    axes.add_patch(plt.Rectangle((-120.0, -170.0), 240.0, 24.0, facecolor=STEEL, lw=0, zorder=1))
+    axes.add_patch(plt.Rectangle((-24.0, -200.0), 48.0, 30.0, facecolor=STEEL, lw=0, zorder=1))
+    axes.fill([-70.0, 70.0, 70.0, -70.0], [-146.0, -146.0, 70 * slope, -70 * slope], color=PALE, ec=GREY, zorder=1)
+    axes.fill([-205.0, 200.0, 200.0], [12.0, 0.0, 24.0], color=BEAM, alpha=0.7, lw=0, zorder=0)
+    across, up = np.array([1.0, slope]), np.array([-slope, 1.0])
+    corners = np.stack([-105 * across, 105 * across, 105 * across + 24 * up, -105 * across + 24 * up])
+    axes.fill(*corners.T, facecolor=BOARD, edgecolor=EDGE, lw=1.5, zorder=3)
+    for side in (-50.0, 50.0):
+        line(axes, side * across - 25.0 * up, side * across + 30.0 * up, color="black", lw=2.5, zorder=4)
+    line(axes, np.array([0.0, -210.0]), np.array([0.0, 120.0]), ls="-.", lw=1.2, zorder=5)
+    axes.plot(-205.0, 12.0, "o", color="black", markersize=10)
+    line(axes, np.array([205.0, -20.0]), np.array([205.0, 44.0]), color="black", lw=4.0)
+    if not slope:
+        for number, place in {"1": (-90.0, 60.0), "2": (50.0, 66.0), "3": (0.0, 150.0), "4": (160.0, 50.0)}.items():
+            name(axes, number, np.array(place))
+
+
+def mark(axes: Axes, *, right: bool, place: FloatArray) -> None:
+    """Write a green tick or a red cross."""
+    axes.text(*place, "✓" if right else "✗", color=GREEN if right else RED, ha="center", va="center", fontsize=26)
+
+
+def draw_outlines(panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> None:
+    """Draw a reconstructed phantom under its outline: on the edges, of another phantom, and of one that slipped."""
+    at_rest, slipped = (ORIGIN,), (np.array([-11.0, -7.0]), np.array([11.0, 7.0]))
+    cases = ((L_SHAPE, at_rest, True), (L_SHAPE.scaled(1.12), at_rest, False), (L_SHAPE, slipped, False))
+    for axes, (drawn, places, right) in zip(panels, cases, strict=True):
+        axes.add_patch(plt.Rectangle((-190.0, -150.0), 380.0, 300.0, facecolor="#151515", lw=0, zorder=0))
+        for place in places:
+            for corners in L_SHAPE.outlines():
+                axes.fill(*(sideways(corners) + place).T, facecolor="#f0f0f0", alpha=1.0 / len(places), lw=0, zorder=1)
+        for corners in drawn.outlines():
+            axes.plot(*sideways(np.vstack([corners, corners[:1]])).T, color=ORANGE, lw=2.5, zorder=3)
+        mark(axes, right=right, place=np.array([0.0, 178.0]))
+        axes.set_xlim(-192.0, 192.0)
+        axes.set_ylim(-155.0, 205.0)
+        axes.set_aspect("equal")
+        axes.axis("off")
+
+
 def main() -> None:
     """Write the drawings."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
@@ -168,6 +244,10 @@ def main() -> None:
         figure, axes = plt.subplots(figsize=(6.4, 6.0), layout="constrained")
         draw_measured_phantom(axes)
         write(figure, folder / "phantom.svg")
+        for name_of_file, draw in (("phantom-mounting", draw_mounting), ("phantom-outline", draw_outlines)):
+            figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.9), layout="constrained")
+            draw(panels)
+            write(figure, folder / f"{name_of_file}.svg")
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 
@@ -45,7 +46,11 @@ SETTLED_MS = 6000
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--force-color-profile=srgb")
 LANGUAGES = {"": "en-GB", ".fi": "fi-FI"}
 GOOD, WATCHED, MOVED = (line.name for line in LINES[:3])
-CAPTIONS = {"": ("measured by tape", "calibrated"), ".fi": ("mittanauhalla mitattu", "kalibroitu")}
+# With the RMS error of the rays, mm.
+CAPTIONS = {
+    "": ("tape measure: rays {} mm off", "calibrated: rays {} mm off"),
+    ".fi": ("rullamitta: säteet {} mm sivussa", "kalibroitu: säteet {} mm sivussa"),
+}
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,12 @@ def main() -> int:
     asked = parser.parse_args()
     PICTURES.mkdir(exist_ok=True)
     if asked.only in {None, "before-after"}:
-        images = before_after()
+        images, errors_mm = before_after()
         for suffix, captions in CAPTIONS.items():
-            save(drawn_side_by_side(images, captions), f"before-after{suffix}", 48, Image.Quantize.MAXCOVERAGE)
+            mark = "," if suffix else "."
+            numbers = (f"{error_mm:.2g}".replace(".", mark) for error_mm in errors_mm)
+            titled = [caption.format(number) for caption, number in zip(captions, numbers, strict=True)]
+            save(drawn_side_by_side(images, titled), f"before-after{suffix}", 48, Image.Quantize.MAXCOVERAGE)
     shots = [shot for shot in SHOTS if asked.only in {None, shot.name}]
     if not shots:
         return 0
@@ -162,9 +170,10 @@ def photograph(browser: Browser, address: str, shot: Shot, language: str) -> Ima
         return Image.open(io.BytesIO(taken))
 
 
-def before_after() -> list[NDArray[np.float32]]:
+def before_after() -> tuple[list[NDArray[np.float32]], list[float]]:
     """Reconstruct one scan of a log (x, y) with the geometry by tape measure, and with the calibrated one.
 
+    Returns the two images and the RMS ray errors of the two geometries, mm.
     The calibration is by the phantom on the log's end, a row of the same scan.
     """
     size, field_mm, views = 420, 300.0, 360
@@ -175,14 +184,17 @@ def before_after() -> list[NDArray[np.float32]]:
     lines = -np.log(np.maximum(stack.counts - dark, 1.0) / (stack.flats.mean(axis=0) - dark))
     scan = sawmill.Scan.from_arrays(lines[:, :1], angles, examples.SCANNER, from_counts=True)
     taped = Theta.from_vector(to_vector(examples.THETA) + to_vector(demo.TAPE_ERROR))
-    images = []
+    true = examples.THETA.source_frame(examples.SCANNER.source_to_cor_mm)
+    images, errors_mm = [], []
     for theta in (taped, sawmill.calibrate(scan, "l-shape").theta):
         geometry = FanBeamGeometry(examples.SCANNER, theta, angles)
         images.append(fbp(Projector(geometry, ImageGrid(size, field_mm)), lines[:, 1]).image)
-    return images
+        frame = theta.source_frame(examples.SCANNER.source_to_cor_mm)
+        errors_mm.append(ray_error(examples.SCANNER, true, frame).rms_mm)
+    return images, errors_mm
 
 
-def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[str, str]) -> Image.Image:
+def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: Sequence[str]) -> Image.Image:
     """Draw images in one grey window, from a tenth of the heartwood's value to a knot's, each with a caption."""
     half = images[-1].shape[0] // 2
     wood = float(np.median(images[-1][half - 80 : half + 80, half - 80 : half + 80]))

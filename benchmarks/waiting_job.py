@@ -1,5 +1,6 @@
 """The job that waits in a store, done in this process as an attempt of a worker does it."""
 
+import shutil
 import time
 from typing import Any, NamedTuple
 
@@ -29,5 +30,7 @@ def do_waiting_job(store: Store, kind: JobKind) -> Done:
     started = time.perf_counter(), time.process_time(), time.thread_time()
     result = run(attempt)
     ended = time.perf_counter(), time.process_time(), time.thread_time()
+    # A slow job keeps checkpoints, which are no results.
+    shutil.rmtree(attempt.checkpoints, ignore_errors=True)
     store.jobs.succeed(claim, store.jobs.check_output(kind, given, result, output), output)
     return Done(result, *(after - before for before, after in zip(started, ended, strict=True)))

@@ -9,7 +9,7 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_mill.two_questions import TwoQuestions
 
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
-PAIR = LogPair("log's-before.png", "after.png", 17.62, 0.0123, ["source shift +14 mm", "detector tilt -1.7°"], 0.61)
+PAIR = LogPair("log's-before.png", "after.png", 3.41, 0.0123, ["source shift +3 mm", "detector tilt -0.5°"], 0.61)
 
 
 def section(title="scan <1>", **changes):
@@ -38,10 +38,9 @@ def test_the_page_opens_with_the_log_before_and_after_and_says_which_is_which(tm
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
     text = " ".join(re.sub(r"<[^>]+>", " ", page[page.index("<body>") :]).split())
-    assert "As measured by tape Its rays are off by 17.6 mm." in text
-    assert (
-        "Assumed of a tape measure and a spirit level: source shift +14 mm, detector tilt -1.7° from the truth" in text
-    )
+    assert "As measured by tape Its rays are off by 3.4 mm." in text
+    assumed = "source shift +3 mm, detector tilt -0.5° from the truth, in the directions that add up."
+    assert f"Assumed of a tape measure and a spirit level: {assumed}" in text
     assert "Calibrated Its rays are off by 0.012 mm." in text
     assert "0.040 mm 95 % bound limit 0.100 mm" in text
     assert "± 0.3 % = ± 0.9 mm on a log of 300 mm" in text
@@ -61,7 +60,7 @@ def test_the_page_shows_every_part_of_a_section_escaped(tmp_path):
 
 
 def test_a_second_scan_has_its_own_log_and_a_scan_without_one_has_none(tmp_path):
-    other = LogPair("b2.png", "a2.png", 3.0, 0.01, ["source shift +14 mm"], 1.0)
+    other = LogPair("b2.png", "a2.png", 3.0, 0.01, ["source shift +3 mm"], 1.0)
     page = written(tmp_path, section(), section("second", log=other), section("third", log=None))
     assert page.index("second") < page.index("b2.png") < page.index("a2.png") < page.index("third")
     assert page.count("As measured by tape") == 2

@@ -34,8 +34,8 @@ from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, the
 from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
-# Errors of a tape measure and a spirit level, that is, of the geometry that a mill has without a calibration.
-TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
+# Usual errors of a tape measure and a spirit level, in the directions that add up: 3 mm and half a degree.
+TAPE_ERROR = Theta(0.0, 3.0, 3.0, -3.0, -0.009)
 SPARSE_VIEWS, FIELD_MM = 20, 400.0
 TAPED, CALIBRATED = "measured by tape", "calibrated"
 # Logs are reconstructed without a fit, so that an image shows its geometry and nothing else.

@@ -15,7 +15,7 @@ class LogPair:
     Attributes
     ----------
     assumed
-        Differences of the geometry by tape measure from the truth, for example "source shift +14 mm".
+        Differences of the geometry by tape measure from the truth, for example "source shift +3 mm".
     time_s
         Duration of the calibration.
     """

@@ -28,6 +28,10 @@ from sawmill_service.webhook_measures import webhook_measures
 from sawmill_store.store import Store
 
 Key = TypeVar("Key", bound=Hashable)
+FOLDER_UP = "Whether the data folder can be read; if not, the metrics of its disk are absent."
+RESERVE = "`SAWMILL_DISK_RESERVE_BYTES`: with fewer free bytes, uploads are refused and jobs wait."
+DATABASE_UP = "Whether the database answers; if not, the metrics that are counted in it are absent."
+WITHOUT_WORKER = "Whether a job could start, for 30 s now, and none runs: `without-worker` of `/health/ready`."
 OUTCOMES = (
     event_kinds.SUCCEEDED,
     event_kinds.FAILED,
@@ -71,13 +75,13 @@ def _folder(store: Store) -> Iterator[Metric]:
     try:
         room = store.files.room()
     except FolderUnavailable:
-        yield gauge("sawmill_data_folder_up", "Whether the data folder can be read.", 0)
+        yield gauge("sawmill_data_folder_up", FOLDER_UP, 0)
         return
-    yield gauge("sawmill_data_folder_up", "Whether the data folder can be read.", 1)
+    yield gauge("sawmill_data_folder_up", FOLDER_UP, 1)
     yield gauge("sawmill_data_folder_free_bytes", "Free bytes of the data folder's disk.", room.free_bytes)
     yield gauge("sawmill_data_folder_size_bytes", "Bytes of the data folder's disk.", room.size_bytes)
     reserve = store.settings.disk_reserve_bytes
-    yield gauge("sawmill_data_folder_reserve_bytes", "Free bytes below which the disk counts as full.", reserve)
+    yield gauge("sawmill_data_folder_reserve_bytes", RESERVE, reserve)
 
 
 def _database(store: Store) -> Iterator[Metric]:
@@ -88,13 +92,17 @@ def _database(store: Store) -> Iterator[Metric]:
         scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
         webhooks = list(webhook_measures(store.webhooks.all().webhooks, tally.at))
     except (StorageUnavailable, StorageMisconfigured):
-        yield gauge("sawmill_database_up", "Whether the database answers.", 0)
+        yield gauge("sawmill_database_up", DATABASE_UP, 0)
         return
-    yield gauge("sawmill_database_up", "Whether the database answers.", 1)
+    yield gauge("sawmill_database_up", DATABASE_UP, 1)
     yield from _jobs(tally)
     idle = bool(waiting) and not tally.running_s
-    yield gauge("sawmill_jobs_without_worker", "Whether a job could start, for 30 s now, and none runs.", int(idle))
-    yield gauge("sawmill_workers_seen", "Workers that hold an attempt, or did within ten minutes.", tally.workers)
+    yield gauge("sawmill_jobs_without_worker", WITHOUT_WORKER, int(idle))
+    yield gauge(
+        "sawmill_workers_seen",
+        "Workers that hold an attempt, or did within ten minutes; an idle one is not seen.",
+        tally.workers,
+    )
     yield from places
     yield from _attempts(tally.fates)
     yield from _removed(removed)
@@ -104,10 +112,11 @@ def _database(store: Store) -> Iterator[Metric]:
 
 def _places(store: Store) -> Iterator[Metric]:
     most, of_a_key = store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key
-    yield gauge("sawmill_queued_jobs_limit", "Queued jobs beyond which new ones are refused.", most)
     yield gauge(
-        "sawmill_queued_jobs_of_a_key_limit", "Queued jobs of one key beyond which new ones are refused.", of_a_key
+        "sawmill_queued_jobs_limit", "`SAWMILL_MAX_QUEUED_JOBS`: with as many queued jobs, new ones get 429.", most
     )
+    text = "`SAWMILL_MAX_QUEUED_JOBS_PER_KEY`: with as many queued jobs of one key, new ones of the key get 429."
+    yield gauge("sawmill_queued_jobs_of_a_key_limit", text, of_a_key)
     fullest = store.places.waiting().most_of_a_key
     yield gauge("sawmill_queued_jobs_of_a_key", "Queued jobs of the key that has most; 0: no key has any.", fullest)
 
@@ -127,14 +136,19 @@ def _jobs(tally: Tally) -> Iterator[Metric]:
             by_kind.add_metric([kind, state], number)
     yield by_state
     yield by_kind
-    yield _by_kind("sawmill_oldest_queued_job_seconds", "Age of the oldest queued job; 0: none.", tally.queued_s)
+    yield _by_kind(
+        "sawmill_oldest_queued_job_seconds",
+        "Age of the oldest queued job, also if it waits for another job; 0: none.",
+        tally.queued_s,
+    )
     yield _by_kind(
         "sawmill_longest_running_job_seconds", "Time since the first running job started; 0: none.", tally.running_s
     )
 
 
 def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
-    outcomes = CounterMetricFamily("sawmill_attempts", "Attempts that ended.", labels=["kind", "outcome"])
+    text = f"Attempts that ended, by outcome: {', '.join(OUTCOMES)}."
+    outcomes = CounterMetricFamily("sawmill_attempts", text, labels=["kind", "outcome"])
     by_outcome = _summed(fates, lambda fate: (fate.kind, fate.what))
     for kind in JobKind.all():
         for what in OUTCOMES:
@@ -143,7 +157,10 @@ def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
     yield _failures(fates)
     yield _durations(fates)
     by_kind = _summed(fates, lambda fate: fate.kind)
-    memory = SummaryMetricFamily("sawmill_attempt_peak_memory_bytes", "Peak memory of attempts.", labels=["kind"])
+    text = (
+        "Peak of the resident memory of attempts, memory shared with the parent process included; none of killed ones."
+    )
+    memory = SummaryMetricFamily("sawmill_attempt_peak_memory_bytes", text, labels=["kind"])
     for kind in JobKind.all():
         memory.add_metric([kind], count_value=by_kind[kind].measured, sum_value=by_kind[kind].peak_bytes)
     yield memory
@@ -157,7 +174,8 @@ def _failures(fates: Mapping[Fate, Amount]) -> Metric:
     numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind.all() for code in sorted(DEFECTS)}
     for key, amount in _summed(failed, lambda fate: (fate.kind, _fault(fate), counted_as(fate.code))).items():
         numbers[key] = amount.number
-    family = CounterMetricFamily("sawmill_job_failures", "Jobs that failed.", labels=["kind", "fault", "code"])
+    text = "Jobs that failed, by fault: input, passing or internal, which is a defect; an unknown code counts as other."
+    family = CounterMetricFamily("sawmill_job_failures", text, labels=["kind", "fault", "code"])
     for key, number in numbers.items():
         family.add_metric(key, number)
     return family

@@ -10,16 +10,17 @@ from sawmill_contracts.calibrations import Accuracy
 from sawmill_service.scanner_conditions import ScannerCondition
 
 _TEXTS = {
-    "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
-    "ray_error_upper_95_millimeters": "RMS ray error of these calibrations that is not exceeded with 95 %.",
-    "ray_error_tolerance_millimeters": "Largest upper_95 that is allowed.",
-    "movement_millimeters": "RMS ray change against the active calibration, by the newest measurement.",
+    "ray_error_millimeters": "Predicted RMS ray error of the calibration: active or newest.",
+    "ray_error_upper_95_millimeters": "RMS ray error not exceeded with 95 %, of the calibration: active or newest.",
+    "ray_error_tolerance_millimeters": "Largest `sawmill_scanner_ray_error_upper_95_millimeters` that is allowed.",
+    "movement_millimeters": "RMS ray change, seen by: drift, the newest check that could tell, against the active "
+    "calibration; calibration, the newest one against the one that was active.",
     "movement_tolerance_millimeters": "Largest ray change that is allowed.",
-    "in_tolerance": "0: the page shows the scanner red; absent without a calibration.",
+    "in_tolerance": "0: the page shows the scanner red; 1: good or to be watched; absent without a calibration.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
     "calibration_age_seconds": "Time since the newest calibration that succeeded was requested.",
     "drift_check_age_seconds": "Time since the newest drift check that ended was requested.",
-    "alarm": "Whether an alarm is open.",
+    "alarm": "1: an alarm is open, of any scanner; 0: none, of the 200 newest scanners.",
 }
 _FURTHER_LABELS = {
     "ray_error_millimeters": "calibration",

@@ -46,10 +46,8 @@ def _check_network(text: str) -> str:
     return text
 
 
-class ServiceSettings(BaseSettings):
-    """Addresses on which the service listens, and limits of what it accepts; `SAWMILL_PORT=8080` sets `port`."""
-
-    model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True, hide_input_in_errors=True)
+class NetworkSettings(BaseSettings):
+    """Network and access."""
 
     host: str = Field(
         "127.0.0.1", description="Address to listen on. Beyond loopback the service starts only with a key or a token."
@@ -60,12 +58,6 @@ class ServiceSettings(BaseSettings):
         description="Host names (JSON list) by which clients may call the service, in addition to `host` and, from "
         "this machine, loopback: a page elsewhere must not reach it through a name of its own (DNS rebinding).",
     )
-    token: Annotated[SecretStr, AfterValidator(_check_token)] | None = Field(
-        None,
-        description="The first administrator's key, which requests bring as a bearer token or as the password of HTTP "
-        "Basic: at least 32 characters. Null: keys alone (`sawmill key`), and on loopback none is needed.",
-    )
-    token_file: Path | None = Field(None, description="File that holds the token, instead of `SAWMILL_TOKEN`.")
     public_url: Annotated[str, AfterValidator(_check_url)] | None = Field(
         None,
         description="Address by which browsers reach the service through a reverse proxy, as "
@@ -77,11 +69,25 @@ class ServiceSettings(BaseSettings):
         description="Addresses or networks of reverse proxies (JSON list), whose `X-Forwarded-For` and "
         "`X-Forwarded-Proto` are believed; every request must bring a key.",
     )
+    token: Annotated[SecretStr, AfterValidator(_check_token)] | None = Field(
+        None,
+        description="The first administrator's key, which requests bring as a bearer token or as the password of HTTP "
+        "Basic: at least 32 characters. Null: keys alone (`sawmill key`), and on loopback none is needed.",
+    )
+    token_file: Path | None = Field(None, description="File that holds the token, instead of `SAWMILL_TOKEN`.")
+    failed_login_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
+        "20/minute", description="Different wrong keys of one address; further ones get 429."
+    )
     webhook_destinations: list[Annotated[str, AfterValidator(check_entry)]] = Field(
         [],
         description="Destinations of webhooks (JSON list): names, with a port unless it is 443 or 80, and networks, "
         "for addresses that are not public and for http. Empty: nothing is sent anywhere.",
     )
+
+
+class UploadSettings(BaseSettings):
+    """Uploads."""
+
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
     )
@@ -92,34 +98,19 @@ class ServiceSettings(BaseSettings):
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )
-    max_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        16 * GIB, description="Declared bytes of one key's uploads in parts that are not used yet."
-    )
-    max_all_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        64 * GIB, description="Declared bytes of all keys' uploads in parts that are not used yet."
+    max_json_bytes: Annotated[int, Field(gt=0)] = Field(
+        MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."
     )
     max_waiting_uploads: Annotated[int, Field(gt=0)] = Field(
         100,
         description="Number of one key's uploads in parts that are not used yet; "
         "an upload is deleted a day after its last part.",
     )
-    max_json_bytes: Annotated[int, Field(gt=0)] = Field(
-        MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."
+    max_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
+        16 * GIB, description="Declared bytes of one key's uploads in parts that are not used yet."
     )
-    event_poll_s: Annotated[float, Field(gt=0)] = Field(
-        0.25,
-        description="Longest time between two reads of a job whose events are streamed; "
-        "the first reads come after a tenth of the time waited.",
-    )
-    retry_after_s: Annotated[int, Field(ge=1)] = Field(
-        1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
-    )
-
-    max_connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = Field(
-        1024,
-        description="From this number of open connections on, idle ones and streams included, requests get a plain "
-        "503. One caller at its bounds has 488 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`): "
-        "two such callers have room.",
+    max_all_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
+        64 * GIB, description="Declared bytes of all keys' uploads in parts that are not used yet."
     )
     client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="Longest pause within a body.")
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
@@ -128,15 +119,17 @@ class ServiceSettings(BaseSettings):
     body_grace_s: Annotated[float, Field(ge=0)] = Field(
         30.0, description="Time from the start of a body until its rate counts."
     )
+
+
+class ClientSettings(BaseSettings):
+    """Limits of clients."""
+
     rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
         "6000/minute",
         description="Requests of one key, or of one address without a key, as in `1200/minute; 100/second`.",
     )
     change_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
         "600/minute", description="Those requests of `rate_limit` that make, change or delete something."
-    )
-    failed_login_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
-        "20/minute", description="Different wrong keys of one address; further ones get 429."
     )
     max_requests_at_once: Annotated[int, Field(ge=1)] = Field(
         32, description="Requests of one key or address at once, until their answers begin: the API has 40 threads."
@@ -151,6 +144,26 @@ class ServiceSettings(BaseSettings):
     max_streams: Annotated[int, Field(ge=1)] = Field(
         64, description="Streams of events in all; a stream of a job reads the job several times a second."
     )
+    max_connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = Field(
+        1024,
+        description="From this number of open connections on, idle ones and streams included, requests get a plain "
+        "503. One caller at its bounds has 488 (`max_requests_at_once`, `max_bodies_at_once`, `max_waits_at_once`): "
+        "two such callers have room.",
+    )
+    retry_after_s: Annotated[int, Field(ge=1)] = Field(
+        1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
+    )
+    event_poll_s: Annotated[float, Field(gt=0)] = Field(
+        0.25,
+        description="Longest time between two reads of a job whose events are streamed; "
+        "the first reads come after a tenth of the time waited.",
+    )
+
+
+class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
+    """Addresses on which the service listens, and limits of what it accepts; `SAWMILL_PORT=8080` sets `port`."""
+
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True, hide_input_in_errors=True)
 
     @model_validator(mode="before")
     @classmethod

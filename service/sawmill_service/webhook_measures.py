@@ -8,16 +8,18 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 
 _GAUGES = {
-    "waiting": "Events that wait to be sent.",
+    "waiting": "Events that wait to be sent, 10 000 at most.",
     "oldest_waiting_seconds": "Age of the oldest event that waits; 0: none does.",
-    "paused": "Whether the service gave up on it.",
+    "paused": "Whether the service gave up on the webhook.",
 }
 
 
 def webhook_measures(webhooks: Iterable[Webhook], now: datetime) -> Iterator[Metric]:
     """Yield a metric family for each measure, with a value for each webhook."""
     sent = CounterMetricFamily(
-        "sawmill_webhook_deliveries", "Attempts to deliver an event.", labels=["webhook", "outcome"]
+        "sawmill_webhook_deliveries",
+        "Attempts to deliver an event, by outcome: delivered, failed.",
+        labels=["webhook", "outcome"],
     )
     gauges = [GaugeMetricFamily(f"sawmill_webhook_{name}", text, labels=["webhook"]) for name, text in _GAUGES.items()]
     for webhook in webhooks:

@@ -69,7 +69,8 @@ def check_demo(output: Path, printed: str, *, errors_mm: tuple[float, float], re
     assert found_mm[2] < errors_mm[1]  # 0.1 mm more where nothing is done about a bend
     calibrated, by_tape = relative
     assert calibrated < relative_error
-    assert by_tape > 3 * calibrated
+    # A tape's few millimetres are seen less in large pixels.
+    assert by_tape > (3 if size >= 256 else 2) * calibrated
 
     text = (output / "index.html").read_text()
     shown = Page(text).names

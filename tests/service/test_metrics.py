@@ -1,10 +1,8 @@
-"""What a scrape tells, and that the page about it and the examples name what it has."""
+"""What a scrape tells."""
 
-import re
 import threading
 import time
 from datetime import timedelta
-from pathlib import Path
 
 import pytest
 import results
@@ -18,7 +16,6 @@ from sawmill_service.app import create_app
 from sawmill_service.measures import Measures
 from sawmill_store.store import Store
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("seeded")
 
 
@@ -32,25 +29,6 @@ def scrape(client):
         return next((sample.value for sample in found if (sample.name, sample.labels) == (name, labels)), None)
 
     return read
-
-
-@pytest.fixture
-def labels_by_name(client) -> dict[str, set[str]]:
-    """Of a real scrape, by the names of the page: a histogram has one."""
-    client.get("/health/live")
-    families = list(text_string_to_metric_families(client.get("/metrics").text))
-    counters = {family.name for family in families if family.type == "counter"}
-    return {
-        family.name + "_total" * (family.name in counters): {label for s in family.samples for label in s.labels}
-        for family in families
-        if not family.name.endswith("_created")
-    }
-
-
-def test_the_page_names_every_metric_and_label(labels_by_name):
-    page = (ROOT / "docs/do/run.md").read_text().partition("## Metrics")[2].partition("\n## ")[0]
-    rows = [line.split("|")[1:3] for line in page.splitlines() if line.startswith("| `sawmill")]
-    assert {name.strip(" `"): set(re.findall(r"`(\w+)`", labels)) for name, labels in rows} == labels_by_name
 
 
 def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:

@@ -2,7 +2,6 @@
 
 import re
 from datetime import datetime
-from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
@@ -12,10 +11,9 @@ from documented import check_documented
 from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.contracts.old_names import out_of_use
-from sawmill_service.http.document.old_names import OLD_ROUTES, markdown_table
+from sawmill_service.http.document.old_names import OLD_ROUTES
 from sawmill_vocabulary.version import VERSION
 
-PAGE = Path(__file__).parents[2] / "docs/look-up/http.md"
 PATH = "/v1/reconstructions"
 HISTORY = "/v1/scanners/example/history"
 FIELDS = [(declared.ask, name, mark) for declared in asked_kinds() for name, mark in out_of_use(declared.ask)]
@@ -115,12 +113,6 @@ def test_an_old_name_works_for_a_version_and_goes_with_the_one_that_was_named(na
     since, now, gone = map(version_tuple, (mark.since, VERSION, mark.gone_in))
     assert gone[:2] > since[:2], f"{name} must work for a version"
     assert since <= now < gone, f"take {name} out: it goes with {mark.gone_in}"
-
-
-def test_the_page_lists_them():
-    assert markdown_table() in PAGE.read_text(), (
-        "put in what `python -m sawmill_service.http.document.old_names` prints"
-    )
 
 
 def test_it_is_found_by_its_mark():

@@ -16,7 +16,7 @@ from sawmill_platform import errors
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
-from sawmill_service.http.problem_types import markdown_table, problem_types
+from sawmill_service.http.problem_types import problem_types
 from sawmill_service.pages.frame.languages import texts
 from sawmill_service.settings import ServiceSettings
 
@@ -109,11 +109,6 @@ def test_every_failure_s_code_has_its_texts():
     assert not CODES - known, "add these to problem_texts/failures.toml"
     assert not known - CODES, "no job fails with these: take `failure` out of their texts"
     assert all(kind.status or kind.failure for kind in problem_types().values())
-
-
-def test_the_documents_have_the_codes_of_now():
-    http, table = (ROOT / "docs/look-up/http.md").read_text(), markdown_table()
-    assert table in http, f"docs/look-up/http.md needs this table:\n{table}"
 
 
 def test_a_problem_leads_to_its_page(client):

@@ -7,10 +7,8 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
-class StorageSettings(BaseSettings):
-    """Settings of the storage, read from environment variables with the prefix SAWMILL_."""
-
-    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
+class DataSettings(BaseSettings):
+    """Data and disks."""
 
     data_folder: Path = Field(
         default_factory=lambda: Path.home() / ".local/share/sawmill-calibration",
@@ -30,6 +28,10 @@ class StorageSettings(BaseSettings):
         "room for the database, and for what runs to end.",
     )
 
+
+class QueueSettings(BaseSettings):
+    """Queue."""
+
     max_queued_jobs: Annotated[int, Field(ge=1)] = Field(
         10_000,
         description="Jobs that may wait in all, those that are tried again included; whoever asks for another one gets "
@@ -39,6 +41,12 @@ class StorageSettings(BaseSettings):
         5_000,
         description="Of these, jobs that were asked for with one key: the 4 000 jobs of a busy day have room.",
     )
+
+
+class StorageSettings(DataSettings, QueueSettings):
+    """Settings of the storage, read from environment variables with the prefix SAWMILL_."""
+
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
     @property
     def url(self) -> str:

@@ -28,7 +28,10 @@ class Observer:
     def __init__(self, app: ASGIApp, *, registry: CollectorRegistry) -> None:
         self.app = app
         self.requests = Counter(
-            "sawmill_http_requests", "HTTP requests.", ["method", "route", "status"], registry=registry
+            "sawmill_http_requests",
+            "Requests that this process answered; status 499: the client left.",
+            ["method", "route", "status"],
+            registry=registry,
         )
         self.seconds = Histogram(
             "sawmill_http_request_seconds",

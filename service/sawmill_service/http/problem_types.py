@@ -78,20 +78,9 @@ def failure_texts(file: IO[bytes], *_: object, **_options: object) -> Iterator[t
         yield from ((1, "gettext", entry[name], []) for name in ("title", "when", "what_to_do"))
 
 
-def markdown_table() -> str:
-    """Return the table of codes by status for docs/look-up/http.md."""
-    statuses = sorted({kind.status for kind in problem_types().values() if kind.status is not None})
-    rows = [f"| {status} {HTTPStatus(status).phrase} | {_codes_of(status)} |" for status in statuses]
-    return "\n".join(["| status | `code` |", "|---|---|", *rows])
-
-
 def describe_code(schema: dict[str, Any]) -> None:
     """Complete the schema of a code; an `enum` would break clients of earlier versions."""
     schema.update({"x-extensible-enum": list(problem_types()), "description": f"Stable, for programs. {_OTHERS}"})
-
-
-def _codes_of(status: int) -> str:
-    return ", ".join(f"`{kind.code}`" for kind in problem_types().values() if kind.status == status)
 
 
 def _read(path: Path) -> list[ProblemType]:
@@ -102,7 +91,3 @@ def _read(path: Path) -> list[ProblemType]:
         for pattern in entry.pop("codes")
         for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind.all())
     ]
-
-
-if __name__ == "__main__":
-    print(markdown_table())  # noqa: T201 - for docs/look-up/http.md

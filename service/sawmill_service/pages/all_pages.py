@@ -3,6 +3,7 @@
 from sawmill_service.pages import jobs, logs, problem_types, scans
 from sawmill_service.pages.calibrate import calibrate, report
 from sawmill_service.pages.frame import look
+from sawmill_service.pages.help import help as help_pages
 from sawmill_service.pages.phantoms import phantoms
 from sawmill_service.pages.scanners import comparison, scanner, scanner_history, today
 from sawmill_service.pages.system import retention, system, webhooks
@@ -10,6 +11,7 @@ from sawmill_service.pages.system import retention, system, webhooks
 PAGES = (
     calibrate.router,
     comparison.router,
+    help_pages.router,
     jobs.router,
     logs.router,
     look.router,

@@ -148,7 +148,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     ]:
         page.goto("/look?language=fi&next=/calibrate")
         sent = {"name": name, "mimeType": "", "buffer": content}
-        page.get_by_label("Valitse mallikappaleen skannaus").set_input_files(sent)
+        page.get_by_label("Valitse kalibrointikappaleen skannaus").set_input_files(sent)
         expect(page.get_by_role("heading", name=sentence)).to_be_visible()
         looks_right(page, name.partition(".")[0])
     page.get_by_role("link", name="Avaa tämä kalibrointi").click()

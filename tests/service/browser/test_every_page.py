@@ -33,6 +33,9 @@ PAGES = {
     "audit": "/audit",
     "webhooks": "/system/webhooks",
     "retention": "/retention",
+    "help": "/help",
+    "help-page": "/help/look-up/settings",
+    "help-search": "/help?search=queue",
 }
 # The widths that each page is looked at in, the first when it is opened; and in which colours and language.
 LOOKS = [((390, 800, 1280, 1920), "light", "en"), ((390,), "dark", "fi")]

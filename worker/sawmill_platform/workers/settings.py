@@ -11,20 +11,77 @@ Seconds = Annotated[float, Field(gt=0, le=86_400)]
 Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]
 
 
-class ExecutionSettings(BaseSettings):
-    """Settings of the execution, read from environment variables with the prefix SAWMILL_."""
+class WorkerSettings(BaseSettings):
+    """Workers."""
 
-    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
+    workers: Annotated[int, Field(ge=1, le=64)] = Field(
+        1, description="Embedded worker processes, or jobs at once of a Celery worker; they share the cores."
+    )
+    broker_url: str | None = Field(
+        None, description="Redis that carries wake-ups to Celery workers; null: embedded workers, no broker."
+    )
+    numba_num_threads: Annotated[int, Field(ge=1, le=1024)] | None = Field(
+        None, description="Threads of one job; null: the cores, shared out among the workers, at least one each."
+    )
+    poll_s: Seconds = Field(
+        0.2, description="How often an idle embedded worker looks for a job of which it got no wake-up."
+    )
+    sweep_s: Seconds = Field(
+        5.0,
+        description="Age in seconds at which a queued job's wake-up counts as lost and is sent again (cluster only).",
+    )
+    fork_attempts: bool = Field(
+        default=True,
+        description="Fork attempts from a process that has imported everything, where TBB is installed and the system "
+        "allows it; otherwise each starts afresh, which costs a second or more of processor time.",
+    )
+    spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
+        1,
+        description="Processes kept ready with the science imported; more where jobs often come together.",
+    )
+    spare_idle_s: Seconds = Field(
+        600.0,
+        description="How long an embedded worker keeps its template and its spare processes, which hold the science, "
+        "without a job; the next job then waits a second or two for new ones.",
+    )
+    start_timeout_s: Seconds = Field(
+        120.0,
+        description="For a template or a fresh process that uses no processor time before it has imported the science; "
+        "the first import compiles, which may take minutes, and is not ended for that.",
+    )
+
+
+class JobLimitSettings(BaseSettings):
+    """Limits of a job."""
+
+    memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
+        None,
+        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its input need if that "
+        "is more, and 64 MiB on top for each core beyond eight.",
+    )
+    time_limit_s: Annotated[float, Field(gt=0, le=30 * 86_400)] | None = Field(
+        None,
+        description="How long one attempt may take before the job fails; null: by its kind, 6 hours for reading an "
+        "upload and 24 hours for everything else.",
+    )
+    stall_s: Seconds | None = Field(
+        None,
+        description="How long an attempt's progress may stand still before its process is ended, which is a loss; "
+        "null: by the job's kind, as a rule 30 minutes.",
+    )
+    confine_attempts: bool = Field(
+        default=True,
+        description="Keep the process of each attempt to its own files and off the network, where the kernel has "
+        "Landlock.",
+    )
+
+
+class LossSettings(BaseSettings):
+    """Lost attempts and stops."""
 
     lease_s: Seconds = Field(60.0, description="How long a job stays with a worker that sends no heartbeat.")
     heartbeat_s: Seconds = Field(
         10.0, description="How often a worker renews its lease and looks for a cancellation; several times a lease."
-    )
-    progress_s: Seconds = Field(
-        0.5, description="Progress is stored at most that often: each time costs a commit of about 4 ms."
-    )
-    poll_s: Seconds = Field(
-        0.2, description="How often an idle embedded worker looks for a job of which it got no wake-up."
     )
     max_attempts: Annotated[int, Field(ge=1, le=10)] = Field(
         3,
@@ -37,6 +94,19 @@ class ExecutionSettings(BaseSettings):
     outage_wait_s: Wait = Field(
         5.0, description="As `loss_wait_s`, while the disk is full or the database does not answer, however often."
     )
+    stop_grace_s: Seconds = Field(
+        5.0, description="How long a stopping worker waits for its job before it gives it back; below Docker's 10 s."
+    )
+    kill_grace_s: Seconds = Field(2.0, description="Between asking an attempt's process to end and killing it.")
+
+
+class RecordSettings(BaseSettings):
+    """Progress, housekeeping and log."""
+
+    log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")
+    progress_s: Seconds = Field(
+        0.5, description="Progress is stored at most that often: each time costs a commit of about 4 ms."
+    )
     housekeeping_s: Seconds = Field(
         2.0, description="How often expired leases and due schedules are looked for; alarms, each minute."
     )
@@ -45,63 +115,12 @@ class ExecutionSettings(BaseSettings):
         description="How long a file or folder that no row knows is watched before it is removed: what a killed "
         "process or a failed commit left.",
     )
-    sweep_s: Seconds = Field(
-        5.0,
-        description="Age in seconds at which a queued job's wake-up counts as lost and is sent again (cluster only).",
-    )
-    stop_grace_s: Seconds = Field(
-        5.0, description="How long a stopping worker waits for its job before it gives it back; below Docker's 10 s."
-    )
-    kill_grace_s: Seconds = Field(2.0, description="Between asking an attempt's process to end and killing it.")
-    stall_s: Seconds | None = Field(
-        None,
-        description="How long an attempt's progress may stand still before its process is ended, which is a loss; "
-        "null: by the job's kind, as a rule 30 minutes.",
-    )
-    time_limit_s: Annotated[float, Field(gt=0, le=30 * 86_400)] | None = Field(
-        None,
-        description="How long one attempt may take before the job fails; null: by its kind, 6 hours for reading an "
-        "upload and 24 hours for everything else.",
-    )
-    start_timeout_s: Seconds = Field(
-        120.0,
-        description="For a template or a fresh process that uses no processor time before it has imported the science; "
-        "the first import compiles, which may take minutes, and is not ended for that.",
-    )
-    spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
-        1,
-        description="Processes kept ready with the science imported; more where jobs often come together.",
-    )
-    spare_idle_s: Seconds = Field(
-        600.0,
-        description="How long an embedded worker keeps its template and its spare processes, which hold the science, "
-        "without a job; the next job then waits a second or two for new ones.",
-    )
-    fork_attempts: bool = Field(
-        default=True,
-        description="Fork attempts from a process that has imported everything, where TBB is installed and the system "
-        "allows it; otherwise each starts afresh, which costs a second or more of processor time.",
-    )
-    confine_attempts: bool = Field(
-        default=True,
-        description="Keep the process of each attempt to its own files and off the network, where the kernel has "
-        "Landlock.",
-    )
-    workers: Annotated[int, Field(ge=1, le=64)] = Field(
-        1, description="Embedded worker processes, or jobs at once of a Celery worker; they share the cores."
-    )
-    broker_url: str | None = Field(
-        None, description="Redis that carries wake-ups to Celery workers; null: embedded workers, no broker."
-    )
-    numba_num_threads: Annotated[int, Field(ge=1, le=1024)] | None = Field(
-        None, description="Threads of one job; null: the cores, shared out among the workers, at least one each."
-    )
-    memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
-        None,
-        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its input need if that "
-        "is more, and 64 MiB on top for each core beyond eight.",
-    )
-    log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")
+
+
+class ExecutionSettings(WorkerSettings, JobLimitSettings, LossSettings, RecordSettings):
+    """Settings of the execution, read from environment variables with the prefix SAWMILL_."""
+
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
     @property
     def retries(self) -> Retries:

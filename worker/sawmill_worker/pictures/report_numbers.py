@@ -82,7 +82,7 @@ def theta_values(theta: Theta) -> list[str]:
 
 
 def theta_change(before: Theta, after: Theta) -> list[str]:
-    """Describe the parameters that differ between two thetas, for example "source shift +14 mm"."""
+    """Describe the parameters that differ between two thetas, for example "source shift +3 mm"."""
     changes = [
         ("COR to detector", after.detector_to_cor_mm - before.detector_to_cor_mm, " mm"),
         ("source shift", after.source_shift_mm - before.source_shift_mm, " mm"),

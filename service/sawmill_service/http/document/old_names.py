@@ -11,7 +11,6 @@ import structlog
 from fastapi import Response
 from pydantic import BaseModel
 
-from sawmill_contracts.kinds import asked_kinds
 from sawmill_platform.contracts.old_names import OutOfUse, out_of_use
 from sawmill_service.access import Caller
 from sawmill_service.dependencies import TheCaller
@@ -82,19 +81,3 @@ def _set_headers(response: Response, used: Mapping[str, OutOfUse]) -> None:
     links = [f'</openapi.json#/{pointer}>; rel="deprecation"; type="application/json"' for pointer in used]
     response.headers["Deprecation"] = f"@{int(since.timestamp())}"
     response.headers["Link"] = ", ".join(links)
-
-
-def markdown_table() -> str:
-    """Return the table of deprecated names for docs/look-up/http.md."""
-    marks = [
-        (f"`{name}` of `{declared.ask.__name__}`", mark)
-        for declared in asked_kinds()
-        for name, mark in out_of_use(declared.ask)
-    ]
-    marks += [(f"`{route}`", route.mark) for route in OLD_ROUTES]
-    rows = [f"| {name} | {mark.since} | {mark.gone_in} | {mark.instead} |" for name, mark in marks]
-    return "\n".join(["| out of use | since | gone in | instead |", "|---|---|---|---|", *rows])
-
-
-if __name__ == "__main__":
-    print(markdown_table())  # noqa: T201 - for docs/look-up/http.md

@@ -1,0 +1,1 @@
+"""The documents of the product as pages at /help, with a search."""
