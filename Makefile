@@ -118,7 +118,7 @@ bench-viewer: install-dev
 bench-pages: install-dev
 	@$(BIN)/python benchmarks/pages.py
 
-# What docs/do/sizing.md shows. OPTIONS: --quick, --parts, --databases, --workers, --queued.
+# The load of a line by queue, workers and database. OPTIONS: --quick, --parts, --databases, --workers, --queued.
 study-load: install-dev
 	@$(BIN)/python benchmarks/load.py $(OPTIONS)
 

@@ -4,7 +4,7 @@
 
 The data folder and the backups are made below FOLDER, on one disk. Each upload is a scan that has been refused, so that
 it has two rows and an event. A run with 58 000 files of 10 kB writes `benchmarks/results/backups.json`, from which
-docs/do/backup.md has its table. Another one only prints, unless `--results` names a folder.
+docs/do/backup.md has a figure of it. Another one only prints, unless `--results` names a folder.
 """
 
 import argparse

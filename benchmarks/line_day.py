@@ -1,9 +1,10 @@
-"""A line's day as docs/do/sizing.md counts it: what its logs mean for disk, network and processors.
+"""A line's day: what its logs mean for disk, network and processors.
 
-The tables of the page from the values that `benchmarks/load.py` measures.
+The tables are made from the values that `benchmarks/load.py` measures.
 """
 
 from collections.abc import Iterable, Sequence
+from math import ceil, log2
 from typing import Any
 
 from figures import rounded
@@ -13,6 +14,14 @@ SHIFT_H = 16.0  # two shifts
 DISK_TB = 8.0
 DAYS_KEPT = (1, 7, 14, 30)
 MBIT, GB, TB = 1e6 / 8, 1e9, 1e12
+
+# The machines of docs/do/sizing.md: lines, and logs a day of all of them.
+MILLS = ((1, 500), (1, LOGS), (2, 2 * LOGS), (4, 4 * LOGS))
+# Logs arrive unevenly, and calibrations come in between: more than the mean.
+HEADROOM = 1.5
+LEAST_CORES, CORES_A_WORKER, DISK_DAYS = 2, 4, 14
+# A worker may give one job that much (`attempts/limits.py`); the system has its part as well.
+JOB_GB, SYSTEM_GB = 2.2, 1.0
 
 Figures = dict[str, Any]
 
@@ -97,6 +106,24 @@ def stay_table(log: Figures) -> list[list[str]]:
     return [[str(days), *(f"{days * each:.1f} TB" for each in (scans, volumes, scans + volumes))] for days in DAYS_KEPT]
 
 
+def sizing_table(log: Figures, rest_mib: float) -> list[list[str]]:
+    """Tabulate the machine for some mills and two methods; `rest_mib` is what API and one worker hold at rest."""
+    read_h, fbp_h, few_h = hours_of(log)
+    scan_bytes = log["upload_bytes"] + log["scan_bytes"]
+    rows = []
+    for lines, logs in MILLS:
+        for method, method_h in (("fbp", fbp_h), (log["few_method"], few_h)):
+            busy_cores = (read_h + method_h) * logs / LOGS / SHIFT_H
+            cores = max(LEAST_CORES, ceil(HEADROOM * busy_cores))
+            memory_gb = SYSTEM_GB + rest_mib * 2**20 / GB + ceil(cores / CORES_A_WORKER) * JOB_GB
+            scans, volumes = (DISK_DAYS * logs * each / TB for each in (scan_bytes, log["volume_bytes"]))
+            memory = f"{2 ** ceil(log2(memory_gb))} GB"
+            rows.append(
+                [str(lines), str(logs), f"`{method}`", str(cores), memory, f"{scans:.1f} TB", f"{volumes:.1f} TB"]
+            )
+    return rows
+
+
 def ends_table(figures: Figures, cores: int) -> list[list[str]]:
     """Tabulate a day's needs of one machine, what the measured one has, and the number of lines that it serves."""
     read_h, fbp_h, few_h = hours_of(figures["log"])
@@ -147,6 +174,11 @@ def derived(figures: Figures, cores: int) -> Figures:
     made: Figures = {}
     if log is not None:
         made["day"] = _markdown(["what", "computed", "amount"], day_table(log))
+        rest_mib = max((cell["api_mib"] + cell["worker_mib"] for cell in cells if cell["workers"] == 1), default=0.0)
+        made["sizing"] = _markdown(
+            ["lines", "logs a day", "method", "cores", "memory", "disk: 14 days of scans", "and of all volumes"],
+            sizing_table(log, rest_mib),
+        )
         made["stay"] = _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(log))
     if log is not None and any(cell["workers"] for cell in cells):
         made["ends"] = _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures, cores))

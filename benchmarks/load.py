@@ -8,7 +8,7 @@ filled to a length with plans of a calibration, which are short jobs. Measured a
 events; then, while the workers go on, asks a second by four clients over HTTP, the first and a deep page of
 `GET /v1/jobs` (50 jobs), a claim in addition to the workers', and the proportional set size of the API and of all
 other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. A run of both parts on
-both databases writes `benchmarks/results/load.json`, from which docs/do/sizing.md has its tables. A smaller one only
+both databases writes `benchmarks/results/load.json`, from which the pages have their tables. A smaller one only
 prints, unless `--results` names a folder.
 """
 

@@ -1,6 +1,5 @@
 """The page of the public names of `sawmill_calibration`, from signatures, docstrings and the contracts of options."""
 
-import inspect
 import json
 import re
 import textwrap
@@ -18,7 +17,6 @@ from pydantic import BaseModel
 import sawmill_calibration
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
-
 
 GROUPS = {
     "Read and simulate scans": ("read_scan", "simulate_phantom_scan", "simulate_log_scan", "Scan"),

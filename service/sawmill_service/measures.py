@@ -1,4 +1,4 @@
-"""Metrics of the store, counted when they are read (docs/do/run.md#metrics); every label is of a closed set."""
+"""Metrics of the store, counted when they are read (docs/look-up/metrics.md); every label is of a closed set."""
 
 import threading
 import time

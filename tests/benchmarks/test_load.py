@@ -5,11 +5,18 @@ import json
 import line_day
 import load
 import pytest
+from measurement import RESULTS
 
 
 def test_a_day_of_logs_is_what_the_page_says():
     assert line_day.log_bytes() == 20 * 2500 * 768 * 2
     assert line_day.day_bytes() == 153_600_000_000
+
+
+def test_the_table_of_machines_follows_from_what_the_results_hold():
+    """It is derived from measured values: an unchanged file gives the same table."""
+    file = json.loads((RESULTS / "load.json").read_text())
+    assert line_day.derived(file["values"], file["cores"])["sizing"] == file["values"]["sizing"]
 
 
 @pytest.mark.nightly
@@ -22,5 +29,7 @@ def test_the_quick_study_measures_everything(tmp_path, capsys):
     assert log["upload_bytes"] > log["rows"] * 22 * 768 * 2
     assert min(log["scan_bytes"], log["volume_bytes"], log["read_processor_s"], log["fbp_processor_s"]) > 0
     assert "| samples of a day | 2000 logs x 76.8 MB | 154 GB |" in values["day"]
-    assert values.keys() == {"cells", "log", "day", "stay", "ends", "sqlite", "claim_growth", "first_page_growth"}
+    assert values.keys() == {
+        *("cells", "log", "day", "sizing", "stay", "ends", "sqlite", "claim_growth", "first_page_growth")
+    }
     assert "sqlite           1      10" in capsys.readouterr().out

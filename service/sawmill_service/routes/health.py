@@ -112,7 +112,7 @@ def broker_of(broker_url: str | None) -> "BrokerReport | None":
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
 def metrics(request: Request) -> Response:
-    """Report jobs, attempts, memory, disk, requests, scanners' ray errors and movements: docs/do/run.md#metrics.
+    """Report jobs, attempts, memory, disk, requests, scanners' ray errors and movements: docs/look-up/metrics.md.
 
     The status is always 200: if the database does not answer, `sawmill_database_up` is 0 and its metrics are omitted.
     """

@@ -66,7 +66,7 @@ def test_a_lease_shorter_than_two_heartbeats_is_refused():
     [
         ("SAWMILL_LEASE", "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?"),
         ("sawmill_brokerurl", "sawmill_brokerurl is no setting: did you mean SAWMILL_BROKER_URL?"),
-        ("SAWMILL_XYZZY", "SAWMILL_XYZZY is no setting: unset it; docs/do/run.md lists the settings"),
+        ("SAWMILL_XYZZY", "SAWMILL_XYZZY is no setting: unset it; docs/look-up/settings.md lists the settings"),
     ],
 )
 def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):

@@ -28,7 +28,7 @@ from sawmill_platform.database.database import Database, has_tables, is_known, n
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import BackupRefused, Damaged
-from sawmill_platform.files.file_store import IDENTITY, RESTORING
+from sawmill_platform.files.file_store import IDENTITY, RESTORING, FileStore
 from sawmill_platform.files.folder_identity import write_identity
 from sawmill_platform.files.whole_files import flush, flushed_file_system
 from sawmill_platform.jobs.job_store import requeue
@@ -100,6 +100,7 @@ def restore(
             _clear(folder, settings)
             _restore(checked, folder, settings, readers, on_progress)
         shutil.rmtree(folder / RESTORING)
+    FileStore(folder).make_folders()
     flush(folder)
     return manifest
 

@@ -120,5 +120,5 @@ def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -
             "attempts-confined-in-part" if found else "attempts-not-confined",
             landlock=found,
             complete_from=landlock.COMPLETE,
-            remedy="see docs/do/run.md#what-an-attempt-may-touch",
+            remedy="see docs/understand/security.md#confinement",
         )

@@ -31,7 +31,7 @@ class KindDeclaration:
         Seconds that an attempt may take.
     stall_s : int
         Seconds for which progress may pause: several times the longest regular pause on a slow machine
-        (`docs/do/run.md#time-and-progress`).
+        (`docs/do/run.md#the-life-of-a-job`).
     lighter : str
         Remedy for a job that takes too long.
     upload : str or None

@@ -103,5 +103,7 @@ def check_variables(environment: Mapping[str, str] = os.environ) -> None:
 def _sentence(name: str) -> str:
     rests = [known.removeprefix(PREFIX) for known in KNOWN]
     nearest = difflib.get_close_matches(name.upper().removeprefix(PREFIX), rests, n=1)
-    right = f"did you mean {PREFIX}{nearest[0]}?" if nearest else "unset it; docs/do/run.md lists the settings"
+    right = (
+        f"did you mean {PREFIX}{nearest[0]}?" if nearest else "unset it; docs/look-up/settings.md lists the settings"
+    )
     return f"{name} is no setting: {right}"
