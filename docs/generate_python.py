@@ -1,5 +1,6 @@
 """The page of the public names of `sawmill_calibration`, from signatures, docstrings and the contracts of options."""
 
+import inspect
 import json
 import re
 import textwrap
