@@ -7,10 +7,11 @@ Points come from `FanBeamGeometry`, `Rotation` and the built-in phantom, as in `
 
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from geometry_drawing import BLUE, ORIGIN, PICTURE_RAD, RED, arc, dimension, in_picture, line, plt, same_every_time, write
+from geometry_drawing import BLUE, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
 from matplotlib.axes import Axes
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
@@ -27,6 +28,8 @@ THETA = Theta(
 LOG_RADIUS_MM = 190.0
 WOOD, BARK, PALE = "#f3e6d0", "#c8a26b", "#e3e3e3"
 PHANTOM = L_SHAPE.scaled(0.55)
+# A drawing lies on its side, the beam from left to right.
+SIDEWAYS = np.array([[0.0, -1.0], [1.0, 0.0]])
 WORDS = {
     "source": "source",
     "axis": "axis of rotation",
@@ -40,19 +43,24 @@ WORDS = {
 NUMBERS = {"source": "1", "axis": "2", "wood": "3", "detector": "4"}
 
 
-def outline(axes: Axes, body: Phantom) -> None:
+def sideways(points: FloatArray) -> FloatArray:
+    """Return points (..., 2) with the beam along x."""
+    return points @ SIDEWAYS
+
+
+def outline(axes: Axes, body: Phantom, place: Callable[[FloatArray], FloatArray] = np.asarray) -> None:
     """Fill the body's outlines."""
     for corners in body.outlines():
-        axes.fill(*in_picture(corners).T, facecolor="#d9b27c", edgecolor="#7d5a2b", lw=1.2, zorder=2)
+        axes.fill(*place(corners).T, facecolor="#d9b27c", edgecolor="#7d5a2b", lw=1.2, zorder=2)
 
 
 def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
     """Draw the scanner from above: its parts and, where there are words for them, measured and estimated numbers."""
-    source, centre, axis = (in_picture(vectors[0]) for vectors in FanBeamGeometry(SCANNER, THETA, np.zeros(1)).vectors())
+    source, centre, axis = (sideways(vectors[0]) for vectors in FanBeamGeometry(SCANNER, THETA, np.zeros(1)).vectors())
     cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
     axes.fill(*np.stack([source, cells[0], cells[-1]]).T, color=PALE, alpha=0.5, lw=0, zorder=0)
     axes.add_patch(plt.Circle((0.0, 0.0), LOG_RADIUS_MM, facecolor=WOOD, edgecolor=BARK, lw=1.5, zorder=1))
-    outline(axes, PHANTOM)
+    outline(axes, PHANTOM, sideways)
     axes.plot(*cells.T, color="black", lw=3.0, marker="_", markersize=7)
     axes.plot(*source, "o", color="black", markersize=11)
     axes.plot(0.0, 0.0, "+", color="black", markersize=14, markeredgewidth=2.0, zorder=4)
@@ -71,8 +79,6 @@ def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
     axes.set_aspect("equal")
     axes.axis("off")
     axes.margins(0.03)
-    # Names do not widen the axes.
-    axes.set_ylim(cells[:, 1].min() - 40.0, cells[:, 1].max() + 110.0)
 
 
 def name(axes: Axes, text: str, place: FloatArray) -> None:
@@ -107,26 +113,27 @@ def measured_and_found(
 
 
 def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]") -> None:
-    """Draw the phantom as drawn and from behind, and the source's way round the log as the angles grow."""
+    """Draw the phantom as drawn and from behind, and the log turning as the angles state and the other way."""
     for row, (seen, body) in enumerate((("as-drawn", L_SHAPE), ("from-behind", L_SHAPE.mirrored()))):
         for column, rotation in enumerate(Rotation):
             axes: Axes = panels[row, column]
             outline(axes, body)
-            first, last = rotation.apply(np.radians([20.0, 120.0])) + PICTURE_RAD
+            first, last = rotation.apply(np.radians([20.0, 120.0]))
             arc(axes, 235.0, float(first), float(last), "")
+            # The source goes round the log.
             axes.plot(235.0 * math.cos(first), 235.0 * math.sin(first), "o", color="black", markersize=6)
             axes.plot(0.0, 0.0, "+", color="black", markersize=9)
             axes.set_title(f"handedness {seen}, rotation {rotation}", fontsize=10)
             axes.set_aspect("equal")
-            axes.set_xlim(-260.0, 260.0)
-            axes.set_ylim(-260.0, 150.0)
+            axes.set_xlim(-270.0, 270.0)
+            axes.set_ylim(-270.0, 270.0)
             axes.axis("off")
 
 
 def draw_measured_phantom(axes: Axes) -> None:
     """Draw where a caliper measures a phantom, x down and y across as on its page: its whole extent, at both ends."""
-    outline(axes, L_SHAPE)
-    corners = in_picture(L_SHAPE.outlines()[0])
+    outline(axes, L_SHAPE, sideways)
+    corners = sideways(L_SHAPE.outlines()[0])
     (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
     for aside in (26.0, 62.0):
         dimension(axes, np.array([left, low - aside]), np.array([right, low - aside]), "", aside=0.0)
@@ -158,7 +165,7 @@ def main() -> None:
             figure, axes = plt.subplots(figsize=(11.0, 6.2), layout="constrained")
             draw_scanner(axes, words)
             write(figure, folder / f"{name_of_file}.svg")
-        figure, panels = plt.subplots(2, 2, figsize=(7.6, 6.4), layout="constrained")
+        figure, panels = plt.subplots(2, 2, figsize=(7.6, 7.8), layout="constrained")
         draw_hypotheses(panels)
         write(figure, folder / "handedness.svg")
         figure, axes = plt.subplots(figsize=(6.4, 6.0), layout="constrained")
