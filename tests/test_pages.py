@@ -130,7 +130,7 @@ def test_the_directions_of_imports_are_the_linter_s():
 @pytest.mark.parametrize(
     ("script", "names"),
     [
-        ("geometry_drawing.py", ["geometry.svg"]),
+        ("geometry_drawing.py", ["geometry.svg", "ray-error.svg"]),
         ("scanner_drawings.py", ["handedness.svg", "phantom.svg", "scanner-numbers.svg", "scanner.svg"]),
     ],
 )
