@@ -196,6 +196,7 @@ screenshots: install-dev
 	@mkdir -p $(SHOTS)
 	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
+	@$(BIN)/python benchmarks/fit_drawing.py
 
 # One archive for a machine without a network, of the commit that is checked out, in dist/.
 bundle: install-dev
