@@ -65,7 +65,8 @@ def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
     axes.plot(*cells.T, color="black", lw=3.0, marker="_", markersize=7)
     axes.plot(*source, "o", color="black", markersize=11)
     axes.plot(0.0, 0.0, "+", color="black", markersize=14, markeredgewidth=2.0, zorder=4)
-    arc(axes, LOG_RADIUS_MM + 45.0, 0.6, 2.0, "")
+    # The log turns clockwise where the source goes round it counter-clockwise, as the angles count.
+    arc(axes, LOG_RADIUS_MM + 45.0, 2.0, 0.6, "")
     named = {
         "source": source + np.array([-15.0, 75.0]),
         "axis": np.array([-70.0, 95.0]) if "measured" in words else np.array([-52.0, 52.0]),
@@ -123,6 +124,8 @@ def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]")
             # A quarter turn back, as x points down.
             first, last = rotation.apply(np.radians([20.0, 120.0])) - 0.5 * np.pi
             arc(axes, 235.0, float(first), float(last), "")
+            # The source goes round the log.
+            axes.plot(235.0 * math.cos(first), 235.0 * math.sin(first), "o", color="black", markersize=6)
             axes.plot(0.0, 0.0, "+", color="black", markersize=9)
             axes.set_title(f"handedness {seen}, rotation {rotation}", fontsize=10)
             axes.set_aspect("equal")

@@ -143,7 +143,7 @@ def test_the_directions_of_imports_are_the_linter_s():
 @pytest.mark.parametrize(
     ("script", "names"),
     [
-        ("geometry_drawing.py", ["geometry.svg"]),
+        ("geometry_drawing.py", ["geometry.svg", "ray-error.svg"]),
         (
             "scanner_drawings.py",
             [

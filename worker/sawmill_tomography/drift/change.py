@@ -1,7 +1,7 @@
 """The change of the geometry since a calibration, its certainty and its cause: from a scan of any log, no phantom.
 
 The fits are in `conjugate_rays` (dense scans) and `view_pairs` (any scan). R and psi cannot be seen
-(docs/understand/verdict.md#drift).
+(docs/understand/drift.md).
 """
 
 import math

@@ -45,7 +45,7 @@ def fbp(
 ) -> Estimate:
     """Reconstruct one slice or a block of slices (Kak and Slaney 1988, chapter 3).
 
-    docs/understand/verdict.md#reconstruction has the formulas.
+    docs/look-up/conventions.md#filtered-back-projection has the formulas.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Preparation:
     def of(
         cls, projector: Projector, weighting: Weighting, filter_name: FilterName, frequency_scaling: float
     ) -> "Preparation":
-        """Prepare a geometry and a grid (docs/understand/verdict.md#reconstruction)."""
+        """Prepare a geometry and a grid (docs/look-up/conventions.md#filtered-back-projection)."""
         geometry, grid = projector.geometry, projector.grid
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad

@@ -2,7 +2,7 @@
 
 With chi the direction of a ray in the plane, as a parallel beam's angle is counted,
 P(chi + gamma, u(gamma)) = P(chi + pi - gamma, u(-gamma)) with u(gamma) = u_c + SDD sin gamma / cos(gamma + tau):
-there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn scan (docs/understand/verdict.md#drift;
+it contains no R, so u_c, tau and SDD can be fitted to any dense full-turn scan (docs/understand/drift.md#dense-scans;
 the symmetry is in Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 """
 

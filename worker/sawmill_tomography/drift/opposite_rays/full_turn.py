@@ -1,6 +1,6 @@
 """A full turn of views: a check that its steps are small enough, and its rays over every angle.
 
-chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/understand/verdict.md#drift).
+chi is the direction of a ray in the plane, as the angle of a parallel beam (docs/understand/drift.md#dense-scans).
 """
 
 import math

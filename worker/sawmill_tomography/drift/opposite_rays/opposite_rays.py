@@ -1,6 +1,6 @@
 """Opposite rays of a full turn as functions of (u_c, tau, SDD), and the fit to their differences.
 
-chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/understand/verdict.md#drift).
+chi is the direction of a ray in the plane, as the angle of a parallel beam (docs/understand/drift.md#dense-scans).
 """
 
 import math

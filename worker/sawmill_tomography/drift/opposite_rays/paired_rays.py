@@ -1,6 +1,6 @@
 """Paired rays: every ray of a full turn with the one measured in the opposite direction along the same line.
 
-chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/understand/verdict.md#drift).
+chi is the direction of a ray in the plane, as the angle of a parallel beam (docs/understand/drift.md#dense-scans).
 """
 
 import math

@@ -9,7 +9,7 @@ delta the angle from the first view to the second,
 
 These are the pair conditions of fan-beam data with which Clackdoyle, Desbat, Lesaint and others calibrate. They are
 linear in the rays, so the rows of a log may be averaged first, and R is not in them
-(docs/understand/verdict.md#sparse-scans).
+(docs/understand/drift.md#sparse-scans).
 """
 
 import math
