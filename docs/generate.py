@@ -249,6 +249,7 @@ def physics() -> str:
 def index() -> str:
     """Return the list of all pages by shelf, each with its title and its first sentence."""
     page = "# Documents\n\nAll pages, by what a reader wants. A running service shows them at `/help`, with a search.\n"
+    page += "The [README](../README.md) has the two commands to begin with.\n"
     for shelf, about in SHELVES.items():
         title, _, sentence = about.partition(": ")
         rows = [
