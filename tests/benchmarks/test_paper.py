@@ -83,15 +83,11 @@ def test_the_whole_command_made_small_gives_the_page_all_figures_and_does_nothin
 
 
 @pytest.mark.nightly
-def test_runs_are_forgotten_where_the_machine_s_speed_changed(tiny, tmp_path):
+def test_figures_are_written_whatever_the_machine_s_speed(tiny, tmp_path):
     unit = Unit("one", dict, {"error": 0.5})
     experiment = Experiment("made", lambda _: [unit], lambda _, results, folder: draw(results["one"], folder))
     places = Places(tmp_path / "work", tmp_path / "results", tmp_path / "pictures")
-    times = iter((1.0, 2.0, 1.0, 1.0))
-    with pytest.raises(SystemExit, match="Nothing is written"):
-        conduct([experiment], tiny, places, reference=lambda: next(times))
-    assert load(places.work, unit) is None
-    assert not places.pictures.exists()
+    times = iter((1.0, 2.0))
     conduct([experiment], tiny, places, reference=lambda: next(times))
     assert load(places.work, unit) == {"error": 0.5}
     assert (places.pictures / "made.png").exists()
@@ -117,8 +113,7 @@ def check_printed_runs(page: str) -> None:
         ]
         assert [row[0] for row in found] == [f"the paper, run {number}" for number in range(1, 6)], phantom
         assert [row[1:8] for row in found] == [[*run.theta, run.relative_error, run.ssim] for run in expected], phantom
-        assert {row[10] for row in found} == {"not printed"}
-    assert "not available here" not in page
+        assert "not available here" not in page
 
 
 def test_the_paper_s_runs_stand_under_their_phantom():
