@@ -158,9 +158,10 @@ bench-drift: install-dev
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
 
-# The figures of all pages from benchmarks/results, which the commands that measure write.
+# The figures of all pages, and docs/evidence, from benchmarks/results, which the commands that measure write.
 figures:
 	@$(PYTHON) benchmarks/figures.py
+	@$(PYTHON) benchmarks/evidence.py
 
 # The tables of docs/understand/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
 measured: install-dev
@@ -176,7 +177,7 @@ bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
 
-# Every method on eleven logs, with the truth in hand: docs/evidence/speed.md. Goes on where it stopped; 50 minutes of a core.
+# Every method on eleven logs, with the truth in hand. Continues where it stopped; 50 minutes of a core.
 # OPTIONS: --logs 0-2, --settings 20:0.04, --methods NAME, --again NAME, --seconds NAME, --out FOLDER, --show.
 study-logs: install-dev
 	@$(BIN)/python benchmarks/log_table.py $(OPTIONS)

@@ -3,9 +3,10 @@
 import re
 from pathlib import Path
 
+import evidence
 import numpy as np
 import pytest
-from figures import PAGES, PLACE, filled, read_results
+from figures import PAGES, PLACE, read_results
 from measurement import commit
 from paper.conduct import LINE, Places, conduct, distinct, figures, gather, work_through
 from paper.experiment import Experiment, Plan, Unit
@@ -22,7 +23,7 @@ from scans import TRUE_THETA
 from sawmill_tomography.geometry.geometry import to_vector
 
 MOST_BYTES = 150_000
-PAGE = Path(__file__).parents[2] / "docs/understand/paper.md"
+PAGE = Path(__file__).parents[2] / "docs/evidence/paper.md"
 
 
 @pytest.fixture(autouse=True)
@@ -66,9 +67,12 @@ def test_the_whole_command_made_small_gives_the_page_all_figures_and_does_nothin
     assert kept == {path: path.stat().st_mtime_ns for path in work.iterdir()}
     values = figures(EXPERIMENTS, tiny, work, pictures)
     conditions = read_results()["paper-pairs"]
-    page = filled(PAGE.read_text(), {name: conditions | {"values": own} for name, own in values.items()})
-    marked = {(place[2], place[3]) for path in PAGES for place in PLACE.finditer(path.read_text())}
-    assert {(name, key) for name, own in values.items() for key in own} <= marked
+    results = {name: conditions | {"values": own} for name, own in values.items()}
+    templates = {"paper": evidence.read_templates()["paper"]}
+    page = evidence.pages(templates, results)["paper"]
+    shown = {(place[2], place[3]) for path in PAGES for place in PLACE.finditer(path.read_text())}
+    shown |= {(place[1], place[2]) for place in evidence.PLACE.finditer(templates["paper"])}
+    assert {(name, key) for name, own in values.items() for key in own} <= shown
     assert not re.search(r"\bnan\b|None", page)
     texts = (text for own in values.values() for text in own.values() if "\n" in text)
     assert all(len(line) <= LINE or line.startswith("|") for text in texts for line in text.splitlines())
