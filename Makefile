@@ -154,7 +154,7 @@ study-production-logs: install-dev
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py
 
-# The paper's own experiments for docs/understand/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
+# The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
 
