@@ -45,7 +45,7 @@ def pages(templates: dict[str, str], results: Results) -> dict[str, str]:
 def _page(template: str, results: Results) -> str:
     first, *sections = re.split(r"^(?=## )", template, flags=re.MULTILINE)
     title, _, text = _filled(first, results).strip().partition("\n")
-    parts = [title, HEAD, text.strip(), *(_section(section, results) for section in sections)]
+    parts = [title, text.strip(), HEAD, *(_section(section, results) for section in sections)]
     return "\n\n".join(_wrapped(block) for part in parts if part for block in part.split("\n\n")) + "\n"
 
 
