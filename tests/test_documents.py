@@ -420,9 +420,9 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks(FIRST_CALIBRATION.read_text(), "sh"),
         *blocks(HTTP.read_text(), "sh"),
         *blocks((ROOT / "docs/do/export.md").read_text(), "sh"),
-        *blocks((ROOT / "docs/do/simulate.md").read_text(), "sh"),
         *blocks(PROGRAMS.read_text(), "sh"),  # by test_generated_client.py
         *blocks((ROOT / "docs/understand/measured.md").read_text(), "sh"),  # by test_measured.py
+        *blocks((ROOT / "docs/do/simulate.md").read_text(), "sh"),
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.
