@@ -162,13 +162,14 @@ study-production-logs: install-dev
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py
 
-# The paper's own experiments for docs/understand/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
+# The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
 
-# The figures of all pages from benchmarks/results, which the commands that measure write.
+# The figures of all pages, and docs/evidence, from benchmarks/results, which the commands that measure write.
 figures:
 	@$(PYTHON) benchmarks/figures.py
+	@$(PYTHON) benchmarks/evidence.py
 
 # The tables of docs/understand/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
 measured: install-dev
@@ -184,7 +185,7 @@ bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
 
-# Every method on eleven logs, with the truth in hand: docs/evidence/speed.md. Goes on where it stopped; 50 minutes of a core.
+# Every method on eleven logs, with the truth in hand. Continues where it stopped; 50 minutes of a core.
 # OPTIONS: --logs 0-2, --settings 20:0.04, --methods NAME, --again NAME, --seconds NAME, --out FOLDER, --show.
 study-logs: install-dev
 	@$(BIN)/python benchmarks/log_table.py $(OPTIONS)

@@ -46,11 +46,17 @@ def filled(page: str, results: Results) -> str:
     LookupError
         A mark names a file or a value that does not exist.
     """
-    return PLACE.sub(lambda place: place[1] + _shown(place, results) + place[7], page)
+    return PLACE.sub(lambda place: place[1] + figure(*place.groups()[1:5], results=results) + place[7], page)
 
 
-def _shown(place: re.Match[str], results: Results) -> str:
-    _, name, key, digits, unit, *_ = place.groups()
+def figure(name: str, key: str, digits: str | None, unit: str | None, *, results: Results) -> str:
+    """Format a value of a results file, or how the file was measured.
+
+    Raises
+    ------
+    LookupError
+        The file or the value does not exist.
+    """
     try:
         file = results[name]
         value = conditions(file) if key == "run" else functools.reduce(operator.getitem, key.split("."), file["values"])

@@ -1,4 +1,4 @@
-"""The pictures of docs/understand/gallery.md and the outputs of examples/measured-disc.ipynb, from one measured disc.
+"""The pictures of docs/understand/measured.md and the outputs of examples/measured-disc.ipynb, from one measured disc.
 
     python benchmarks/measured_pictures.py [--only NAME ...]
 

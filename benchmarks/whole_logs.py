@@ -11,7 +11,7 @@ apart: the method itself must keep it. The rows lie 2 to 4 mm apart.
   of the row: no pixels are projected, and none of the projectors that reconstruct are used. Noise is Gaussian, relative
   to the RMS of each row.
 
-Seeds from 4000 are for tuning, those from 4100 for tables (docs/understand/reconstruction.md, docs/evidence/speed.md).
+Seeds from 4000 are for tuning, those from 4100 for tables (log_table.py).
 
     python benchmarks/whole_logs.py --seed 4100 --out FOLDER     the rows of a log side by side, as PNG
 """

@@ -26,6 +26,8 @@ from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.reconstruction.choosing import EXPECTED_ERRORS, VIEWS, seconds_a_slice
+from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
 
@@ -243,6 +245,36 @@ def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path, monkeyp
     assert (tmp_path / "rtk.xml").read_text().count("<Projection>") == 90
 
 
+@pytest.mark.slow
+def test_scans_are_simulated_as_their_page_has_it(tmp_path, monkeypatch, capsys):
+    page = (ROOT / "docs/do/simulate.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    run_in_process("".join(blocks(page, "sh")))
+    assert (tmp_path / "bad-day.h5").stat().st_size > 0
+    (program,) = blocks(page, "python")
+    exec(program, {})  # noqa: S102 - the page's
+    assert "The phantom moved at view 36, by 1.5 mm" in capsys.readouterr().out
+
+
+def test_the_table_of_methods_is_that_of_auto():
+    rows = [
+        f"| {views} | " + " | ".join(expected_errors(errors, number) for errors in EXPECTED_ERRORS.values()) + " |"
+        for number, views in enumerate(VIEWS)
+    ]
+    times = (f"{milliseconds(method, VIEWS[0])}, {milliseconds(method, VIEWS[-1])}" for method in EXPECTED_ERRORS)
+    rows.append(f"| {VIEWS[0]} and {VIEWS[-1]} views, ms | " + " | ".join(times) + " |")
+    table = "\n".join(rows)
+    assert table in (ROOT / "docs/do/methods.md").read_text(), f"docs/do/methods.md needs these rows:\n{table}"
+
+
+def expected_errors(errors: tuple[tuple[float, ...], ...], number: int) -> str:
+    return ", ".join(f"{error:#.2g}" for error in errors[number]) if number < len(errors) else "not measured"
+
+
+def milliseconds(method: ReconstructionMethod, views: int) -> str:
+    return f"{float(f'{1e3 * seconds_a_slice(method, views, 768, 256):.2g}'):g}"
+
+
 def test_every_shell_block_is_run_by_a_test():
     run_here = {
         *blocks(README.read_text(), "sh"),
@@ -252,6 +284,7 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks((ROOT / "docs/do/export.md").read_text(), "sh"),
         *blocks(FIRST_PROGRAM.read_text(), "sh"),  # by test_client_programs.py
         *blocks((ROOT / "docs/understand/measured.md").read_text(), "sh"),  # by test_measured.py
+        *blocks((ROOT / "docs/do/simulate.md").read_text(), "sh"),
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.

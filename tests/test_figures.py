@@ -3,8 +3,9 @@
 import json
 import re
 
+import evidence
 import pytest
-from figures import PAGES, PLACE, ROOT, filled, read_results
+from figures import PAGES, PLACE, ROOT, conditions, filled, read_results
 from measurement import RESULTS, Measurement
 
 RESULTS_FILES = read_results()
@@ -25,8 +26,33 @@ def test_each_mark_is_complete_and_no_prose_begins_with_one(page):
     assert not re.search(r"^ *<!-- (?:figure [^\n]*|end) -->.", text, re.MULTILINE)
 
 
-def test_each_results_file_is_shown_by_a_page():
-    assert RESULTS_FILES.keys() == {place[2] for page in PAGES for place in PLACE.finditer(page.read_text())}
+def test_the_evidence_is_that_of_the_results():
+    written = {path.stem: path.read_text() for path in evidence.FOLDER.glob("*.md")}
+    assert written == evidence.pages(evidence.read_templates(), RESULTS_FILES), "stale: run `make figures`"
+
+
+def test_the_evidence_has_each_results_file_with_its_conditions():
+    shelf = " ".join(" ".join(path.read_text() for path in evidence.FOLDER.glob("*.md")).split())
+    assert not [name for name, file in RESULTS_FILES.items() if conditions(file) not in shelf]
+
+
+def test_a_results_file_without_a_template_has_its_section_and_others_their_own():
+    templates = {"a": "# A\n\n## One\n\nIn {speed.total_s 2 s}.\n\n## Words\n\nNone.\n"}
+    pages = evidence.pages(templates, {"speed": RESULT, "new": RESULT | {"command": "make b"}})
+    measured = ", commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start.*"
+    head = "*Written by `make figures` from `benchmarks/results`.*"
+    assert (
+        pages["a"] == f"# A\n\n{head}\n\n## One\n\nIn 0.42 s.\n\n*Measured by `make a`{measured}\n\n## Words\n\nNone.\n"
+    )
+    title, _, section = pages["more"].split("\n\n", 2)
+    assert title == "# Other measurements"
+    assert section.startswith("## new\n\n| a |\n|---|\n| 1 |\n\n- `total_s`: 0.424\n")
+    assert f"*Measured by `make b`{measured}" in section
+
+
+def test_a_figure_that_no_results_file_has_is_named():
+    with pytest.raises(LookupError, match=r"benchmarks/results has no speed\.lost, which a page shows"):
+        evidence.pages({"a": "# A\n\n{speed.lost}"}, {"speed": RESULT})
 
 
 def test_each_benchmark_is_named_by_a_page_or_a_target_or_is_part_of_one_that_is():

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from paper.experiment import Experiment, Plan, Result, Unit, Values
-from paper.store import forget, load, save
+from paper.store import load, save
 
 LINE = 120
 # First characters of blocks that are no paragraphs: headings, tables, pictures, code.
@@ -130,17 +130,10 @@ def figures(experiments: Sequence[Experiment], plan: Plan, work: Path, pictures:
 def conduct(
     experiments: Sequence[Experiment], plan: Plan, places: Places, reference: Callable[[], float] = reference_s
 ) -> None:
-    """Run the experiments and write figures and pictures; where nothing may be written, forget the runs."""
+    """Run the experiments and write figures, none of which is a time, and pictures."""
     measurement = Measurement.begin(reference)
-    units = distinct(experiments, plan)
-    done_now = [unit for unit in units if load(places.work, unit) is None]
-    work_through(units, places.work, processes=os.cpu_count() or 1)
+    work_through(distinct(experiments, plan), places.work, processes=os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as drawn:
         values = figures(experiments, plan, places.work, Path(drawn))
-        try:
-            measurement.write(values, places.results)
-        except SystemExit:
-            for unit in done_now:
-                forget(places.work, unit)
-            raise
+        measurement.write(values, places.results, timed=False)
         shutil.copytree(drawn, places.pictures, dirs_exist_ok=True)

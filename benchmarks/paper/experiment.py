@@ -87,7 +87,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A section of docs/understand/paper.md.
+    """A section of docs/evidence/paper.md.
 
     Attributes
     ----------

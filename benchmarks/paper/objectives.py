@@ -23,12 +23,14 @@ REACH = np.array([np.radians(1.0), 40.0, 60.0, 4.0, np.radians(3.0)])
 # How much worse than its best an objective is where its width is measured.
 LEVEL = 1e-3
 PUBLISHED, ON_SINOGRAMS = "FBP image, as published", "sinogram, normalised"
+SECOND = "sinogram, the paper's second"
 OBJECTIVES: Mapping[str, PaperSettings] = {
     PUBLISHED: PaperSettings(),
     "FBP image, exact weights, normalised": PaperSettings(weighting="exact", correlation="normalised"),
+    SECOND: PaperSettings(objective="projection"),
     ON_SINOGRAMS: PaperSettings(objective="projection", correlation="normalised"),
 }
-STYLES = ((pictures.ORANGE, "-"), (pictures.GREEN, "--"), (pictures.BLUE, "-."))
+STYLES = ((pictures.ORANGE, "-"), (pictures.GREEN, "--"), (pictures.PURPLE, ":"), (pictures.BLUE, "-."))
 
 
 def run_profile(objective: str, views: int, points: int) -> Result:
@@ -70,8 +72,7 @@ def run_search(
     scanner, sinogram = binned(SCANNER, phantom_scan("l-shape", made_of, 0)[take], cells_binned)
     task = CalibrationTask(scanner, L_SHAPE, sinogram, ANGLES[take])
     found = calibrate_as_published(task, options=options, seed=seed)
-    spent = {"evaluations": found.search.evaluations, "seconds": found.timing.total}
-    return scores(found.theta, found.frame, found.rotation) | spent
+    return scores(found.theta, found.frame, found.rotation) | {"evaluations": found.search.evaluations}
 
 
 def profile_unit(plan: Plan, objective: str, views: int) -> Unit:
@@ -86,7 +87,7 @@ def search_units(plan: Plan, objective: str, stop: str) -> list[Unit]:
     number, source = list(OBJECTIVES).index(objective), default_source()
     settings = {"objective": objective, "stop": stop, "views": plan.sparse_views, "made_of": source}
     settings |= {"image_size": plan.study_image_size}
-    if objective == ON_SINOGRAMS:
+    if OBJECTIVES[objective].objective == "projection":
         settings |= {"cells_binned": plan.study_binned}
     settings |= {"max_generations": plan.tight_generations if stop == "tight" else plan.max_generations}
     return [
@@ -146,7 +147,7 @@ def _draw(plan: Plan, results: Results, path: Path) -> None:
             axes.tick_params(labelsize=7)
         row[0].set_ylabel(f"{views} views:\nworse than the best, 1/1000", fontsize=8)
     handles, names = grid[0, 0].get_legend_handles_labels()
-    drawn.legend(handles, names, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
+    drawn.legend(handles, names, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     pictures.save(drawn, path)
 
 
@@ -220,6 +221,7 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
         "best": best,
         "best_error": f"{medians[best]:.3f}",
         "image_error": f"{medians[PUBLISHED]:.3f}",
+        "second_error": f"{medians[SECOND]:.0f}",
         "searches": pictures.table(SEARCH_HEADER, _search_rows(plan, results)),
     }
 

@@ -27,11 +27,6 @@ def save(folder: Path, unit: Unit, result: Result) -> None:
     beside.rename(folder / f"{unit.name}.json")
 
 
-def forget(folder: Path, unit: Unit) -> None:
-    """Remove a unit's result, so that the next command does it again."""
-    (folder / f"{unit.name}.json").unlink(missing_ok=True)
-
-
 def load(folder: Path, unit: Unit) -> Result | None:
     """Load a unit's result, or return None where this commit has made none with its settings."""
     path = folder / f"{unit.name}.json"

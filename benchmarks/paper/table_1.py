@@ -58,7 +58,6 @@ def _row(method: str, number: int, result: Result) -> list[str]:
         f"{log['ssim']:.4f}",
         f"{result['ray_error_mm']:.4f}",
         f"{result['psi_error_deg']:+.3f}",
-        f"{result['seconds']:.2f}",
     ]
 
 
@@ -71,7 +70,7 @@ def _truth() -> list[str]:
         f"{h_s:.2f}",
         f"{h_d:.2f}",
         f"{alpha_d:.4f}",
-        *["0", "1", "0", "0", ""],
+        *["0", "1", "0", "0"],
     ]
 
 
@@ -80,7 +79,7 @@ def _printed_row(number: int, run: PrintedRun, found: Result) -> list[str]:
     (least, most), (from_deg, to_deg) = found["ray_error_range_mm"], found["psi_error_range_deg"]
     rays = f"*{found['ray_error_mm']:.2f} ({least:.2f} to {most:.2f})*"
     psi = f"*{found['psi_error_deg']:+.2f} ({from_deg:+.2f} to {to_deg:+.2f})*"
-    return [f"the paper, run {number}", *run.theta, run.relative_error, run.ssim, rays, psi, "not printed"]
+    return [f"the paper, run {number}", *run.theta, run.relative_error, run.ssim, rays, psi]
 
 
 def _printed(phantom: str, results: Results) -> tuple[list[list[str]], str]:
@@ -96,7 +95,7 @@ def _printed(phantom: str, results: Results) -> tuple[list[list[str]], str]:
                 f" The theta of run {number} cannot be that of the run: its rays are off by "
                 f"{judged['ray_error_mm']:.0f} mm, and the log's FBP with it has a relative error of "
                 f"{judged['relative_error']:.2f} where {run.relative_error} is printed. At least one of its five "
-                "numbers is misprinted, in the paper or in the copy of the table that this page is made from."
+                "numbers is misprinted in the paper."
             )
     return rows, shows
 
@@ -112,7 +111,6 @@ HEADER = (
     "log's SSIM",
     "ray error, mm",
     "psi error, deg",
-    "seconds",
 )
 
 
@@ -125,7 +123,7 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG0
         printed, shows = _printed(phantom, results) if first else ([], "")
         rows = [_truth(), *printed]
         rows += [_row(m, n, results[unit.name]) for m, made in methods.items() for n, unit in enumerate(made)]
-        noise = "" if made_of == "published" else " with 2 % noise, of its own in each run"
+        noise = "" if made_of == "published" else " with 2 % noise, other noise in each run"
         parts.append(f"### {phantom}, {plan.dense_views} views, {made_of}{noise}\n")
         parts.append(pictures.table(HEADER, rows) + "\n")
         parts += [f"{shows}\n"] if shows else []

@@ -6,7 +6,7 @@ from importlib import import_module
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 
-# A file of this size is read in 5 s, one of 1.4 GB in 27 s (docs/evidence/speed.md); a packed one may hold several
+# A file of this size is read in 5 s, one of 1.4 GB in 27 s (`make bench-memory`); a packed one may hold several
 # times as many samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
 

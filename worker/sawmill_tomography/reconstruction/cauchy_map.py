@@ -55,7 +55,7 @@ ITERATIONS = 400
 TOLERANCE = 2e-5
 # Iterations after which most logs have converged (benchmarks/iterative.py).
 USUAL_ITERATIONS = 40
-# Projections forward and back with the continuation (docs/evidence/speed.md#the-cauchy-map).
+# Projections forward and back with the continuation (benchmarks/iterative.py).
 USUAL_PAIRS = 105.0
 # Cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
 # variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views

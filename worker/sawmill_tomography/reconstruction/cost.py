@@ -7,13 +7,13 @@ MEMORY_BYTES = 768 * 2**20
 # A block of more slices takes more memory and is no faster.
 MOST_SLICES = 32
 
-# Fitted by `make bench-fbp` on two cores; docs/evidence/speed.md compares the fit with the machine's limits.
+# Fitted by `make bench-fbp` on two cores; docs/evidence/speed.md compares it with measured times.
 SECONDS_A_STACK = 0.05
 SECONDS_A_CELL = 8e-9
 SECONDS_AN_UPDATE = 6.0e-11
 SECONDS_A_PIXEL = 2.0e-8
 # Time of a forward and an adjoint projection of one of 16 slices, for each ray and each pixel across, and of a
-# descent's own step for each pixel, on two cores (docs/evidence/speed.md#the-projector; `benchmarks/iterative.py`).
+# descent's own step for each pixel, on two cores (`benchmarks/iterative.py`).
 SECONDS_A_CROSSING = 1.14e-10
 SECONDS_A_STEP_PIXEL = 8.0e-9
 

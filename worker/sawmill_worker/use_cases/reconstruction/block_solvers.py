@@ -45,8 +45,7 @@ WHOLE = slice(None)
 Settings = Mapping[str, Any]
 Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 
-# Number of slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it
-# (docs/evidence/speed.md).
+# Number of slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it.
 CHECKED_SLICES = 5
 # Number of slices that a fitted method reconstructs together: more are no faster (benchmarks/iterative.py).
 FITTED_TOGETHER = 16
