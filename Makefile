@@ -171,6 +171,17 @@ figures:
 	@$(PYTHON) benchmarks/figures.py
 	@$(PYTHON) benchmarks/evidence.py
 
+# The drawings of the pages, from the code.
+drawings: install-dev
+	@$(BIN)/python benchmarks/geometry_drawing.py
+	@$(BIN)/python benchmarks/scanner_drawings.py
+	@$(BIN)/python benchmarks/package_drawing.py
+	@$(BIN)/python benchmarks/fit_drawing.py
+
+# A line's logs on several machines, one of which is killed. As root, on an idle machine; half an hour. OPTIONS: --logs N.
+study-machines: install-dev
+	@$(BIN)/python benchmarks/two_machines.py $(OPTIONS)
+
 # The tables of docs/understand/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
 measured: install-dev
 	@$(BIN)/python benchmarks/measured.py $(OPTIONS)
