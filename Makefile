@@ -216,7 +216,6 @@ screenshots: install-dev
 	@mkdir -p $(SHOTS)
 	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
-	@$(BIN)/python benchmarks/fit_drawing.py
 
 # The notebooks in examples/ with their outputs, and the page that is made from one of them. Two minutes.
 notebooks: install-dev
