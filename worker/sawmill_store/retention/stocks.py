@@ -88,8 +88,16 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
 
 
 def _by_the_rule(kind: RetentionKind, kept_by: KeptBy) -> KeptBy:
-    """Return what keeps rows of a kind, for the reasons of the mill's table alone."""
-    return lambda session: [each for each in kept_by(session) if each.because in STAYS[kind]]
+    """Return what keeps rows of a kind; a reason that the mill's table lacks ends the removal before it begins."""
+
+    def protections(session: Session) -> Iterator[Protection]:
+        for each in kept_by(session):
+            if each.because not in STAYS[kind]:
+                msg = f"{kind} are kept as {each.because}, which sawmill_mill.retention.STAYS does not name"
+                raise LookupError(msg)
+            yield each
+
+    return protections
 
 
 def _of_events(session: Session) -> Iterator[Protection]:
