@@ -8,8 +8,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 
 .PHONY: $(shell sed -n 's/^\([a-z-]*\):.*/\1/p' Makefile)
 
-install: $(VENV)/.installed
-install-dev: $(VENV)/.installed-dev
+install: $(VENV)/.installed $(VENV)/.kernels
+install-dev: $(VENV)/.installed-dev $(VENV)/.kernels
 
 $(BIN)/python:
 	@echo "Making $(VENV) ..."
@@ -19,6 +19,11 @@ $(BIN)/python:
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing sawmill-calibration (about half a minute) ..."
 	@$(PIP) --editable .
+	@touch $@
+
+# Numba keeps a compiled kernel until its own file changes; it does not know the kernels of other files that it contains.
+$(VENV)/.kernels: $(shell find worker -name '_*_numba.py') | $(VENV)/.installed
+	@find worker -name '*.nb[ic]' -delete
 	@$(BIN)/sawmill compile
 	@touch $@
 

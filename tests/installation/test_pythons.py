@@ -74,4 +74,6 @@ def test_the_wheel_gives_the_same_theta_on_each_declared_python(version, wheel, 
     programs = tmp_path / "environment/bin"
     pip = (programs / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
     run(*pip, "--constraint", ROOT / "constraints.txt", wheel, folder=tmp_path)
+    # Kernels that are compiled in another order may differ in the last digit.
+    run(programs / "sawmill", "compile", folder=tmp_path)
     assert theta(programs / "sawmill", scan) == theta(Path(sys.executable).with_name("sawmill"), scan)
