@@ -75,6 +75,7 @@ rm -f volume.h5
 for pause in 0 1 2 4 8; do  # -C - continues an interrupted download at the size of the file
   sleep "$pause"
   call --fail -C - -o volume.h5 "$api/v1/reconstructions/$log/volume.h5" && break
+  [ "$pause" != 8 ] || { echo "volume.h5 was not received whole" >&2; exit 1; }
 done
 
 # 8. Check a log for drift

@@ -105,9 +105,8 @@ def test_the_licences_have_our_own_each_package_s_name_and_its_texts(wheels):
 def test_the_licences_of_files_inside_a_package_are_named(tmp_path):
     wheel = tmp_path / "fastapi_offline-1.0-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as packed:
-        packed.writestr(
-            "fastapi_offline-1.0.dist-info/METADATA", f"Name: {metadata('fastapi-offline')['Name']}\nVersion: 1.0\n"
-        )
+        about = f"Name: {metadata('fastapi-offline')['Name']}\nVersion: 1.0\n"
+        packed.writestr("fastapi_offline-1.0.dist-info/METADATA", about)
     assert "Swagger UI, Apache-2.0" in "".join(shipped.licences([wheel], ""))
 
 
