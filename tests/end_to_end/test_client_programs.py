@@ -158,14 +158,17 @@ def test_the_shell_program_does_the_whole_job(tmp_path, embedded, stack, simulat
     assert "Is a directory" in refused
 
 
-def test_the_shell_program_does_not_take_a_part_of_a_volume_for_the_whole(tmp_path):
+def test_the_shell_program_repeats_what_is_refused_and_takes_no_part_of_a_volume_for_the_whole(tmp_path):
+    answers = [503, 503]
+
     class Cut(BaseHTTPRequestHandler):
-        """Says that each job succeeded, and cuts each volume."""
+        """Refuses twice to report a calibration, says that each job succeeded, and cuts each volume."""
 
         def do_GET(self) -> None:
             self.rfile.read(int(self.headers.get("Content-Length", 0)))
             body = b'{"id":"a","state":"succeeded","verdict":"pass","headline":"b","reason":"c"}'
-            self.send_response(200)
+            self.send_response(answers.pop() if answers and "wait" in self.path else 200)
+            self.send_header("Retry-After", "1")
             self.send_header("Upload-Offset", "0")
             self.send_header("Content-Length", str(len(body) + self.path.endswith("volume.h5")))
             self.end_headers()
@@ -183,6 +186,7 @@ def test_the_shell_program_does_not_take_a_part_of_a_volume_for_the_whole(tmp_pa
         server.shutdown()
     assert "volume.h5 was not received whole" in printed
     assert "drift" not in printed
+    assert json.loads((tmp_path / "calibration.json").read_text())["verdict"] == "pass"
 
 
 def check_either_file_is_enough(folder: Path, stack: Path, service, calibration: str) -> None:
