@@ -151,7 +151,7 @@ def of_this_machine(texts: Iterable[str], extras: Iterable[str]) -> Iterator[Req
 
 def export(root: Path, folder: Path) -> None:
     """Export the committed files, as they are in the repository."""
-    archive = subprocess.run(["git", "archive", "HEAD"], cwd=root, check=True, capture_output=True).stdout  # noqa: S607
+    archive = subprocess.run(["git", "archive", "HEAD"], cwd=root, check=True, stdout=subprocess.PIPE).stdout  # noqa: S607
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         tar.extractall(folder, filter="data")
 
@@ -174,9 +174,11 @@ def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:
 
 
 def make_wheels(source: Path, folder: Path, committed_at: int) -> None:
-    """Build the wheels of the product and the generated client."""
+    """Build the wheels of the product and the generated client; they depend on the sources and the pins alone."""
     os.environ["SOURCE_DATE_EPOCH"] = str(committed_at)
-    pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+    os.umask(0o022)  # a wheel has the modes of its files
+    # With the pinned setuptools: a wheel names its version.
+    pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source)
     subprocess.run([sys.executable, source / "openapi/clients/generate.py", folder], check=True)  # noqa: S603 - our own
 
 
@@ -244,7 +246,7 @@ def pack(content: Path, name: str, archive: Path, committed_at: int) -> None:
 
 def output(*command: str, folder: Path) -> str:
     """Return the standard output of a git command."""
-    done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)  # noqa: S603 - our own
+    done = subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
     return done.stdout.strip()
 
 

@@ -53,6 +53,7 @@ fi
 # The machine's own certificates, for a registry of packages behind a proxy that signs for itself.
 builder build --quiet --layers --format docker --isolation chroot --network host --pull-never --timestamp "$SOURCE_DATE_EPOCH" \
   --volume /etc/ssl/certs:/etc/ssl/certs:ro --build-arg "BASE=$base" --build-arg "VERSION=$version" --tag "$name" . > /dev/null
-rm -f "$archive"
-builder push --quiet "$name" "docker-archive:$archive:$name"
+rm -f "$archive.part"
+builder push --quiet "$name" "docker-archive:$archive.part:$name"
+mv "$archive.part" "$archive"
 echo "$name is built; $archive: $(du -m "$archive" | cut -f 1) MB"

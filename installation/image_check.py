@@ -123,7 +123,7 @@ def wait_for(path: str, service: "subprocess.Popen[bytes]") -> None:
         require(service.poll() is None, "the service ended while it started")
         try:
             ask("GET", path)
-        except urllib.error.URLError:
+        except OSError:
             time.sleep(0.2)
         else:
             return

@@ -65,11 +65,11 @@ def check(root: Path, version: str) -> None:
     tags = output("git", "tag", "--points-at", "HEAD", folder=root).split()
     heading = re.search(r"^## \[?([\d.]+)\]? - (.+)$", (root / "CHANGELOG.md").read_text(), re.MULTILINE)
     released = json.loads((root / "openapi/released.json").read_text())["info"]["version"]
-    changed = output("git", "status", "--porcelain", "--untracked-files=no", folder=root)
+    changed = output("git", "status", "--porcelain", folder=root)
     dated = heading and heading[1] == version and re.fullmatch(r"\d{4}-\d\d-\d\d", heading[2])
     faults = []
     if changed:
-        faults.append("files are changed and not committed: commit them")
+        faults.append("files are changed or new and not committed: commit or remove them")
     if f"v{version}" not in tags:
         faults.append(f"this commit has the tags {tags}, and must have v{version}: git tag v{version}")
     if not dated:
@@ -98,7 +98,7 @@ def make(root: Path, version: str, *, image: bool) -> Path:
         ["git", "archive", f"--prefix={name}/", "HEAD"],  # noqa: S607
         cwd=root,
         check=True,
-        capture_output=True,
+        stdout=subprocess.PIPE,
     )
     (folder / f"{name}.tar.gz").write_bytes(gzip.compress(source.stdout, mtime=0))
     if image:

@@ -15,12 +15,13 @@ from cyclonedx.model.license import DisjunctiveLicense
 from cyclonedx.output.json import JsonV1Dot6
 from packageurl import PackageURL
 
-# Names of files with the text of a licence, or with notices that it asks to keep.
-_TEXTS = ("licen", "copying", "notice", "authors")
+# Names of files with the text of a licence, or with notices that it asks to keep; programs may be named so, too.
+_TEXTS = ("licen", "copying", "notice", "authors", "third-party")
+_NO_TEXTS = {".py", ".pyi"}
 _RULE = "=" * 100
 # Files of others inside a wheel whose own licence the wheel does not contain: the licence is that of their project.
 _INSIDE = {
-    "fastapi-offline": "It contains swagger-ui-bundle.js and swagger-ui.css (Swagger UI, Apache-2.0, whose text stands "
+    "fastapi_offline": "It contains swagger-ui-bundle.js and swagger-ui.css (Swagger UI, Apache-2.0, whose text stands "
     "above all packages here) and redoc.standalone.js (Redoc, MIT)."
 }
 
@@ -88,7 +89,7 @@ def _texts(wheel: Path) -> Iterator[tuple[str, str]]:
         for name in sorted(packed.namelist()):
             path = Path(name)
             licensing = path.name.lower().startswith(_TEXTS) or "licenses" in path.parts[:-1]
-            if licensing and path.suffix.lower() in {"", ".txt", ".md", ".rst", ".apache", ".bsd", ".mit"}:
+            if licensing and path.suffix not in _NO_TEXTS and not name.endswith("/"):
                 yield name, packed.read(name).decode(errors="replace").strip()
 
 

@@ -19,18 +19,20 @@ def is_genuine(headers, body):
     if not seconds.isdecimal() or abs(time.time() - int(seconds)) > TOLERANCE_S:
         return False
     signed = f"{identifier}.{seconds}.".encode() + body
-    right = b64encode(hmac.new(KEY, signed, hashlib.sha256).digest()).decode()
+    right = b64encode(hmac.new(KEY, signed, hashlib.sha256).digest())
     given = [each.partition(",") for each in headers.get("webhook-signature", "").split()]
-    return any(version == "v1" and hmac.compare_digest(right, one) for version, _, one in given)
+    return any(version == "v1" and hmac.compare_digest(right, one.encode()) for version, _, one in given)
 
 
 class Receiver(BaseHTTPRequestHandler):
     """Prints each message once."""
 
+    timeout = 10  # seconds that a silent sender holds up the others
+
     def do_POST(self):
         """Answer a message, then use it."""
         length = int(self.headers.get("Content-Length", 0))
-        body = self.rfile.read(length) if length <= LARGEST else b""
+        body = self.rfile.read(length) if 0 <= length <= LARGEST else b""
         genuine = is_genuine(self.headers, body)
         self.send_response(204 if genuine else 401)
         self.end_headers()

@@ -15,11 +15,12 @@ call() {
   curl -sS --config <(printf 'header = "Authorization: Bearer %s"\n' "$SAWMILL_KEY") "$@"
 }
 # Print the answer. curl itself repeats after 429 and 503, this loop after a broken connection; a refusal is 22.
+# curl empties a file before it repeats: a pipe would have the refusals before the answer.
 again() {
-  local pause answer
+  local pause
   for pause in 1 2 4 8 0; do
-    answer=$(call --fail-with-body --retry 4 "$@") && { echo "$answer"; return; }
-    [ "$?" = 22 ] && { echo "$answer" >&2; return 22; }
+    call --fail-with-body --retry 4 -o answer.json "$@" && { cat answer.json; return; }
+    [ "$?" = 22 ] && { cat answer.json >&2; return 22; }
     sleep "$pause"
   done
   return 1
@@ -75,6 +76,7 @@ rm -f volume.h5
 for pause in 0 1 2 4 8; do  # -C - continues an interrupted download at the size of the file
   sleep "$pause"
   call --fail -C - -o volume.h5 "$api/v1/reconstructions/$log/volume.h5" && break
+  [ "$pause" != 8 ] || { echo "volume.h5 was not received whole" >&2; exit 1; }
 done
 
 # 8. Check a log for drift

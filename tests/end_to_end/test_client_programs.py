@@ -6,6 +6,8 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import h5py
@@ -154,6 +156,37 @@ def test_the_shell_program_does_the_whole_job(tmp_path, embedded, stack, simulat
     check_either_file_is_enough(tmp_path, stack, embedded, found["id"])
     refused = run([PROGRAMS / "whole_job.sh", str(embedded.client.base_url), PROGRAMS], tmp_path, exit_code=1)
     assert "Is a directory" in refused
+
+
+def test_the_shell_program_repeats_what_is_refused_and_takes_no_part_of_a_volume_for_the_whole(tmp_path):
+    answers = [503, 503]
+
+    class Cut(BaseHTTPRequestHandler):
+        """Refuses twice to report a calibration, says that each job succeeded, and cuts each volume."""
+
+        def do_GET(self) -> None:
+            self.rfile.read(int(self.headers.get("Content-Length", 0)))
+            body = b'{"id":"a","state":"succeeded","verdict":"pass","headline":"b","reason":"c"}'
+            self.send_response(answers.pop() if answers and "wait" in self.path else 200)
+            self.send_header("Retry-After", "1")
+            self.send_header("Upload-Offset", "0")
+            self.send_header("Content-Length", str(len(body) + self.path.endswith("volume.h5")))
+            self.end_headers()
+            self.wfile.write(b"" if self.command == "HEAD" else body)
+
+        do_HEAD = do_POST = do_PATCH = do_GET  # noqa: N815 - as the library calls them
+
+    (tmp_path / "scan.h5").touch()
+    (tmp_path / "sleep").write_text("#!/bin/sh\n")
+    (tmp_path / "sleep").chmod(0o755)
+    with HTTPServer(("127.0.0.1", 0), Cut) as server:
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        command = [PROGRAMS / "whole_job.sh", f"http://127.0.0.1:{server.server_port}", "scan.h5"]
+        printed = run(command, tmp_path, exit_code=1, PATH=f"{tmp_path}:{os.environ['PATH']}")
+        server.shutdown()
+    assert "volume.h5 was not received whole" in printed
+    assert "drift" not in printed
+    assert json.loads((tmp_path / "calibration.json").read_text())["verdict"] == "pass"
 
 
 def check_either_file_is_enough(folder: Path, stack: Path, service, calibration: str) -> None:

@@ -1,12 +1,15 @@
 """What a release contains, and which commits are refused. `make release` builds everything; that takes minutes."""
 
 import json
+import os
 import re
 import subprocess
 import zipfile
 from email.parser import BytesParser
+from importlib.metadata import metadata
 from pathlib import Path
 
+import bundle
 import pytest
 import release
 import shipped
@@ -42,11 +45,13 @@ def test_a_commit_whose_tag_version_changelog_and_contract_agree_is_released(com
         (release.VERSION_FILE, 'VERSION = "1.2.4"\n', r"has the tags \['v1\.2\.3'\], and must have v1\.2\.4"),
         ("CHANGELOG.md", "## [1.2.3] - unreleased\n", r"begins with '## \[1\.2\.3\] - unreleased': it must be 1\.2\.3"),
         ("openapi/released.json", '{"info": {"version": "1.2.2"}}', r"has version 1\.2\.2: make release-contract"),
-        ("CHANGELOG.md", "", "files are changed and not committed"),
+        ("CHANGELOG.md", "", "files are changed or new and not committed"),
+        ("service/new.py", "", "files are changed or new and not committed"),  # the image would have it
     ],
-    ids=["version", "date", "contract", "changed"],
+    ids=["version", "date", "contract", "changed", "new"],
 )
 def test_a_commit_that_is_no_release_is_refused_with_the_remedy(commit, file, text, fault):
+    (commit / file).parent.mkdir(exist_ok=True)
     (commit / file).write_text(text)
     with pytest.raises(release.ReleaseError, match=fault):
         release.check(commit, release.version_of(commit))
@@ -55,7 +60,14 @@ def test_a_commit_that_is_no_release_is_refused_with_the_remedy(commit, file, te
 @pytest.fixture
 def wheels(tmp_path: Path) -> list[Path]:
     """The product's wheel, one with the text of its licence, and one without."""
-    texts = {"sawmill_calibration": {}, "a": {"a-1.0.dist-info/licenses/COPYING.txt": "Do as you like."}, "b": {}}
+    of_a = {
+        "a-1.0.dist-info/licenses/": "",
+        "a-1.0.dist-info/licenses/COPYING.txt": "Do as you like.",
+        "a-1.0.dist-info/licenses/LICENSE.external": "Others ask for more.",
+        "a-1.0.data/data/share/doc/a/third-party-programs.txt": "Parts of C.",
+        "a/licenses/names.py": "NAMES = ()",
+    }
+    texts = {"sawmill_calibration": {}, "a": of_a, "b": {}}
     made = [tmp_path / f"{name}-1.0-py3-none-any.whl" for name in texts]
     for wheel, (name, files) in zip(made, texts.items(), strict=True):
         about = f"Name: {name.replace('_', '-')}\nVersion: 1.0\nLicense-Expression: MIT\n\nabout it\n"
@@ -83,8 +95,52 @@ def test_the_bill_of_materials_names_each_package_and_depends_on_the_wheels_alon
 def test_the_licences_have_our_own_each_package_s_name_and_its_texts(wheels):
     text = "".join(shipped.licences(wheels, "Apache License"))
     assert text.startswith("Sawmill calibration is licensed under Apache-2.0:\n\nApache License\n")
-    assert re.search(r"\na 1\.0: MIT\n\n----- a-1\.0\.dist-info/licenses/COPYING\.txt\n\nDo as you like\.\n", text)
+    assert re.search(r"\na 1\.0: MIT\n\n----- a-1\.0\.data/.*third-party-programs\.txt\n\nParts of C\.\n", text)
+    assert "\n----- a-1.0.dist-info/licenses/COPYING.txt\n\nDo as you like.\n" in text
+    assert "\n----- a-1.0.dist-info/licenses/LICENSE.external\n\nOthers ask for more.\n" in text
+    assert len(re.findall(r"^-----", text, re.MULTILINE)) == 3, "no folders and no programs"
     assert "\nb 1.0: MIT\n\nIts wheel contains no text of the licence.\n" in text
+
+
+def test_the_licences_of_files_inside_a_package_are_named(tmp_path):
+    wheel = tmp_path / "fastapi_offline-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as packed:
+        about = f"Name: {metadata('fastapi-offline')['Name']}\nVersion: 1.0\n"
+        packed.writestr("fastapi_offline-1.0.dist-info/METADATA", about)
+    assert "Swagger UI, Apache-2.0" in "".join(shipped.licences([wheel], ""))
+
+
+def test_wheels_do_not_depend_on_the_mask_of_their_maker(tmp_path):
+    """Nor on the newest setuptools: a registry is not asked."""
+    made = []
+    for mask in (0o022, 0o077):
+        before = os.umask(mask)
+        try:
+            (generator := (source := tmp_path / f"{mask}") / "openapi/clients/generate.py").parent.mkdir(parents=True)
+            generator.touch()
+            (source / "pyproject.toml").write_text(
+                '[project]\nname = "a"\nversion = "1"\n[tool.setuptools]\npy-modules = ["a"]\n'
+            )
+            (source / "a.py").touch()
+            bundle.make_wheels(source, source / "wheels", 1_700_000_000)
+        finally:
+            os.umask(before)
+        made.append(digest(source / "wheels/a-1-py3-none-any.whl"))
+    assert made[0] == made[1]
+
+
+def test_an_archive_of_an_image_that_is_not_whole_has_no_archive_s_name(tmp_path):
+    """buildah breaks off while it writes the archive; all programs but git are fakes."""
+    (programs := tmp_path / "programs").mkdir()
+    half = 'case "$*" in *push*) for last; do :; done; last=${last#*:}; echo half > "${last%%:*}"; exit 1;; esac'
+    fakes = {"docker": "exit 1", "id": "echo 0", "buildah": half}
+    for name, text in fakes.items():
+        (programs / name).write_text(f"#!/bin/sh\n{text}\n")
+        (programs / name).chmod(0o755)
+    environment = {"PATH": f"{programs}:{os.environ['PATH']}", "HOME": str(tmp_path)}
+    script = ["sh", ROOT / "installation/image.sh", tmp_path / "dist"]
+    assert subprocess.run(script, env=environment, check=False, capture_output=True).returncode == 1
+    assert [path.suffix for path in (tmp_path / "dist").iterdir()] == [".part"]
 
 
 @pytest.mark.parametrize(

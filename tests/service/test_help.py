@@ -1,5 +1,6 @@
 """The documents at /help: every link and picture leads somewhere, words are found, and nothing else is served."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -158,6 +159,20 @@ def test_files_are_sent_as_downloads_with_a_tag(client):
     script = client.get("/help/examples/clients/whole_job.sh")
     assert script.headers["Content-Disposition"] == 'attachment; filename="whole_job.sh"'
     assert script.text == (ROOT / "examples/clients/whole_job.sh").read_text()
+
+
+def test_an_installation_without_documents_names_the_remedy(tmp_path):
+    """The package alone was copied: its links lead nowhere."""
+    shutil.copytree(ROOT / "service/sawmill_service", tmp_path / "a/service/sawmill_service", symlinks=True)
+    program = """
+from types import SimpleNamespace
+from sawmill_service.pages.help import help, search
+assert search.search("scan", "en") == []
+help.help_list(SimpleNamespace(language="en"), "")
+"""
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}/a/service:{ROOT}/service:{ROOT}/worker"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    assert "this installation has no documents: install the service again, from its wheel" in done.stderr
 
 
 @pytest.mark.slow

@@ -452,7 +452,7 @@ def test_the_example_receiver_takes_what_is_signed_once_and_nothing_else(store, 
     with HTTPServer(("127.0.0.1", 0), documented["Receiver"]) as server:
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
 
-        def post(**changes: str) -> int:
+        def post(**changes: str | bytes) -> int:
             headers = {name: value for name, value in message.headers.items() if name.startswith("webhook-")} | changes
             url = f"http://127.0.0.1:{server.server_port}/"
             return httpx.post(url, content=message.body, headers=headers, trust_env=False).status_code
@@ -463,6 +463,10 @@ def test_the_example_receiver_takes_what_is_signed_once_and_nothing_else(store, 
         assert post(**{"webhook-timestamp": old}) == 401
         assert post(**{"webhook-signature": "v1,AAAA"}) == 401
         assert post(**{"webhook-signature": f"v1,AAAA {message.headers['webhook-signature']}"}) == 204
+        assert post(**{"webhook-signature": b"v1,\xe4"}) == 401
+        with socket.create_connection(("127.0.0.1", server.server_port), timeout=5) as line:
+            line.sendall(b"POST / HTTP/1.0\r\nContent-Length: -1\r\n\r\n")
+            assert line.recv(100).startswith(b"HTTP/1.0 401 ")  # at once: the body is not read to its end
         server.shutdown()
     assert capsys.readouterr().out.count("alarm-opened None") == 1
 

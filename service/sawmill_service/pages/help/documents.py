@@ -83,18 +83,19 @@ def find_file(path: str) -> Path | None:
     return _files().get(path)
 
 
-def all_documents(language: str) -> Iterator[Document]:
-    """Yield every document once, in a language where it is in several; no lists of folders."""
+def all_documents(language: str, folder: str | None = None) -> Iterator[Document]:
+    """Yield every document, or those of a folder, once, in a language where it is in several; no lists of folders."""
     for path, versions in _documents().items():
         name = versions.get(language) or next(iter(versions.values()))
-        if name.endswith(".md") and not path.endswith(tuple(f".{each}" for each in LANGUAGES)):
+        wanted = name.endswith(".md") and not path.endswith(tuple(f".{each}" for each in LANGUAGES))
+        if wanted and folder in {None, posixpath.dirname(path)}:
             yield _document(name)
 
 
 def neighbours(document: Document, language: str) -> list[Document]:
     """Return the documents in the same folder, the document included."""
     folder = posixpath.dirname(document.path)
-    return [each for each in all_documents(language) if folder and posixpath.dirname(each.path) == folder]
+    return list(all_documents(language, folder)) if folder else []
 
 
 @cache
@@ -106,6 +107,8 @@ def _tree() -> Mapping[str, Path]:
         for name in [*folders, *sorted(files)]:
             path = Path(place, name)
             inside = path.relative_to(_ROOT).as_posix()
+            if not path.exists():  # a link of the sources, where only the package was copied
+                continue
             if not inside.startswith(_SHELVES) or path.is_dir() or path.suffix in _OF_SHELVES:
                 found[inside] = path
     return found
@@ -143,7 +146,9 @@ def _language(name: str) -> str:
 @cache
 def _document(name: str) -> Document:
     file = _tree()[name]
-    tokens = _MARKDOWN.parse(_listed(name) if file.is_dir() else file.read_text())
+    # A parser builds its table of rules at its first use; a second thread that shares it could read half of the table.
+    markdown = MarkdownIt("commonmark", {"html": True}, renderer_cls=_Renderer).enable("table")
+    tokens = markdown.parse(_listed(name) if file.is_dir() else file.read_text(encoding="utf-8"))
     sections = list(_sections(tokens))
     for at, token in enumerate(tokens):
         _lead(name, token.children or [])
@@ -156,7 +161,7 @@ def _document(name: str) -> Document:
         path=path,
         language=language,
         title=sections[0].heading if sections else name,
-        html=Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})),  # noqa: S704 - of our own pages
+        html=Markup(markdown.renderer.render(tokens, markdown.options, {})),  # noqa: S704 - of our own pages
         sections=sections,
         others={other: f"{HELP}/{path}.{other}" for other in _documents()[path] if other != language},
     )
@@ -218,7 +223,7 @@ def _target(name: str, link: str) -> str:
 def _title(name: str) -> str:
     """Return the first heading of a document, without marks; empty without the document."""
     file = _tree().get(name)
-    return "" if file is None else file.read_text().partition("\n")[0].strip("# ").replace("`", "")
+    return "" if file is None else file.read_text(encoding="utf-8").partition("\n")[0].strip("# ").replace("`", "")
 
 
 def _address(name: str, link: str) -> str | None:
@@ -254,6 +259,3 @@ class _Renderer(RendererHTML):
     def html_inline(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:  # noqa: ARG002 - as called
         content = tokens[idx].content
         return "" if content.startswith("<!--") else escapeHtml(content)
-
-
-_MARKDOWN = MarkdownIt("commonmark", {"html": True}, renderer_cls=_Renderer).enable("table")

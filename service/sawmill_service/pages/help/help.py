@@ -38,6 +38,8 @@ def help_page(path: Annotated[str, Path(max_length=200)], request: Request, page
 def _shown(path: str, page: ThePage) -> HTMLResponse:
     document = find_document(path, page.language)
     if document is None:
-        raise Refused(404, "unknown-path", f"there is no document {path!r}; {HELP} lists all")
+        absent = f"there is no document {path!r}; {HELP} lists all"
+        lost = "this installation has no documents: install the service again, from its wheel"
+        raise Refused(404, "unknown-path", absent if path else lost)
     beside = neighbours(document, page.language)
     return page.answer("help.html", document=document, neighbours=beside, words="", names=LANGUAGES)
