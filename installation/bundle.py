@@ -32,7 +32,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ".".join(platform.python_version_tuple()[:2])
 # Files of the commit: documents to read without a network, and the script.
 DOCUMENTS = (
-    *("README.md", "CHANGELOG.md", "LICENSE", "constraints.txt", "docker-compose.yml"),
+    *(
+        "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "SECURITY.md",
+        "LICENSE",
+        "constraints.txt",
+        "docker-compose.yml",
+    ),
     *("docs", "examples", "openapi", "installation/install.sh"),
 )
 # The generated client needs them (openapi/clients/templates/pyproject.toml.jinja).

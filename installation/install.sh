@@ -81,7 +81,8 @@ trap 'exit 143' TERM HUP
     refuse "the bundle is not complete for this Python: $missing"
 )
 mkdir -p "$place/share/sawmill"
-for name in README.md CHANGELOG.md LICENSE LICENSES.txt sbom.cdx.json docker-compose.yml docs examples openapi; do
+for name in README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE LICENSES.txt sbom.cdx.json docker-compose.yml \
+  docs examples openapi; do
   cp -R -- "$here/$name" "$place/share/sawmill/"
 done
 printf 'Compiling the kernels (some minutes) ...\n'

@@ -194,7 +194,8 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
     target, log, stand_in = tmp_path / "in use", tmp_path / "log", tmp_path / "python"
     stand_in.write_text(STAND_IN.format(python=sys.executable, log=log))
     stand_in.chmod(0o755)
-    for name in ("README.md", "CHANGELOG.md", "LICENSE", "LICENSES.txt", "sbom.cdx.json", "docker-compose.yml"):
+    pages = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICENSE")
+    for name in (*pages, "LICENSES.txt", "sbom.cdx.json", "docker-compose.yml"):
         (unpacked / name).touch()
     for name in ("docs", "examples", "openapi"):
         (unpacked / name).mkdir()
@@ -220,7 +221,9 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
     for version_in_use in ("1.3.0", "1.2.3"):
         subprocess.run(["sh", "-c", change.replace("1.3.0", version_in_use)], check=True)
         assert (target / "current").readlink() == Path(version_in_use)
-    assert sorted(path.name for path in (target / "1.3.0/share/sawmill").iterdir())[:2] == ["CHANGELOG.md", "LICENSE"]
+    assert sorted(path.name for path in (target / "1.3.0/share/sawmill").iterdir())[:3] == [
+        *("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE")
+    ]
 
 
 @pytest.mark.parametrize("arguments", [(), ("--fast", "/opt"), ("/opt", "/srv"), ("--python",)])

@@ -9,6 +9,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import bundle
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +44,9 @@ def run(*command: object, folder: Path) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, ROOT, folder=folder)
+    bundle.export(ROOT, folder / "sources")
+    build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder)
+    run(sys.executable, *build, folder / "sources", folder=folder)
     (made,) = folder.glob("*.whl")
     return made
 
