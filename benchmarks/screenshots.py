@@ -75,7 +75,7 @@ SHOTS = (
     Shot(
         "verdict",
         "/calibrate?scanner={scanner}&calibration={calibration}",
-        height=1080,
+        height=1210,
         line=WATCHED,
         finnish=True,
     ),

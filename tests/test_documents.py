@@ -153,7 +153,7 @@ def test_the_command_line_block_works(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_files_that_the_formats_page_makes_can_be_read(tmp_path):
-    for block in blocks(sections(ROOT / "docs/look-up/formats.md")["What can be read"], "python"):
+    for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Input"], "python"):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True)
     with (
         reading_scan(tmp_path / "scan.npz", counts=True) as compressed,

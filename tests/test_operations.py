@@ -82,7 +82,7 @@ def test_every_code_and_line_of_the_log_exists(sources):
 
 def test_what_the_service_says_at_a_start_is_quoted_as_it_is(sources):
     start = DO / "troubleshooting.md"
-    [table] = re.findall(r"^## The service does not start\n(.*?)^## ", start.read_text(), re.MULTILINE | re.DOTALL)
+    [table] = re.findall(r"^## Failed start\n(.*?)^## ", start.read_text(), re.MULTILINE | re.DOTALL)
     symptoms = [row.split("|")[1] for row in table.splitlines() if row.startswith("| ")][1:]
     said = [quote for symptom in symptoms for quote in re.findall(r"`([^`]+ [^`]+)`", symptom)]
     assert len(said) > 5

@@ -39,7 +39,7 @@ def print_drift(result: DriftResult) -> None:
         None: ("too uncertain to say", "yellow"),
     }[result.within_tolerance]
     table = Table(title="Centre of rotation from a given geometry" if of_given else f"Drift: [bold {colour}]{word}[/]")
-    for column in ("", "measured", "given" if of_given else "calibrated", "change", "± sd", "sd's"):
+    for column in ("", "measured", "given" if of_given else "calibrated", "change", "± sd", "in sd"):
         table.add_column(column, justify="right" if column else "left")
     units = {
         "COR on the detector, mm": ("cor_column_mm", 1.0),
