@@ -13,7 +13,7 @@ _BEFORE, _AFTER = 80, 160  # letters of an excerpt around the first word
 # A word of a title says more about a section than one of its heading, and that more than one of its text. Words that
 # stand there together, as in `queue-full`, say more than the same words apart.
 _OF_TITLE, _OF_HEADING, _OF_PHRASE, _MOST_OF_TEXT = 20, 10, 10, 5
-# A reader who searches wants to do something, more often than to look up or to understand.
+# A reader who searches for words wants to do something; codes and settings are looked up.
 _TO_DO, _OF_TO_DO = ("do/", "start/"), 2.0
 _LETTERS_A_HIT = 500  # of a text in which one hit counts half
 
@@ -56,7 +56,8 @@ def _score(document: Document, section: Section, wanted: list[str]) -> float:
     own = sum(_OF_HEADING * (word in heading) + _of_text(text.count(word), len(text)) for word in wanted)
     phrase = _OF_PHRASE * bool(_phrase(wanted).search(f"{heading} {text}"))
     found = own and own + phrase + sum(_OF_TITLE * (word in title) for word in wanted)
-    return found * (_OF_TO_DO if document.path.startswith(_TO_DO) else 1.0)
+    tells_what_to_do = document.path.startswith(_TO_DO) and all(word.isalpha() for word in wanted)
+    return found * (_OF_TO_DO if tells_what_to_do else 1.0)
 
 
 def _of_text(hits: int, letters: int) -> float:
