@@ -255,18 +255,35 @@ class RayAlternatives:
     probabilities: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class RayErrorMixture:
+    """Errors of which at most one is real, each normally distributed: motions that a scan does not show.
+
+    Attributes
+    ----------
+    means : (n, 5 + 2 modules) float64; roots : (n, 5 + 2 modules, unknowns) float64
+        Means of the errors of the geometry and of the known modules, and roots of their covariances.
+    probabilities : (n,) float64
+    """
+
+    means: FloatArray
+    roots: FloatArray
+    probabilities: FloatArray
+
+
 def predicted_ray_error(
     scanner: Scanner,
     frame: SourceFrame,
     covariance: FloatArray,
     alternatives: Sequence[RayAlternatives] = (),
+    mixture: RayErrorMixture | None = None,
     *,
     radius_mm: float = 150.0,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
-    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives` at most one is
-    real; they count in the limits only.
+    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives`, and of the
+    `mixture`, at most one is real; they count in the limits only.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
@@ -294,6 +311,13 @@ def predicted_ray_error(
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]
         squares[real] += factor**2 * own[number] + 2.0 * factor * (normal[real] * crossed[:, number].T).sum(axis=1)
+    if mixture is not None:
+        drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
+        real = np.flatnonzero(drawn < len(mixture.means))
+        roots = mixture.roots[drawn[real]]
+        errors = mixture.means[drawn[real]] + np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+        formed = errors @ (derivative.T @ derivative / len(derivative))
+        squares[real] += (formed * errors + 2.0 * (formed @ directions) * normal[real]).sum(axis=1)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),

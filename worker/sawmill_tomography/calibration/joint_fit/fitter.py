@@ -14,6 +14,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotion, hidden_motions
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
     without_views,
@@ -28,14 +29,14 @@ from sawmill_tomography.calibration.faults.modules import (
     effect_of,
     with_modules,
 )
-from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
+from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.readings import other_motions, other_reading
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, other_motions, other_reading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -238,6 +239,7 @@ class JointFitter:
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
             tuple(self._hidden_modules(grams, system, used)),
+            tuple(self._hidden_motions(grams, system, used)),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -341,6 +343,27 @@ class JointFitter:
         yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if found else HIDDEN))
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
+
+    def _hidden_motions(self, grams: ViewGrams, system: System, used: list[int]) -> Iterator[HiddenMotion]:
+        """Yield the motions that the scan may hide."""
+        variance = max(system.variance(used), UNTRUSTED * system.structured / STRUCTURES)
+        if variance <= 0.0:
+            return
+        effects = [[one.effect] for one in self.waiting if one.effect.adjustment in MOTIONS - {Adjustment.SLIP}]
+        views = places_of_slips(len(grams.scores))
+        effects += [[slip_at(view) for view in views], [jump_at(view) for view in views]] if views else []
+        kinds = [
+            [Fitted(effect, effect.columns(self.model)) for effect in kind]
+            for kind in effects
+            if kind[0].adjustment not in self.without
+        ]
+        columns = [system.columns[place] for place in used]
+        first = len(columns)
+        for one in chain.from_iterable(kinds):
+            columns += one.columns
+            one.places = list(range(first, first := len(columns)))
+        beside, radius_mm = grams.system(columns), self.model.drawing.radius_mm
+        yield from hidden_motions(beside, range(len(used)), variance, kinds, radius_mm)
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.

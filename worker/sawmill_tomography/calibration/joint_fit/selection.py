@@ -71,6 +71,23 @@ class EffectTest:
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What a fit leaves of further columns, to first order.
+
+    Attributes
+    ----------
+    normal : (columns, columns) float64; score : (columns,) float64
+        Normal equations of the columns next to the fitted ones.
+    sensitivity : (base, columns) float64
+        What the fitted columns take up of each.
+    """
+
+    normal: FloatArray
+    score: FloatArray
+    sensitivity: FloatArray
+
+
 class EffectTester:
     """Tests of further columns against a fit of the columns `base`."""
 
@@ -82,6 +99,11 @@ class EffectTester:
         # Coefficients of every column's projection on the base's columns, and the normal equations that remain.
         self._sensitivity = inverse @ cross
         self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
+
+    def left(self, tried: Sequence[int]) -> "Left":
+        """Return what the base leaves of these columns."""
+        own = list(tried)
+        return Left(self._normal[np.ix_(own, own)], self._score[own], self._sensitivity[:, own])
 
     @cached_property
     def _of_base(self) -> FloatArray:
