@@ -115,7 +115,7 @@ def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 1
 
     A bias of these five changes the scale by gradient @ bias.
     """
-    return _linear(scanner, frame, radius_mm).scale[:5]
+    return _linear(scanner, frame, *chord_points(scanner, frame, radius_mm)).scale[:5]
 
 
 def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
@@ -147,8 +147,13 @@ class _Linear:
     scale: FloatArray
 
 
-def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float, hidden_cells: Sequence[int] = ()) -> _Linear:
-    points, cells = chord_points(scanner, frame, radius_mm)
+def _linear(
+    scanner: Scanner,
+    frame: SourceFrame,
+    points: FloatArray,
+    cells: NDArray[np.intp],
+    hidden_cells: Sequence[int] = (),
+) -> _Linear:
     derivative = _derivatives(scanner, frame, points, cells, hidden_cells)
     _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
     free = slope.reshape(2, -1).T
@@ -205,7 +210,7 @@ def _module_moves(
 
 def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
     """Compute the RMS ray error, mm, of a frame with a bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
-    distances = _linear(scanner, frame, radius_mm).distances[:, : len(bias)] @ bias
+    distances = _linear(scanner, frame, *chord_points(scanner, frame, radius_mm)).distances[:, : len(bias)] @ bias
     return float(np.sqrt(np.mean(distances * distances)))
 
 
@@ -289,24 +294,31 @@ def predicted_ray_error(
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
     from the distances. `scale_deviation` returns the scale's own error.
     """
-    cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
-    derivatives = _linear(scanner, frame, radius_mm, cells).distances
-    derivative = derivatives[:, : len(covariance)]
+    points, cells = chord_points(scanner, frame, radius_mm)
+    derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
     weights, directions = _weights(derivative, covariance)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     rng = np.random.default_rng(0)
     normal = rng.standard_normal((DRAWS, weights.size))
     squares = normal**2 @ weights
-    # Every fourth point: each of the nine places on a chord is among them equally often.
-    some, known = derivatives[::4], derivative[::4]
+    form = derivative.T @ derivative / len(derivative)
+    hidden_cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
+    if hidden_cells:
+        # Every fourth point: each of the nine places on a chord is among them equally often.
+        ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, 4), POINTS_PER_CHORD)
+        some = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden_cells).distances
+        # The distances by the gap and the kink of a module before each hidden cell.
+        moves = some[:, -2 * len(hidden_cells) :].reshape(len(some), -1, 2)
+        with_known = np.einsum("pk,pcm->ckm", some[:, : len(covariance)], moves, optimize=True) / len(some)
+        of_moves = np.einsum("pcm,pcn->cmn", moves, moves) / len(some)
     for each in alternatives:
-        # The distances (points, n) in each case; hidden modules have two columns each behind the known ones.
-        place = derivatives.shape[1] - 2 * (len(cells) - np.searchsorted(cells, each.first_cells))
-        moved = known @ each.errors.T
-        moved += some[:, place] * each.moves[:, 0] + some[:, place + 1] * each.moves[:, 1]
-        own = (moved**2).mean(axis=0)
-        crossed = directions.T @ (known.T @ moved) / len(moved)
+        place = np.searchsorted(hidden_cells, each.first_cells)
+        by_known = (with_known[place] @ each.moves[..., None])[..., 0]
+        formed = each.errors @ form
+        own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
+        own += np.einsum("nm,nmo,no->n", each.moves, of_moves[place], each.moves)
+        crossed = directions.T @ (formed + by_known).T
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]
@@ -316,7 +328,7 @@ def predicted_ray_error(
         real = np.flatnonzero(drawn < len(mixture.means))
         roots = mixture.roots[drawn[real]]
         errors = mixture.means[drawn[real]] + np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
-        formed = errors @ (derivative.T @ derivative / len(derivative))
+        formed = errors @ form
         squares[real] += (formed * errors + 2.0 * (formed @ directions) * normal[real]).sum(axis=1)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
@@ -335,7 +347,8 @@ def exceeded_ray_error(
     The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
-    weights, _ = _weights(_linear(scanner, frame, radius_mm).distances[:, : len(covariance)], covariance)
+    points, cells = chord_points(scanner, frame, radius_mm)
+    weights, _ = _weights(_linear(scanner, frame, points, cells).distances[:, : len(covariance)], covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))

@@ -4,14 +4,12 @@ A motion that chance explains is not fitted. If it is real, the fitted columns t
 bound counts each motion with its likelihood (docs/understand/verdict.md#predicted-ray-error).
 """
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
-from sawmill_tomography.calibration.joint_fit.normal_equations import System
 from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -26,51 +24,70 @@ LEAST_PROBABILITY = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class HiddenMotion:
-    """A motion that a scan may hide, of one order of magnitude.
+class HiddenMotions:
+    """Motions that a scan may hide, each of one order of magnitude; at most one is real.
 
     Attributes
     ----------
-    probability : float
-        Probability that the motion is real; at most one is.
-    bias : (used,) float64; spread : (used, unknowns) float64
-        Errors of the fitted columns in this case: their mean, and a root of their covariance beyond noise.
+    probabilities : (n,) float64
+    biases : (n, used) float64; spreads : (n, used, unknowns) float64
+        Errors of the fitted columns in each case: their mean, and a root of their covariance beyond noise.
     """
 
-    probability: float
-    bias: FloatArray
-    spread: FloatArray
+    probabilities: FloatArray
+    biases: FloatArray
+    spreads: FloatArray
 
 
 def hidden_motions(
-    system: System, used: Sequence[int], variance: float, kinds: Sequence[Sequence[Fitted]], radius_mm: float
-) -> Iterator[HiddenMotion]:
-    """Yield the motions that the residual of this variance may hide.
+    kinds: Sequence[tuple[EffectTester, Sequence[Fitted]]], variance: float, radius_mm: float
+) -> HiddenMotions | None:
+    """Find the motions that the residual of this variance may hide; None where it hides none.
 
-    Each kind is as likely beforehand; a kind has a motion for each place where it may begin, as likely. The sizes of a
-    motion's columns are independent normal variables, and the marginal likelihood of a motion follows from its score.
+    Each kind is as likely beforehand, and each place where a motion of a kind may begin. The sizes of a motion's
+    columns are independent normal variables; the marginal likelihood of a motion follows from its score.
 
     Parameters
     ----------
+    kinds : sequence of (tester, motions)
+        The motions of each kind, and the tester that has their columns.
     radius_mm : float
         The phantom's radius: a turn moves the rim by it.
     """
-    tester, cases = EffectTester(system, used), list[tuple[float, FloatArray, FloatArray]]()
-    for kind in kinds:
-        prior = math.log(EXPECTED / (len(kinds) * len(kind) * SIZES_MM.size))
-        for one in kind:
-            unit = np.array([1.0 / radius_mm if column.parts[0][0] is Term.PSI else 1.0 for column in one.columns])
-            left = tester.left(one.places)
-            # Independent unknowns of unit deviation: their information, score, and effect on the fitted columns.
-            values, vectors = np.linalg.eigh(left.normal * np.outer(unit, unit) / variance)
-            score, moved = vectors.T @ (left.score * unit) / variance, left.sensitivity @ (unit[:, None] * vectors)
-            for square in SIZES_MM**2:
-                shrunk = square / (1.0 + square * np.maximum(values, 0.0))
-                evidence = 0.5 * float(np.sum(np.log(shrunk / square) + shrunk * score**2))
-                cases.append((prior + evidence, -moved @ (shrunk * score), moved * np.sqrt(shrunk)))
-    largest = max((evidence for evidence, *_ in cases), default=0.0)
-    weights = [math.exp(evidence - max(largest, 0.0)) for evidence, *_ in cases]
-    total = sum(weights) + math.exp(-max(largest, 0.0))
-    for weight, (_, bias, spread) in zip(weights, cases, strict=True):
-        if weight > LEAST_PROBABILITY * total:
-            yield HiddenMotion(weight / total, bias, spread)
+    alike: dict[tuple[EffectTester, int], list[tuple[Fitted, float]]] = {}
+    for tester, motions in kinds:
+        for one in motions:
+            prior = EXPECTED / (len(kinds) * len(motions) * SIZES_MM.size)
+            alike.setdefault((tester, len(one.columns)), []).append((one, prior))
+    widest = max((width for _, width in alike), default=0)
+    cases = [_cases(tester, some, variance, radius_mm, widest) for (tester, _), some in alike.items()]
+    if not cases:
+        return None
+    evidence, biases, spreads = (np.concatenate(parts) for parts in zip(*cases, strict=True))
+    largest = max(float(evidence.max()), 0.0)
+    weights = np.exp(evidence - largest)
+    probabilities = weights / (weights.sum() + np.exp(-largest))
+    kept = probabilities > LEAST_PROBABILITY
+    return HiddenMotions(probabilities[kept], biases[kept], spreads[kept]) if kept.any() else None
+
+
+def _cases(
+    tester: EffectTester, motions: Sequence[tuple[Fitted, float]], variance: float, radius_mm: float, widest: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the logarithm of prior times likelihood, biases and spreads of motions with as many columns each."""
+    left = tester.left(np.array([one.places for one, _ in motions]))
+    # Independent unknowns of unit deviation: their information, score, and effect on the fitted columns.
+    unit = np.array(
+        [[1.0 / radius_mm if c.parts[0][0] is Term.PSI else 1.0 for c in one.columns] for one, _ in motions]
+    )
+    values, vectors = np.linalg.eigh(left.normal * unit[:, :, None] * unit[:, None] / variance)
+    turned = unit[..., None] * vectors
+    score, moved = (left.score[:, None] @ turned)[:, 0] / variance, left.sensitivity @ turned
+    square = SIZES_MM[:, None, None] ** 2
+    shrunk = square / (1.0 + square * np.maximum(values, 0.0))
+    evidence = 0.5 * (np.log(shrunk / square) + shrunk * score**2).sum(axis=-1)
+    evidence += np.log([prior for _, prior in motions])
+    spreads = np.zeros((*shrunk.shape[:2], moved.shape[1], widest))
+    spreads[..., : values.shape[1]] = moved * np.sqrt(shrunk)[:, :, None]
+    biases = -(moved @ (shrunk * score)[..., None])[..., 0]
+    return evidence.ravel(), biases.reshape(-1, moved.shape[1]), spreads.reshape(-1, *spreads.shape[2:])

@@ -14,7 +14,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotion, hidden_motions
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, hidden_motions
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
     without_views,
@@ -239,7 +239,7 @@ class JointFitter:
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
             tuple(self._hidden_modules(grams, system, used)),
-            tuple(self._hidden_motions(grams, system, used)),
+            self._hidden_motions(grams, system, tried, used),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -344,26 +344,31 @@ class JointFitter:
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
 
-    def _hidden_motions(self, grams: ViewGrams, system: System, used: list[int]) -> Iterator[HiddenMotion]:
-        """Yield the motions that the scan may hide."""
+    def _hidden_motions(
+        self, grams: ViewGrams, system: System, tried: Sequence[Fitted], used: list[int]
+    ) -> HiddenMotions | None:
+        """Find the motions that the scan may hide: those that were tried, and slips at some views."""
         variance = max(system.variance(used), UNTRUSTED * system.structured / STRUCTURES)
         if variance <= 0.0:
-            return
-        effects = [[one.effect] for one in self.waiting if one.effect.adjustment in MOTIONS - {Adjustment.SLIP}]
-        views = places_of_slips(len(grams.scores))
-        effects += [[slip_at(view) for view in views], [jump_at(view) for view in views]] if views else []
-        kinds = [
-            [Fitted(effect, effect.columns(self.model)) for effect in kind]
-            for kind in effects
-            if kind[0].adjustment not in self.without
-        ]
-        columns = [system.columns[place] for place in used]
-        first = len(columns)
-        for one in chain.from_iterable(kinds):
-            columns += one.columns
-            one.places = list(range(first, first := len(columns)))
-        beside, radius_mm = grams.system(columns), self.model.drawing.radius_mm
-        yield from hidden_motions(beside, range(len(used)), variance, kinds, radius_mm)
+            return None
+        allowed = MOTIONS - self.without
+        motions = [one for one in tried if one in self.waiting and one.effect.adjustment in allowed - {Adjustment.SLIP}]
+        tester = EffectTester(system, used)
+        kinds: list[tuple[EffectTester, Sequence[Fitted]]] = [(tester, [one]) for one in motions]
+        views = places_of_slips(len(grams.scores)) if Adjustment.SLIP in allowed else []
+        if views:
+            columns = [system.columns[place] for place in used]
+            slips = [[self._at(columns, effect(view)) for view in views] for effect in (slip_at, jump_at)]
+            tester = EffectTester(grams.system(columns), range(len(used)))
+            kinds += [(tester, kind) for kind in slips]
+        return hidden_motions(kinds, variance, self.model.drawing.radius_mm)
+
+    def _at(self, columns: list[Column], effect: Effect) -> Fitted:
+        """Append the columns of an effect, and return the effect with their places."""
+        one = Fitted(effect, effect.columns(self.model))
+        columns += one.columns
+        one.places = list(range(len(columns) - len(one.columns), len(columns)))
+        return one
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.

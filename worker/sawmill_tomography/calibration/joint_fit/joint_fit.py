@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.faults.effects import DEFORMATION
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotion
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.fit_parameters import FitParameter
@@ -40,8 +40,8 @@ class JointFit:
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
     hidden_modules : tuple of tuples of HiddenModule
         Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
-    hidden_motions : tuple of HiddenMotion
-        Motions that the scan may hide: at most one is real.
+    hidden_motions : HiddenMotions or None
+        Motions that the scan may hide.
     """
 
     model: ScanModel
@@ -55,7 +55,7 @@ class JointFit:
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
-    hidden_motions: tuple[HiddenMotion, ...]
+    hidden_motions: HiddenMotions | None
     converged: bool
     rounds: int
 

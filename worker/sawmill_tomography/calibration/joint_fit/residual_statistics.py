@@ -8,7 +8,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotion
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
@@ -148,20 +148,17 @@ def _of_rays(
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
-    motions = _mixture(joint.hidden_motions, columns, rows, len(order)) if joint.hidden_motions else None
+    hidden = joint.hidden_motions
+    motions = None if hidden is None else _mixture(hidden, columns, rows, len(order))
     return values, modules, motions
 
 
-def _mixture(
-    motions: Sequence[HiddenMotion], columns: Sequence[int], rows: Sequence[int], size: int
-) -> RayErrorMixture:
+def _mixture(motions: HiddenMotions, columns: Sequence[int], rows: Sequence[int], size: int) -> RayErrorMixture:
     """Return the mixture of motions, whose errors of these columns are errors in these rows of the order."""
-    means = np.zeros((len(motions), size))
-    roots = np.zeros((len(motions), size, max(one.spread.shape[1] for one in motions)))
-    for number, one in enumerate(motions):
-        means[number, rows] = one.bias[columns]
-        roots[number, rows, : one.spread.shape[1]] = one.spread[columns]
-    return RayErrorMixture(means, roots, np.array([one.probability for one in motions]))
+    count, _, unknowns = motions.spreads.shape
+    means, roots = np.zeros((count, size)), np.zeros((count, size, unknowns))
+    means[:, rows], roots[:, rows] = motions.biases[:, columns], motions.spreads[:, columns]
+    return RayErrorMixture(means, roots, motions.probabilities)
 
 
 def _alternatives(

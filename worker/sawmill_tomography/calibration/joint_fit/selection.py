@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
 from sawmill_tomography.calibration.joint_fit.normal_equations import System
@@ -73,13 +74,13 @@ class EffectTest:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What a fit leaves of further columns, to first order.
+    """What a fit leaves of groups of further columns, to first order.
 
     Attributes
     ----------
-    normal : (columns, columns) float64; score : (columns,) float64
-        Normal equations of the columns next to the fitted ones.
-    sensitivity : (base, columns) float64
+    normal : (n, columns, columns) float64; score : (n, columns) float64
+        Normal equations of each group's columns next to the fitted ones.
+    sensitivity : (n, base, columns) float64
         What the fitted columns take up of each.
     """
 
@@ -100,10 +101,10 @@ class EffectTester:
         self._sensitivity = inverse @ cross
         self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
 
-    def left(self, tried: Sequence[int]) -> "Left":
-        """Return what the base leaves of these columns."""
-        own = list(tried)
-        return Left(self._normal[np.ix_(own, own)], self._score[own], self._sensitivity[:, own])
+    def left(self, tried: NDArray[np.intp]) -> "Left":
+        """Return what the base leaves of these groups (n, columns) of columns."""
+        own = self._normal[tried[:, :, None], tried[:, None]]
+        return Left(own, self._score[tried], np.moveaxis(self._sensitivity[:, tried], 0, 1))
 
     @cached_property
     def _of_base(self) -> FloatArray:
