@@ -181,10 +181,14 @@ def test_errors_that_are_certain_add_their_covariance(scanner, theta):
     """The limits come from the same number of draws, of which 8192 give the quantile to 1 %."""
     frame = theta.source_frame(R_S)
     root = np.random.default_rng(613).standard_normal((5, 2)) * DEVIATIONS[:, None]
-    certain = RayErrorMixture(np.zeros((1, 5)), root[None], np.ones(1))
+    certain = RayErrorMixture(np.zeros((1, 5)), root[None], np.ones(1), np.empty((0, 5)))
     apart = predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2), mixture=certain)
     together = predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2) + root @ root.T)
     assert apart.upper_95_mm == pytest.approx(together.upper_95_mm, rel=0.03)
+    replaced = predicted_ray_error(
+        scanner, frame, np.diag(DEVIATIONS**2) + root @ root.T, mixture=replace(certain, instead_of=root.T)
+    )
+    assert replaced.upper_95_mm == pytest.approx(together.upper_95_mm, rel=0.03)
     impossible = replace(certain, probabilities=np.zeros(1))
     assert predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2), mixture=impossible) == predicted_ray_error(
         scanner, frame, np.diag(DEVIATIONS**2)

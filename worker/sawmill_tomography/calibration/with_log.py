@@ -108,10 +108,11 @@ def _error_bars(
     motions = alone.hidden_motions
     if motions is not None:
         # The log takes as much off the error by a motion of the phantom as off the phantom's other errors.
-        means, roots = motions.means.copy(), motions.roots.copy()
+        means, roots, instead_of = motions.means.copy(), motions.roots.copy(), motions.instead_of.copy()
         kept = values @ scaled_inverse(alone.covariance.values)
         means[:, FRAME], roots[:, FRAME] = means[:, FRAME] @ kept.T, kept @ roots[:, FRAME]
-        motions = replace(motions, means=means, roots=roots)
+        instead_of[:, FRAME] = instead_of[:, FRAME] @ kept.T
+        motions = replace(motions, means=means, roots=roots, instead_of=instead_of)
     predicted = predicted_ray_error(
         scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
     )

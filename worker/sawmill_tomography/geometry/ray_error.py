@@ -269,11 +269,14 @@ class RayErrorMixture:
     means : (n, 5 + 2 modules) float64; roots : (n, 5 + 2 modules, unknowns) float64
         Means of the errors of the geometry and of the known modules, and roots of their covariances.
     probabilities : (n,) float64
+    instead_of : (m, 5 + 2 modules) float64
+        Errors in the covariance, a standard deviation each, that are not real where one of these is.
     """
 
     means: FloatArray
     roots: FloatArray
     probabilities: FloatArray
+    instead_of: FloatArray
 
 
 def predicted_ray_error(
@@ -297,12 +300,21 @@ def predicted_ray_error(
     points, cells = chord_points(scanner, frame, radius_mm)
     derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
-    weights, directions = _weights(derivative, covariance)
+    form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     rng = np.random.default_rng(0)
-    normal = rng.standard_normal((DRAWS, weights.size))
-    squares = normal**2 @ weights
-    form = derivative.T @ derivative / len(derivative)
+    normal = rng.standard_normal((DRAWS, len(covariance)))
+    errors = normal @ _weights(form, covariance)[1].T
+    if mixture is not None:
+        drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
+        real = np.flatnonzero(drawn < len(mixture.means))
+        if len(mixture.instead_of):
+            others = covariance - mixture.instead_of.T @ mixture.instead_of
+            errors[real] = normal[real] @ _weights(form, others)[1].T
+        roots = mixture.roots[drawn[real]]
+        errors[real] += mixture.means[drawn[real]]
+        errors[real] += np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+    squares = (errors @ form * errors).sum(axis=1)
     hidden_cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
     if hidden_cells:
         # Every fourth point: each of the nine places on a chord is among them equally often.
@@ -318,18 +330,11 @@ def predicted_ray_error(
         formed = each.errors @ form
         own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
         own += np.einsum("nm,nmo,no->n", each.moves, of_moves[place], each.moves)
-        crossed = directions.T @ (formed + by_known).T
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]
-        squares[real] += factor**2 * own[number] + 2.0 * factor * (normal[real] * crossed[:, number].T).sum(axis=1)
-    if mixture is not None:
-        drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
-        real = np.flatnonzero(drawn < len(mixture.means))
-        roots = mixture.roots[drawn[real]]
-        errors = mixture.means[drawn[real]] + np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
-        formed = errors @ form
-        squares[real] += (formed * errors + 2.0 * (formed @ directions) * normal[real]).sum(axis=1)
+        crossed = (errors[real] * (formed + by_known)[number]).sum(axis=1)
+        squares[real] += factor * (factor * own[number] + 2.0 * crossed)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
@@ -348,7 +353,8 @@ def exceeded_ray_error(
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
     points, cells = chord_points(scanner, frame, radius_mm)
-    weights, _ = _weights(_linear(scanner, frame, points, cells).distances[:, : len(covariance)], covariance)
+    derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
+    weights, _ = _weights(derivative.T @ derivative / len(derivative), covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
@@ -356,12 +362,12 @@ def exceeded_ray_error(
     return math.sqrt(first + math.sqrt(second / freedom) * (exceeded_chi_square(share, freedom) - freedom))
 
 
-def _weights(derivative: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _weights(form: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return weights (n,) mm^2 of independent chi-squares (one degree of freedom) that sum to the mean square.
 
-    The columns of the second array are the parameters' errors (n, n) that belong to each.
+    `form` (n, n) gives the mean square from the parameters' errors. The columns of the second array are the
+    parameters' errors (n, n) that belong to each weight.
     """
-    form = derivative.T @ derivative / len(derivative)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     weights, turned = np.linalg.eigh(root.T @ form @ root)

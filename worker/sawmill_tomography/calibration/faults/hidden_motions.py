@@ -15,7 +15,7 @@ from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # The number of motions that a scan hides beforehand (benchmarks/families.py).
-EXPECTED = 2.0
+EXPECTED = 4.0
 # Sizes of hidden motions at the phantom's rim (standard deviations of each unknown, mm): every order of magnitude is
 # as likely.
 SIZES_MM = np.geomspace(0.03, 0.5, 4)

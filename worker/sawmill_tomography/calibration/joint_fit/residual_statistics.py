@@ -149,16 +149,22 @@ def _of_rays(
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
     hidden = joint.hidden_motions
-    motions = None if hidden is None else _mixture(hidden, columns, rows, len(order))
+    motions = None if hidden is None else _mixture(joint, hidden, columns, rows, len(order))
     return values, modules, motions
 
 
-def _mixture(motions: HiddenMotions, columns: Sequence[int], rows: Sequence[int], size: int) -> RayErrorMixture:
+def _mixture(
+    joint: JointFit, motions: HiddenMotions, columns: Sequence[int], rows: Sequence[int], size: int
+) -> RayErrorMixture:
     """Return the mixture of motions, whose errors of these columns are errors in these rows of the order."""
     count, _, unknowns = motions.spreads.shape
     means, roots = np.zeros((count, size)), np.zeros((count, size, unknowns))
     means[:, rows], roots[:, rows] = motions.biases[:, columns], motions.spreads[:, columns]
-    return RayErrorMixture(means, roots, motions.probabilities)
+    beyond_chance = joint.motions_beyond_chance
+    instead_of = np.zeros((len(beyond_chance), size))
+    for error, bias in zip(instead_of, beyond_chance, strict=True):
+        error[rows] = bias[columns]
+    return RayErrorMixture(means, roots, motions.probabilities, instead_of)
 
 
 def _alternatives(
