@@ -208,6 +208,27 @@ def test_a_hidden_module_that_is_certain_is_the_error_of_its_gap_and_kink(scanne
     assert predicted.upper_95_mm == pytest.approx(error.rms_mm, rel=0.01)
 
 
+@pytest.mark.parametrize(("gap_mm", "kink_rad"), [(0.5, 0.0), (0.0, 0.02)])
+def test_a_known_module_that_begins_elsewhere_is_wrong_in_the_cells_between(scanner, theta, gap_mm, kink_rad):
+    """Of two movements of a third of the detector those of the cells between remain, which are far smaller."""
+    frame, cell = theta.source_frame(R_S), scanner.num_detector_pixels // 3
+    known, true = (
+        replace(scanner, detector_modules=(DetectorModule(first, gap_mm, kink_rad),)) for first in (cell, cell + 4)
+    )
+    elsewhere = RayAlternatives(
+        np.array([cell + 4]),
+        np.array([[-gap_mm, kink_rad]]),
+        np.array([[0.0] * 5 + [gap_mm, -kink_rad]]),
+        np.zeros(1, int),
+        np.ones(1),
+        np.ones(1),
+    )
+    predicted = predicted_ray_error(known, frame, np.zeros((7, 7)), [elsewhere])
+    error = ray_error(known, frame, frame, other_scanner=true)
+    # Every fourth of the points on the four cells' rays; a kink of 0.02 is its sine to first order only.
+    assert predicted.upper_95_mm == pytest.approx(error.rms_mm, rel=0.08)
+
+
 def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draws(scanner, theta):
     """One uncertain parameter has a closed limit; five have draws: both are right to 1 %."""
     frame = theta.source_frame(R_S)

@@ -321,13 +321,15 @@ def predicted_ray_error(
         ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, 4), POINTS_PER_CHORD)
         some = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden_cells).distances
         # The distances by the gap and the kink of a module before each hidden cell.
-        moves = some[:, -2 * len(hidden_cells) :].reshape(len(some), -1, 2)
-        with_known = np.einsum("pk,pcm->ckm", some[:, : len(covariance)], moves, optimize=True) / len(some)
+        known, moves = some[:, : len(covariance)], some[:, -2 * len(hidden_cells) :].reshape(len(some), -1, 2)
+        # All from the same points: a module that begins elsewhere takes back what the known one moves.
+        of_known = known.T @ known / len(some)
+        with_known = np.einsum("pk,pcm->ckm", known, moves, optimize=True) / len(some)
         of_moves = np.einsum("pcm,pcn->cmn", moves, moves) / len(some)
     for each in alternatives:
         place = np.searchsorted(hidden_cells, each.first_cells)
         by_known = (with_known[place] @ each.moves[..., None])[..., 0]
-        formed = each.errors @ form
+        formed = each.errors @ of_known
         own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
         own += np.einsum("nm,nmo,no->n", each.moves, of_moves[place], each.moves)
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
