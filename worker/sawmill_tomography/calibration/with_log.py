@@ -106,7 +106,7 @@ def _error_bars(
     of_rays = alone.ray_covariance.copy()
     of_rays[FRAME, FRAME] = values
     motions = alone.hidden_motions
-    if motions is not None:
+    if motions is not None and not np.array_equal(values, alone.covariance.values):
         # The log takes as much off the error by a motion of the phantom as off the phantom's other errors.
         means, roots, instead_of = motions.means.copy(), motions.roots.copy(), motions.instead_of.copy()
         kept = values @ scaled_inverse(alone.covariance.values)
