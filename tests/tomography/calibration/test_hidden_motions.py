@@ -9,7 +9,7 @@ from tests.support.exact_chords import Detector, counted, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.faults.effects import EFFECTS
-from sawmill_tomography.calibration.faults.hidden_motions import EXPECTED, SIZES_MM, hidden_motions
+from sawmill_tomography.calibration.faults.hidden_motions import ODDS, SIZES_MM, MotionKind, hidden_motions
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
@@ -85,7 +85,7 @@ def test_the_likelihood_and_the_errors_of_a_hidden_motion_are_those_of_a_linear_
     system = ViewGrams(model).system([*base, *one.columns])
     used, one.places = list(range(len(base))), [len(base), len(base) + 1]
     variance = system.variance(used)
-    found = hidden_motions([(EffectTester(system, used), [one])], variance, L_SHAPE.radius_mm)
+    found = hidden_motions([MotionKind(EffectTester(system, used), [one], variance)], L_SHAPE.radius_mm)
 
     normal, inverse = system.normal, system.inverse(used)
     sensitivity = inverse @ normal[np.ix_(used, one.places)]
@@ -96,7 +96,7 @@ def test_the_likelihood_and_the_errors_of_a_hidden_motion_are_those_of_a_linear_
         multivariate_normal.pdf(score, cov=noise + size_mm**2 * left @ left) / multivariate_normal.pdf(score, cov=noise)
         for size_mm in SIZES_MM
     ]
-    odds = EXPECTED / SIZES_MM.size * np.array(ratios)
+    odds = ODDS / SIZES_MM.size * np.array(ratios)
     np.testing.assert_allclose(found.probabilities, odds / (1.0 + odds.sum()), rtol=1e-6)
     for number, size_mm in enumerate(SIZES_MM):
         covariance = np.linalg.inv(left / variance + np.eye(2) / size_mm**2)

@@ -14,11 +14,11 @@ from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray
 
-# The number of motions that a scan hides beforehand (benchmarks/families.py).
-EXPECTED = 4.0
 # Sizes of hidden motions at the phantom's rim (standard deviations of each unknown, mm): every order of magnitude is
 # as likely.
 SIZES_MM = np.geomspace(0.03, 0.5, 4)
+# How much likelier beforehand a scan hides a motion of one of these sizes than none (benchmarks/families.py).
+ODDS = 8.0
 # Motions with a smaller probability are left out.
 LEAST_PROBABILITY = 1e-4
 
@@ -39,28 +39,39 @@ class HiddenMotions:
     spreads: FloatArray
 
 
-def hidden_motions(
-    kinds: Sequence[tuple[EffectTester, Sequence[Fitted]]], variance: float, radius_mm: float
-) -> HiddenMotions | None:
-    """Find the motions that the residual of this variance may hide; None where it hides none.
+@dataclass(frozen=True, eq=False)
+class MotionKind:
+    """Motions of one kind, which a scan may hide.
+
+    Attributes
+    ----------
+    tester : EffectTester
+        The test of the motions' columns.
+    motions : sequence of Fitted
+        The motion at each place where it may begin, with as many columns each.
+    variance : float
+        The variance of a sample that chance gives to the motions' scores.
+    """
+
+    tester: EffectTester
+    motions: Sequence[Fitted]
+    variance: float
+
+
+def hidden_motions(kinds: Sequence[MotionKind], radius_mm: float) -> HiddenMotions | None:
+    """Find the motions that a scan may hide; None where it hides none.
 
     Each kind is as likely beforehand, and each place where a motion of a kind may begin. The sizes of a motion's
-    columns are independent normal variables; the marginal likelihood of a motion follows from its score.
-
-    Parameters
-    ----------
-    kinds : sequence of (tester, motions)
-        The motions of each kind, and the tester that has their columns.
-    radius_mm : float
-        The phantom's radius: a turn moves the rim by it.
+    columns are independent normal variables; the marginal likelihood of a motion follows from its score. `radius_mm`
+    is the phantom's radius: a turn moves the rim by it.
     """
-    alike: dict[tuple[EffectTester, int], list[tuple[Fitted, float]]] = {}
-    for tester, motions in kinds:
-        for one in motions:
-            prior = EXPECTED / (len(kinds) * len(motions) * SIZES_MM.size)
-            alike.setdefault((tester, len(one.columns)), []).append((one, prior))
+    alike: dict[tuple[EffectTester, int], list[tuple[Fitted, float, float]]] = {}
+    for kind in kinds:
+        prior = ODDS / (len(kinds) * len(kind.motions) * SIZES_MM.size)
+        group = alike.setdefault((kind.tester, len(kind.motions[0].columns)), [])
+        group += [(one, kind.variance, prior) for one in kind.motions]
     widest = max((width for _, width in alike), default=0)
-    cases = [_cases(tester, some, variance, radius_mm, widest) for (tester, _), some in alike.items()]
+    cases = [_cases(tester, some, radius_mm, widest) for (tester, _), some in alike.items()]
     if not cases:
         return None
     evidence, biases, spreads = (np.concatenate(parts) for parts in zip(*cases, strict=True))
@@ -72,21 +83,20 @@ def hidden_motions(
 
 
 def _cases(
-    tester: EffectTester, motions: Sequence[tuple[Fitted, float]], variance: float, radius_mm: float, widest: int
+    tester: EffectTester, group: Sequence[tuple[Fitted, float, float]], radius_mm: float, widest: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the logarithm of prior times likelihood, biases and spreads of motions with as many columns each."""
-    left = tester.left(np.array([one.places for one, _ in motions]))
+    motions, variances, priors = zip(*group, strict=True)
+    left, variance = tester.left(np.array([one.places for one in motions])), np.array(variances)[:, None]
     # Independent unknowns of unit deviation: their information, score, and effect on the fitted columns.
-    unit = np.array(
-        [[1.0 / radius_mm if c.parts[0][0] is Term.PSI else 1.0 for c in one.columns] for one, _ in motions]
-    )
-    values, vectors = np.linalg.eigh(left.normal * unit[:, :, None] * unit[:, None] / variance)
+    unit = np.array([[1.0 / radius_mm if c.parts[0][0] is Term.PSI else 1.0 for c in one.columns] for one in motions])
+    values, vectors = np.linalg.eigh(left.normal * unit[:, :, None] * unit[:, None] / variance[..., None])
     turned = unit[..., None] * vectors
     score, moved = (left.score[:, None] @ turned)[:, 0] / variance, left.sensitivity @ turned
     square = SIZES_MM[:, None, None] ** 2
     shrunk = square / (1.0 + square * np.maximum(values, 0.0))
     evidence = 0.5 * (np.log(shrunk / square) + shrunk * score**2).sum(axis=-1)
-    evidence += np.log([prior for _, prior in motions])
+    evidence += np.log(priors)
     spreads = np.zeros((*shrunk.shape[:2], moved.shape[1], widest))
     spreads[..., : values.shape[1]] = moved * np.sqrt(shrunk)[:, :, None]
     biases = -(moved @ (shrunk * score)[..., None])[..., 0]

@@ -14,7 +14,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, hidden_motions
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, MotionKind, hidden_motions
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
     without_views,
@@ -239,7 +239,7 @@ class JointFitter:
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
             tuple(self._hidden_modules(grams, system, used)),
-            self._hidden_motions(grams, system, tried, used),
+            self._hidden_motions(grams, system, tests, used),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -345,23 +345,33 @@ class JointFitter:
             yield tuple(search.elsewhere(module, variance))
 
     def _hidden_motions(
-        self, grams: ViewGrams, system: System, tried: Sequence[Fitted], used: list[int]
+        self, grams: ViewGrams, system: System, tests: Sequence[tuple[Fitted, EffectTest]], used: list[int]
     ) -> HiddenMotions | None:
-        """Find the motions that the scan may hide: those that were tried, and slips at some views."""
+        """Find the motions that the scan may hide: those that were tested, and slips at some views.
+
+        A slip at any view has the variance of the one that was tested.
+        """
         variance = max(system.variance(used), UNTRUSTED * system.structured / STRUCTURES)
         if variance <= 0.0:
             return None
-        allowed = MOTIONS - self.without
-        motions = [one for one in tried if one in self.waiting and one.effect.adjustment in allowed - {Adjustment.SLIP}]
-        tester = EffectTester(system, used)
-        kinds: list[tuple[EffectTester, Sequence[Fitted]]] = [(tester, [one]) for one in motions]
+        by_chance = {one: max(variance, test.variance) for one, test in tests}
+        allowed, tester = MOTIONS - self.without, EffectTester(system, used)
+        kinds = [
+            MotionKind(tester, [one], by_chance[one])
+            for one, _ in tests
+            if one in self.waiting and one.effect.adjustment in allowed - {Adjustment.SLIP}
+        ]
         views = places_of_slips(len(grams.scores)) if Adjustment.SLIP in allowed else []
         if views:
             columns = [system.columns[place] for place in used]
             slips = [[self._at(columns, effect(view)) for view in views] for effect in (slip_at, jump_at)]
             tester = EffectTester(grams.system(columns), range(len(used)))
-            kinds += [(tester, kind) for kind in slips]
-        return hidden_motions(kinds, variance, self.model.drawing.radius_mm)
+            for kind in slips:
+                alike = (
+                    by_chance[one] for one, _ in tests if _is_slip(one) and len(one.columns) == len(kind[0].columns)
+                )
+                kinds.append(MotionKind(tester, kind, max(alike, default=variance)))
+        return hidden_motions(kinds, self.model.drawing.radius_mm)
 
     def _at(self, columns: list[Column], effect: Effect) -> Fitted:
         """Append the columns of an effect, and return the effect with their places."""
@@ -522,6 +532,10 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _is_slip(one: Fitted) -> bool:
+    return one.effect.adjustment is Adjustment.SLIP
 
 
 def _variance_on_detector(system: System, used: list[int]) -> float:

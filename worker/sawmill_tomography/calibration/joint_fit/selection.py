@@ -59,6 +59,11 @@ class EffectTest:
     sizes: FloatArray
     bias: FloatArray
 
+    @property
+    def variance(self) -> float:
+        """The variance against which the effect is significant; 0 where nothing is."""
+        return self.power / self.significance if 0.0 < self.significance < np.inf else 0.0
+
     def is_fitted(self, trials: float = 1.0) -> bool:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
         return self.over_limit(trials) > 1.0
