@@ -15,10 +15,10 @@ from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # Sizes of hidden motions at the phantom's rim (standard deviations of each unknown, mm): every order of magnitude is
-# as likely.
-SIZES_MM = np.geomspace(0.03, 0.5, 4)
+# as likely. Larger ones show, but for a scan of very few views.
+SIZES_MM = np.geomspace(0.03, 0.3, 4)
 # How much likelier beforehand a scan hides a motion of one of these sizes than none (benchmarks/families.py).
-ODDS = 8.0
+ODDS = 4.0
 # Motions with a smaller probability are left out.
 LEAST_PROBABILITY = 1e-4
 
