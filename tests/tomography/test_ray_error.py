@@ -17,6 +17,8 @@ from sawmill_tomography.geometry.geometry import (
     to_vector,
 )
 from sawmill_tomography.geometry.ray_error import (
+    RayAlternatives,
+    RayErrorMixture,
     chord_points,
     exceeded_ray_error,
     predicted_ray_error,
@@ -24,6 +26,7 @@ from sawmill_tomography.geometry.ray_error import (
     scale_gradient,
     scale_ray_error,
 )
+from sawmill_vocabulary import DetectorModule
 
 R_S = 859.46
 DEVIATIONS = np.array([0.0, 0.4, 0.9, 0.05, 0.002])
@@ -172,6 +175,58 @@ def test_an_uncertain_source_distance_predicts_no_ray_error_but_a_scale(scanner,
     assert predicted_ray_error(scanner, frame, covariance).rms_mm < 1e-12
     gradient = scale_gradient(scanner, frame)
     assert gradient @ covariance @ gradient == pytest.approx((2.0 / frame.source_distance_mm) ** 2)
+
+
+def test_errors_that_are_certain_add_their_covariance(scanner, theta):
+    """The limits come from the same number of draws, of which 8192 give the quantile to 1 %."""
+    frame = theta.source_frame(R_S)
+    root = np.random.default_rng(613).standard_normal((5, 2)) * DEVIATIONS[:, None]
+    certain = RayErrorMixture(np.zeros((1, 5)), root[None], np.ones(1), np.empty((0, 5)))
+    apart = predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2), mixture=certain)
+    together = predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2) + root @ root.T)
+    assert apart.upper_95_mm == pytest.approx(together.upper_95_mm, rel=0.03)
+    replaced = predicted_ray_error(
+        scanner, frame, np.diag(DEVIATIONS**2) + root @ root.T, mixture=replace(certain, instead_of=root.T)
+    )
+    assert replaced.upper_95_mm == pytest.approx(together.upper_95_mm, rel=0.03)
+    impossible = replace(certain, probabilities=np.zeros(1))
+    assert predicted_ray_error(scanner, frame, np.diag(DEVIATIONS**2), mixture=impossible) == predicted_ray_error(
+        scanner, frame, np.diag(DEVIATIONS**2)
+    )
+
+
+@pytest.mark.parametrize(("gap_mm", "kink_rad"), [(0.05, 0.0), (0.0, 0.001), (0.05, 0.001)])
+def test_a_hidden_module_that_is_certain_is_the_error_of_its_gap_and_kink(scanner, theta, gap_mm, kink_rad):
+    frame, cell = theta.source_frame(R_S), scanner.num_detector_pixels // 3
+    hidden = RayAlternatives(
+        np.array([cell]), np.array([[gap_mm, kink_rad]]), np.zeros((1, 5)), np.zeros(1, int), np.ones(1), np.ones(1)
+    )
+    modules = replace(scanner, detector_modules=(DetectorModule(cell, gap_mm, kink_rad),))
+    error = ray_error(scanner, frame, frame, other_scanner=modules)
+    predicted = predicted_ray_error(scanner, frame, np.zeros((5, 5)), [hidden])
+    # Every fourth point of the chords gives the mean square to 1 %.
+    assert predicted.upper_95_mm == pytest.approx(error.rms_mm, rel=0.01)
+
+
+@pytest.mark.parametrize(("gap_mm", "kink_rad"), [(0.5, 0.0), (0.0, 0.02)])
+def test_a_known_module_that_begins_elsewhere_is_wrong_in_the_cells_between(scanner, theta, gap_mm, kink_rad):
+    """Of two movements of a third of the detector those of the cells between remain, which are far smaller."""
+    frame, cell = theta.source_frame(R_S), scanner.num_detector_pixels // 3
+    known, true = (
+        replace(scanner, detector_modules=(DetectorModule(first, gap_mm, kink_rad),)) for first in (cell, cell + 4)
+    )
+    elsewhere = RayAlternatives(
+        np.array([cell + 4]),
+        np.array([[-gap_mm, kink_rad]]),
+        np.array([[0.0] * 5 + [gap_mm, -kink_rad]]),
+        np.zeros(1, int),
+        np.ones(1),
+        np.ones(1),
+    )
+    predicted = predicted_ray_error(known, frame, np.zeros((7, 7)), [elsewhere])
+    error = ray_error(known, frame, frame, other_scanner=true)
+    # Every fourth of the points on the four cells' rays; a kink of 0.02 is its sine to first order only.
+    assert predicted.upper_95_mm == pytest.approx(error.rms_mm, rel=0.08)
 
 
 def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draws(scanner, theta):

@@ -7,7 +7,12 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
-from sawmill_tomography.geometry.ray_error import RayAlternatives, RayErrorPrediction, predicted_ray_error
+from sawmill_tomography.geometry.ray_error import (
+    RayAlternatives,
+    RayErrorMixture,
+    RayErrorPrediction,
+    predicted_ray_error,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +27,8 @@ class ErrorBars:
         Covariance of the five unknowns, then of the gap and the kink of each module.
     hidden_modules : tuple of RayAlternatives
         Modules that the scan may hide, and other places of those that it shows.
+    hidden_motions : RayErrorMixture or None
+        Motions that the scan may hide; None where it hides none.
     theta_covariance : (5, 5) float64 or None
         Covariance of theta; None where the source shift is not resolved.
     predicted_ray_error : RayErrorPrediction
@@ -37,6 +44,7 @@ class ErrorBars:
     covariance: Covariance
     ray_covariance: FloatArray
     hidden_modules: tuple[RayAlternatives, ...]
+    hidden_motions: RayErrorMixture | None
     theta_covariance: FloatArray | None
     predicted_ray_error: RayErrorPrediction
     inflation: float
@@ -63,9 +71,15 @@ def error_bars(
         covariance=covariance,
         ray_covariance=statistics.ray_covariance,
         hidden_modules=statistics.hidden_modules,
+        hidden_motions=statistics.hidden_motions,
         theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(
-            scanner, frame, statistics.ray_covariance, statistics.hidden_modules, radius_mm=radius_mm
+            scanner,
+            frame,
+            statistics.ray_covariance,
+            statistics.hidden_modules,
+            statistics.hidden_motions,
+            radius_mm=radius_mm,
         ),
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,

@@ -6,6 +6,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, choose_theta
 from sawmill_tomography.calibration.covariance import theta_covariance
+from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
@@ -104,7 +105,17 @@ def _error_bars(
     of_theta = theta_covariance(scanner, frame, theta, values)
     of_rays = alone.ray_covariance.copy()
     of_rays[FRAME, FRAME] = values
-    predicted = predicted_ray_error(scanner, frame, of_rays, alone.hidden_modules, radius_mm=calibration.radius_mm)
+    motions = alone.hidden_motions
+    if motions is not None and not np.array_equal(values, alone.covariance.values):
+        # The log takes as much off the error by a motion of the phantom as off the phantom's other errors.
+        means, roots, instead_of = motions.means.copy(), motions.roots.copy(), motions.instead_of.copy()
+        kept = values @ scaled_inverse(alone.covariance.values)
+        means[:, FRAME], roots[:, FRAME] = means[:, FRAME] @ kept.T, kept @ roots[:, FRAME]
+        instead_of[:, FRAME] = instead_of[:, FRAME] @ kept.T
+        motions = replace(motions, means=means, roots=roots, instead_of=instead_of)
+    predicted = predicted_ray_error(
+        scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
+    )
     return replace(
         alone,
         covariance=replace(alone.covariance, values=values),

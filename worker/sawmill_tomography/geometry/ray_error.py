@@ -115,7 +115,7 @@ def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 1
 
     A bias of these five changes the scale by gradient @ bias.
     """
-    return _linear(scanner, frame, radius_mm).scale[:5]
+    return _linear(scanner, frame, *chord_points(scanner, frame, radius_mm)).scale[:5]
 
 
 def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
@@ -147,8 +147,13 @@ class _Linear:
     scale: FloatArray
 
 
-def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float, hidden_cells: Sequence[int] = ()) -> _Linear:
-    points, cells = chord_points(scanner, frame, radius_mm)
+def _linear(
+    scanner: Scanner,
+    frame: SourceFrame,
+    points: FloatArray,
+    cells: NDArray[np.intp],
+    hidden_cells: Sequence[int] = (),
+) -> _Linear:
     derivative = _derivatives(scanner, frame, points, cells, hidden_cells)
     _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
     free = slope.reshape(2, -1).T
@@ -205,7 +210,7 @@ def _module_moves(
 
 def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
     """Compute the RMS ray error, mm, of a frame with a bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
-    distances = _linear(scanner, frame, radius_mm).distances[:, : len(bias)] @ bias
+    distances = _linear(scanner, frame, *chord_points(scanner, frame, radius_mm)).distances[:, : len(bias)] @ bias
     return float(np.sqrt(np.mean(distances * distances)))
 
 
@@ -255,45 +260,83 @@ class RayAlternatives:
     probabilities: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class RayErrorMixture:
+    """Errors of which at most one is real, each normally distributed: motions that a scan does not show.
+
+    Attributes
+    ----------
+    means : (n, 5 + 2 modules) float64; roots : (n, 5 + 2 modules, unknowns) float64
+        Means of the errors of the geometry and of the known modules, and roots of their covariances.
+    probabilities : (n,) float64
+    instead_of : (m, 5 + 2 modules) float64
+        Errors in the covariance, a standard deviation each, that are not real where one of these is.
+    """
+
+    means: FloatArray
+    roots: FloatArray
+    probabilities: FloatArray
+    instead_of: FloatArray
+
+
 def predicted_ray_error(
     scanner: Scanner,
     frame: SourceFrame,
     covariance: FloatArray,
     alternatives: Sequence[RayAlternatives] = (),
+    mixture: RayErrorMixture | None = None,
     *,
     radius_mm: float = 150.0,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
-    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives` at most one is
-    real; they count in the limits only.
+    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives`, and of the
+    `mixture`, at most one is real; they count in the limits only.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
     from the distances. `scale_deviation` returns the scale's own error.
     """
-    cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
-    derivatives = _linear(scanner, frame, radius_mm, cells).distances
-    derivative = derivatives[:, : len(covariance)]
+    points, cells = chord_points(scanner, frame, radius_mm)
+    derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
     variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
-    weights, directions = _weights(derivative, covariance)
+    form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     rng = np.random.default_rng(0)
-    normal = rng.standard_normal((DRAWS, weights.size))
-    squares = normal**2 @ weights
-    # Every fourth point: each of the nine places on a chord is among them equally often.
-    some, known = derivatives[::4], derivative[::4]
+    normal = rng.standard_normal((DRAWS, len(covariance)))
+    errors = normal @ _weights(form, covariance)[1].T
+    if mixture is not None:
+        drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
+        real = np.flatnonzero(drawn < len(mixture.means))
+        if len(mixture.instead_of):
+            others = covariance - mixture.instead_of.T @ mixture.instead_of
+            errors[real] = normal[real] @ _weights(form, others)[1].T
+        roots = mixture.roots[drawn[real]]
+        errors[real] += mixture.means[drawn[real]]
+        errors[real] += np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+    squares = (errors @ form * errors).sum(axis=1)
+    hidden_cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
+    if hidden_cells:
+        # Every fourth point: each of the nine places on a chord is among them equally often.
+        ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, 4), POINTS_PER_CHORD)
+        some = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden_cells).distances
+        # The distances by the gap and the kink of a module before each hidden cell.
+        known, moves = some[:, : len(covariance)], some[:, -2 * len(hidden_cells) :].reshape(len(some), -1, 2)
+        # All from the same points: a module that begins elsewhere takes back what the known one moves.
+        of_known = known.T @ known / len(some)
+        with_known = np.einsum("pk,pcm->ckm", known, moves, optimize=True) / len(some)
+        of_moves = np.einsum("pcm,pcn->cmn", moves, moves) / len(some)
     for each in alternatives:
-        # The distances (points, n) in each case; hidden modules have two columns each behind the known ones.
-        place = derivatives.shape[1] - 2 * (len(cells) - np.searchsorted(cells, each.first_cells))
-        moved = known @ each.errors.T
-        moved += some[:, place] * each.moves[:, 0] + some[:, place + 1] * each.moves[:, 1]
-        own = (moved**2).mean(axis=0)
-        crossed = directions.T @ (known.T @ moved) / len(moved)
+        place = np.searchsorted(hidden_cells, each.first_cells)
+        by_known = (with_known[place] @ each.moves[..., None])[..., 0]
+        formed = each.errors @ of_known
+        own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
+        own += np.einsum("nm,nmo,no->n", each.moves, of_moves[place], each.moves)
         drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
         real = np.flatnonzero(drawn < each.number.size)
         number, factor = each.number[drawn[real]], each.factors[drawn[real]]
-        squares[real] += factor**2 * own[number] + 2.0 * factor * (normal[real] * crossed[:, number].T).sum(axis=1)
+        crossed = (errors[real] * (formed + by_known)[number]).sum(axis=1)
+        squares[real] += factor * (factor * own[number] + 2.0 * crossed)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
@@ -311,7 +354,9 @@ def exceeded_ray_error(
     The sum of weighted chi-squares is taken as a shifted chi-square with the same first three cumulants, which is right
     far out in the upper tail, where draws would be too few (Imhof, Biometrika 48, 1961, 419-426, section 4).
     """
-    weights, _ = _weights(_linear(scanner, frame, radius_mm).distances[:, : len(covariance)], covariance)
+    points, cells = chord_points(scanner, frame, radius_mm)
+    derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
+    weights, _ = _weights(derivative.T @ derivative / len(derivative), covariance)
     if not weights.any():
         return 0.0
     first, second, third = (float(np.sum(weights**power)) for power in (1, 2, 3))
@@ -319,12 +364,12 @@ def exceeded_ray_error(
     return math.sqrt(first + math.sqrt(second / freedom) * (exceeded_chi_square(share, freedom) - freedom))
 
 
-def _weights(derivative: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _weights(form: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return weights (n,) mm^2 of independent chi-squares (one degree of freedom) that sum to the mean square.
 
-    The columns of the second array are the parameters' errors (n, n) that belong to each.
+    `form` (n, n) gives the mean square from the parameters' errors. The columns of the second array are the
+    parameters' errors (n, n) that belong to each weight.
     """
-    form = derivative.T @ derivative / len(derivative)
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     weights, turned = np.linalg.eigh(root.T @ form @ root)

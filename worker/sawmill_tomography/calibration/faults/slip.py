@@ -17,6 +17,8 @@ from sawmill_vocabulary.scan_messages import EffectMessage
 
 # A slip needs at least FEWEST_VIEWS views, and the share SHARE_OF_VIEWS of all views, before and after.
 FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
+# The number of views at which a slip that the scan hides may lie: a small one is not placed more precisely.
+PLACES = 8
 # A slip is a jump of the angles when the phantom's shift is less than this share of the turn at the phantom's rim.
 TURN_ALONE = 0.1
 # A larger jump of source, turntable or detector, mm, leaves no one geometry to report.
@@ -55,6 +57,17 @@ def jump_at(view: int) -> Effect:
     )
 
 
+def places_of_slips(views: int) -> list[int]:
+    """Return views, spread evenly, at which a slip may lie; none for too few views."""
+    fewest = _fewest(views)
+    return sorted({round(view) for view in np.linspace(fewest, views - fewest, PLACES)}) if views >= 2 * fewest else []
+
+
+def _fewest(views: int) -> int:
+    """Return the least number of views before and after a slip."""
+    return max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
+
+
 def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
     """Find the view at which a slip explains most in addition to the columns of a fit; None for too few views.
 
@@ -66,7 +79,7 @@ def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatAr
         Inner products of each view. Stripes are ignored: what is subtracted for stripes belongs to no single view.
     """
     views = len(scores)
-    fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
+    fewest = _fewest(views)
     if views < 2 * fewest:
         return None
     pose = [next(i for i, column in enumerate(columns) if column.term is term) for term in POSE]

@@ -253,7 +253,7 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
     """Fill grams (views, n, n) and scores (views, n) of columns, each column the sum of some terms times shapes.
 
     terms : (n, parts)
-    shapes : (n, parts, views); 0 for an unused part
+    shapes : (views, n, parts); 0 for an unused part
     """
     views, count = grams.shape[0], grams.shape[1]
     n, parts = terms.shape
@@ -263,7 +263,7 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
             line[:] = 0.0
             score = 0.0
             for part in range(parts):
-                term, shape = terms[i, part], shapes[i, part, k]
+                term, shape = terms[i, part], shapes[k, i, part]
                 score += shape * scores[k, term]
                 for t in range(count):
                     line[t] += shape * grams[k, term, t]
@@ -271,7 +271,7 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
             for j in range(i + 1):
                 total = 0.0
                 for part in range(parts):
-                    total += shapes[j, part, k] * line[terms[j, part]]
+                    total += shapes[k, j, part] * line[terms[j, part]]
                 grams_of_columns[k, i, j] = grams_of_columns[k, j, i] = total
 
 

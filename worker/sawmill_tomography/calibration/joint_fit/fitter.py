@@ -14,6 +14,7 @@ import numpy as np
 from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, MotionKind, hidden_motions
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
     without_views,
@@ -28,14 +29,14 @@ from sawmill_tomography.calibration.faults.modules import (
     effect_of,
     with_modules,
 )
-from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, slip_at
+from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.readings import other_motions, other_reading
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, other_motions, other_reading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -238,6 +239,7 @@ class JointFitter:
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
             tuple(self._hidden_modules(grams, system, used)),
+            self._hidden_motions(grams, system, tests, used),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -341,6 +343,42 @@ class JointFitter:
         yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if found else HIDDEN))
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
+
+    def _hidden_motions(
+        self, grams: ViewGrams, system: System, tests: Sequence[tuple[Fitted, EffectTest]], used: list[int]
+    ) -> HiddenMotions | None:
+        """Find the motions that the scan may hide: those that were tested, and slips at some views.
+
+        A slip at any view has the variance of the one that was tested.
+        """
+        variance = max(system.variance(used), UNTRUSTED * system.structured / STRUCTURES)
+        if variance <= 0.0:
+            return None
+        by_chance = {one: max(variance, test.variance) for one, test in tests}
+        allowed, tester = MOTIONS - self.without, EffectTester(system, used)
+        kinds = [
+            MotionKind(tester, [one], by_chance[one])
+            for one, _ in tests
+            if one in self.waiting and one.effect.adjustment in allowed - {Adjustment.SLIP}
+        ]
+        views = places_of_slips(len(grams.scores)) if Adjustment.SLIP in allowed else []
+        if views:
+            columns = [system.columns[place] for place in used]
+            slips = [[self._at(columns, effect(view)) for view in views] for effect in (slip_at, jump_at)]
+            tester = EffectTester(grams.system(columns), range(len(used)))
+            for kind in slips:
+                alike = (
+                    by_chance[one] for one, _ in tests if _is_slip(one) and len(one.columns) == len(kind[0].columns)
+                )
+                kinds.append(MotionKind(tester, kind, max(alike, default=variance)))
+        return hidden_motions(kinds, self.model.drawing.radius_mm)
+
+    def _at(self, columns: list[Column], effect: Effect) -> Fitted:
+        """Append the columns of an effect, and return the effect with their places."""
+        one = Fitted(effect, effect.columns(self.model))
+        columns += one.columns
+        one.places = list(range(len(columns) - len(one.columns), len(columns)))
+        return one
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
@@ -494,6 +532,10 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _is_slip(one: Fitted) -> bool:
+    return one.effect.adjustment is Adjustment.SLIP
 
 
 def _variance_on_detector(system: System, used: list[int]) -> float:

@@ -7,12 +7,13 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.faults.effects import DEFORMATION
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
-from sawmill_tomography.calibration.joint_fit.readings import OtherReading
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
@@ -39,6 +40,8 @@ class JointFit:
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
     hidden_modules : tuple of tuples of HiddenModule
         Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
+    hidden_motions : HiddenMotions or None
+        Motions that the scan may hide.
     """
 
     model: ScanModel
@@ -52,6 +55,7 @@ class JointFit:
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
+    hidden_motions: HiddenMotions | None
     converged: bool
     rounds: int
 
@@ -61,6 +65,16 @@ class JointFit:
         beyond_chance = [test.bias for _, test in self.beyond_chance]
         readings = (*self.other_motions, *(() if self.other_reading is None else (self.other_reading,)))
         return [*beyond_chance, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
+
+    @property
+    def motions_beyond_chance(self) -> list[FloatArray]:
+        """Errors of the fitted columns by motions that are beyond chance, where the scan shows no other motion.
+
+        Such a scan hides one motion, which is among the hidden ones; a scan that shows motions may hide several.
+        """
+        if any(one.effect.adjustment in MOTIONS for one in self.fitted):
+            return []
+        return [test.bias for one, test in self.beyond_chance if one.effect.adjustment in MOTIONS and not one.declined]
 
     @property
     def modules(self) -> tuple[DetectorModule, ...]:

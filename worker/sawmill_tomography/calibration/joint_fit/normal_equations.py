@@ -212,11 +212,11 @@ class ViewGrams:
     def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
         """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n)."""
         views, n, parts = len(self.scores), len(columns), max(len(column.parts) for column in columns)
-        terms, shapes = np.zeros((n, parts), np.int64), np.zeros((n, parts, views))
+        terms, shapes = np.zeros((n, parts), np.int64), np.zeros((views, n, parts))
         for number, column in enumerate(columns):
             for place, (term, shape) in enumerate(column.parts):
                 terms[number, place] = self._rows.get(term, term)
-                shapes[number, place] = 1.0 if shape is None else shape
+                shapes[:, number, place] = 1.0 if shape is None else shape
         grams, scores = np.empty((views, n, n)), np.empty((views, n))
         combine(terms, shapes, self.grams, self.scores, grams, scores)
         return grams, scores

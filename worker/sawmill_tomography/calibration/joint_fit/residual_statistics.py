@@ -8,12 +8,13 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.geometry.ray_error import RayAlternatives
+from sawmill_tomography.geometry.ray_error import RayAlternatives, RayErrorMixture
 
 # The estimated inflation scatters for white noise too: within this number of standard deviations it counts as 1.
 WHITE = 3.0
@@ -44,6 +45,8 @@ class ResidualStatistics:
         Covariance of the frame, then of the gap and the kink of each module; zero for what was not fitted.
     hidden_modules : tuple of RayAlternatives
         Modules that the scan may hide, and other places of those that it shows.
+    hidden_motions : RayErrorMixture or None
+        Motions that the scan may hide; None where it hides none.
     inflation : float
         Factor by which correlation within the views inflates the covariance; 1 for white noise.
     deviation_ratio : float
@@ -55,6 +58,7 @@ class ResidualStatistics:
     covariance: Covariance
     ray_covariance: FloatArray
     hidden_modules: tuple[RayAlternatives, ...]
+    hidden_motions: RayErrorMixture | None
     inflation: float
     deviation_ratio: float
     structured: bool
@@ -134,8 +138,8 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
 
 def _of_rays(
     joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
-) -> tuple[FloatArray, tuple[RayAlternatives, ...]]:
-    """Return `ray_covariance` and `hidden_modules` from the covariance of the columns `own` with these names."""
+) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
+    """Return `ray_covariance`, `hidden_modules` and `hidden_motions` from the covariance of the columns `own`."""
     order: list[int | None] = [*range(FRAME.stop)]
     for module in joint.modules:
         order += [gap_term(module.first_cell), kink_term(module.first_cell)]
@@ -143,7 +147,24 @@ def _of_rays(
     rows, columns = [order.index(names[n]) for n in kept], [own[n] for n in kept]
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
-    return values, tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
+    modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
+    hidden = joint.hidden_motions
+    motions = None if hidden is None else _mixture(joint, hidden, columns, rows, len(order))
+    return values, modules, motions
+
+
+def _mixture(
+    joint: JointFit, motions: HiddenMotions, columns: Sequence[int], rows: Sequence[int], size: int
+) -> RayErrorMixture:
+    """Return the mixture of motions, whose errors of these columns are errors in these rows of the order."""
+    count, _, unknowns = motions.spreads.shape
+    means, roots = np.zeros((count, size)), np.zeros((count, size, unknowns))
+    means[:, rows], roots[:, rows] = motions.biases[:, columns], motions.spreads[:, columns]
+    beyond_chance = joint.motions_beyond_chance
+    instead_of = np.zeros((len(beyond_chance), size))
+    for error, bias in zip(instead_of, beyond_chance, strict=True):
+        error[rows] = bias[columns]
+    return RayErrorMixture(means, roots, motions.probabilities, instead_of)
 
 
 def _alternatives(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
 from sawmill_tomography.calibration.joint_fit.normal_equations import System
@@ -58,6 +59,11 @@ class EffectTest:
     sizes: FloatArray
     bias: FloatArray
 
+    @property
+    def variance(self) -> float:
+        """The variance against which the effect is significant; 0 where nothing is."""
+        return self.power / self.significance if 0.0 < self.significance < np.inf else 0.0
+
     def is_fitted(self, trials: float = 1.0) -> bool:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
         return self.over_limit(trials) > 1.0
@@ -71,6 +77,23 @@ class EffectTest:
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What a fit leaves of groups of further columns, to first order.
+
+    Attributes
+    ----------
+    normal : (n, columns, columns) float64; score : (n, columns) float64
+        Normal equations of each group's columns next to the fitted ones.
+    sensitivity : (n, base, columns) float64
+        What the fitted columns take up of each.
+    """
+
+    normal: FloatArray
+    score: FloatArray
+    sensitivity: FloatArray
+
+
 class EffectTester:
     """Tests of further columns against a fit of the columns `base`."""
 
@@ -82,6 +105,11 @@ class EffectTester:
         # Coefficients of every column's projection on the base's columns, and the normal equations that remain.
         self._sensitivity = inverse @ cross
         self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
+
+    def left(self, tried: NDArray[np.intp]) -> "Left":
+        """Return what the base leaves of these groups (n, columns) of columns."""
+        own = self._normal[tried[:, :, None], tried[:, None]]
+        return Left(own, self._score[tried], np.moveaxis(self._sensitivity[:, tried], 0, 1))
 
     @cached_property
     def _of_base(self) -> FloatArray:
