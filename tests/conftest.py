@@ -56,7 +56,7 @@ def pytest_configure() -> None:
 
 # Whose service computes its examples before the first test: once, while no worker takes over others' tests.
 TOGETHER = "test_live_service.py"
-# Of half a minute each, alone on a machine.
+# Of half a minute each, alone on a machine, and what shares a service with them.
 LONG = {
     "test_a_calibration_is_done_while_a_long_reconstruction_runs",
     "test_an_accepted_job_waits_for_room_and_the_worker_stays",
@@ -68,6 +68,7 @@ LONG = {
     "test_the_command_line_block_works",
     "test_a_small_demo_leaves_a_page_of_pictures_and_figures",
     "test_the_demo_leaves_a_page_of_pictures_and_figures",
+    "test_the_first_program_prints_what_its_page_shows",
     "test_the_python_program_does_the_whole_job",
     "test_the_published_log_with_nothing_given",
     "test_the_published_scan_is_calibrated_from_every_seed",

@@ -11,6 +11,7 @@ import pytest
 
 import sawmill_service
 import sawmill_worker
+from sawmill_tomography.warm_up import PARTS
 from sawmill_worker.commands.compile import bytecode_folders, compile_bytecode, compile_kernels
 
 pytestmark = pytest.mark.slow
@@ -48,8 +49,12 @@ for _ in range(2):  # each in a process of its own, of one interpreter
     assert second == 0
 
 
-def test_the_command_ends_well_and_prints_nothing_where_nobody_looks(run):
+def test_the_command_compiles_every_part_and_prints_nothing_where_nobody_looks(run, monkeypatch):
+    """The other tests run the parts, and a part in a process."""
+    compiled = []
+    monkeypatch.setattr(sawmill_worker.commands.compile, "_compile", compiled.append)
     assert run("compile").output == ""
+    assert sorted(compiled) == sorted(PARTS)
 
 
 def test_the_parts_call_every_kernel_that_a_job_could_not_keep():

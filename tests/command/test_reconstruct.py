@@ -48,7 +48,7 @@ def test_the_calibration_alone_is_enough(run, stack, result_file, log_truth, tmp
 
 
 def test_the_product_s_own_scan_is_read_row_by_row(run, phantom_scan, bare_scan, tmp_path, monkeypatch):
-    flags = ("--data", "line-integrals", "--rows", "1:2", *THETA)
+    flags = ("--data", "line-integrals", "--rows", "1:2", *THETA, "--method", "fbp")
     more = ("--angles-deg", "3:6", "--detector-pitch-mm", 4.508593749)
     run("reconstruct", bare_scan, *flags, *more, "-o", tmp_path / "whole.h5")
     monkeypatch.delattr(scan_rows, "prepare_scan")
@@ -142,7 +142,8 @@ def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, phant
     shutil.copy(phantom_scan, tmp_path / "scan.h5")
     with h5py.File(tmp_path / "scan.h5", "r+") as file:
         _two_axes(file)
-    run("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
+    flags = ("--data", "line-integrals", *THETA, "--method", "fbp", "-o", tmp_path / "out.h5")
+    run("reconstruct", tmp_path / "scan.h5", *flags)
     assert volume(tmp_path / "out.h5").shape == (1, 256, 256)
 
 
@@ -159,7 +160,7 @@ def test_damage_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path
 
 
 def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
-    flags = ("--data", "counts", "--rows", "2:3")
+    flags = ("--data", "counts", "--rows", "2:3", "--method", "fbp")
     run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "theta.h5")
     run("reconstruct", stack, *flags, "--calibration", result_file, "-o", tmp_path / "calibration.h5")
     given, found = volume(tmp_path / "theta.h5"), volume(tmp_path / "calibration.h5")
@@ -183,7 +184,7 @@ def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_pa
 
 
 def test_a_theta_that_is_off_gives_a_worse_image(run, stack, log_truth, tmp_path):
-    flags = ("--data", "counts", "--rows", "2:3", "--source-to-cor-mm", 859.46)
+    flags = ("--data", "counts", "--rows", "2:3", "--source-to-cor-mm", 859.46, "--method", "fbp")
     run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "right.h5")
     run("reconstruct", stack, *flags, "--theta", "2.55,720,340,20,0.281", "-o", tmp_path / "wrong.h5")
     right, wrong = (relative_error(volume(tmp_path / f"{name}.h5")[0], log_truth) for name in ("right", "wrong"))
@@ -191,7 +192,7 @@ def test_a_theta_that_is_off_gives_a_worse_image(run, stack, log_truth, tmp_path
 
 
 def test_the_sense_of_rotation_comes_with_theta(run, phantom_scan, tmp_path):
-    flags = ("--data", "line-integrals", "--rows", "0:1", *THETA)
+    flags = ("--data", "line-integrals", "--rows", "0:1", *THETA, "--method", "fbp")
     run("reconstruct", phantom_scan, *flags, "--rotation", "as-given", "-o", tmp_path / "given.h5")
     run("reconstruct", phantom_scan, *flags, "--rotation", "reversed", "-o", tmp_path / "reversed.h5")
     truth = L_SHAPE.rasterise(256, 400.0)

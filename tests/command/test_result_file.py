@@ -17,7 +17,7 @@ def volume(path) -> np.ndarray:
 
 
 def test_result_h5_alone_is_enough_to_reconstruct(run, stack, result_file, result_hdf5, tmp_path):
-    flags = ("--data", "counts", "--rows", "2:3")
+    flags = ("--data", "counts", "--rows", "2:3", "--method", "fbp")
     run("reconstruct", stack, *flags, "--calibration", result_file, "-o", tmp_path / "json.h5")
     run("reconstruct", stack, *flags, "--calibration", result_hdf5, "-o", tmp_path / "hdf5.h5")
     assert np.array_equal(volume(tmp_path / "json.h5"), volume(tmp_path / "hdf5.h5"))

@@ -195,6 +195,7 @@ def check_either_file_is_enough(folder: Path, stack: Path, service, calibration:
     (folder / "result.h5").write_bytes(result.raise_for_status().content)
     for name in ("calibration.json", "result.h5"):
         arguments = ["reconstruct", stack, "--data", "counts", "--rows", "3:4", "--calibration", folder / name]
+        arguments += ["--method", "fbp"]
         made = CliRunner().invoke(main, [*map(str, arguments), "-o", f"{folder}/{name}.volume"])
         assert made.exit_code == 0, made.output
     volumes = []

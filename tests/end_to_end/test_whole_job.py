@@ -35,7 +35,7 @@ def test_from_a_stack_of_counts_to_a_theta_and_a_log(engine, mill_scan, events, 
         chunks(mill_scan.path), scanner_id=scanner_id, data="counts", phantom_id="l-shape", phantom_rows="0:2"
     )
     asked = engine.post("/v1/calibrations", json={"scan_id": scan["id"], "activate": True})
-    log = {"scan_id": scan["id"], "calibration_id": asked["id"], "rows": "2:4"}
+    log = {"scan_id": scan["id"], "calibration_id": asked["id"], "rows": "2:4", "method": "fbp"}
     wanted = engine.post("/v1/reconstructions", json=log)
 
     reported = events(engine, asked["job_id"])

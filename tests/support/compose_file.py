@@ -129,7 +129,7 @@ class Place:
         named = {target: source for source, target in of_containers(service, "volumes") if "/" not in source}
         found = {target: self.folder / "volumes" / source for target, source in named.items()}
         if "/var/cache/sawmill" in found:  # here kernels lie beside the code
-            found["/var/cache/sawmill"] = Path(sawmill_worker.__file__).parent
+            found["/var/cache/sawmill"] = Path(sawmill_worker.__file__).parents[1]
         return found | {
             target: self.folder / "tmpfs" / name / target[1:] for _, target in of_containers(service, "tmpfs")
         }

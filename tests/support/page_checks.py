@@ -28,9 +28,12 @@ def shot(page: Page, name: str) -> None:
         page.screenshot(path=Path(folder) / f"{name}.png", full_page=True)
 
 
-def axe_findings(page: Page) -> list[str]:
-    """What axe-core finds, each with its place."""
-    found = Axe().run(page, context={"exclude": [["#console"]]}).response["violations"]
+def axe_findings(page: Page, *rules: str) -> list[str]:
+    """Return what axe-core finds by some of its rules, or by all of them, each with its place."""
+    options: dict[str, object] = {"resultTypes": ["violations"]}
+    if rules:
+        options["runOnly"] = rules
+    found = Axe().run(page, context={"exclude": [["#console"]]}, options=options).response["violations"]
     return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]
 
 

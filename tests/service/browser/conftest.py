@@ -1,14 +1,14 @@
 """A real Chromium in front of the service on a real socket.
 
-The browser is Debian's, driven by Playwright. While a module's browser is open, its tests do not use `asyncio.run`
-(and so not the `client` of the other tests): Playwright's loop runs in the same thread.
+The browser is Debian's, driven by Playwright. It stays open from one test to the next one that uses it. Such tests do
+not use `asyncio.run` (and so not the `client` of the other tests): Playwright's loop runs in the same thread.
 """
 
 import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from urllib.parse import urlsplit
@@ -24,7 +24,9 @@ from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
-MISSING = "the browser tests need Debian's Chromium: apt-get install chromium"
+MISSING = "the browser tests need Debian's Chromium: apt-get install chromium-headless-shell"
+# Without the frame of a window the same browser takes a third of the processor.
+PROGRAMS = ("chromium-headless-shell", "chromium")
 START_S, PATIENCE_MS = 120.0, 120_000  # only a hang reaches them
 # No sandbox, for that needs a user of its own; and nothing that Chromium does on its own account.
 FLAGS = (
@@ -38,17 +40,44 @@ FLAGS = (
 )
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    program = shutil.which("chromium")
-    if program is None:
-        skip_without(MISSING)
-    expect.set_options(timeout=PATIENCE_MS)
-    with (
-        sync_playwright() as playwright,
-        closing(playwright.chromium.launch(executable_path=program, args=FLAGS)) as it,
-    ):
-        yield it
+class OpenBrowser:
+    """The browser that successive tests share, whatever their modules."""
+
+    def __init__(self) -> None:
+        self._open = ExitStack()
+        self._browser: Browser | None = None
+
+    def get(self) -> Browser:
+        if self._browser is None:
+            program = next(filter(None, map(shutil.which, PROGRAMS)), None)
+            if program is None:
+                skip_without(MISSING)
+            expect.set_options(timeout=PATIENCE_MS)
+            playwright = self._open.enter_context(sync_playwright())
+            launched = playwright.chromium.launch(executable_path=program, args=FLAGS)
+            self._browser = self._open.enter_context(closing(launched))
+        return self._browser
+
+    def close(self) -> None:
+        self._open.close()
+        self._browser = None
+
+
+OPEN_BROWSER = OpenBrowser()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        if "browser" not in getattr(nextitem, "fixturenames", ()):
+            OPEN_BROWSER.close()
+
+
+@pytest.fixture
+def browser() -> Browser:
+    return OPEN_BROWSER.get()
 
 
 @dataclass
