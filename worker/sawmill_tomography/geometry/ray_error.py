@@ -157,7 +157,7 @@ def _linear(
     derivative = _derivatives(scanner, frame, points, cells, hidden_cells)
     _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
     free = slope.reshape(2, -1).T
-    taken = np.linalg.lstsq(free, derivative)[0]
+    taken = np.linalg.pinv(free.T @ free, hermitian=True) @ (free.T @ derivative)
     return _Linear(derivative - free @ taken, taken[1])
 
 
@@ -299,7 +299,7 @@ def predicted_ray_error(
     """
     points, cells = chord_points(scanner, frame, radius_mm)
     derivative = _linear(scanner, frame, points, cells).distances[:, : len(covariance)]
-    variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
+    variance = (derivative @ covariance * derivative).sum(axis=1)
     form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     rng = np.random.default_rng(0)
