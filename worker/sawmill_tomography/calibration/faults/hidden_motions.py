@@ -1,7 +1,7 @@
 """Motions that are too small for a scan to show, and that still move the geometry of the fit.
 
 A motion that chance explains is not fitted. If it is real, the fitted columns take up a part of it. The ray error's
-bound counts each motion with its likelihood (docs/understand/verdict.md#predicted-ray-error).
+bound counts each motion with its likelihood (docs/understand/verdict.md#ray-error).
 """
 
 from collections.abc import Sequence
