@@ -95,8 +95,8 @@ def test_a_service_that_cannot_start_ends_the_demo(tmp_path, monkeypatch):
     assert not (tmp_path / "out/index.html").exists()
 
 
-def test_an_output_that_is_a_file_is_wrong_use(tmp_path, offline):
+def test_an_output_that_is_a_file_is_wrong_use(tmp_path):
     (tmp_path / "out").touch()
-    done = demo(tmp_path / "out", offline.variables)
-    assert done.returncode == 2
+    done = CliRunner().invoke(main, ["demo", "--output", str(tmp_path / "out")])
+    assert done.exit_code == 2
     assert "is a file" in " ".join(done.stderr.replace("│", " ").split())

