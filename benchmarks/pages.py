@@ -224,17 +224,20 @@ def paths(store: Store) -> list[str]:
         "scan_id": calibration.scan_id,
         "phantom_id": "l-shape",
         "job_id": calibration.job_id,
+        # The longest of the documents.
+        "path": "look-up/codes",
     }
     routes = [route for router in PAGES for route in router.routes if "GET" in route.methods]
-    known = [route.path for route in routes if set(re.findall(r"{(\w+)}", route.path)) <= ids.keys()]
-    return [path.format(**ids) for path in known]
+    # A path's parameter may name its converter: {path:path}.
+    known = [re.sub(r":\w+}", "}", route.path) for route in routes]
+    return [path.format(**ids) for path in known if set(re.findall(r"{(\w+)}", path)) <= ids.keys()]
 
 
 def lists() -> Iterator[str]:
     """List the paths of lists, whole and filtered, also by values with few or no results, which take the longest."""
     yield from (f"/v1/{name}" for name in ("audit", "scanners", "phantoms", "alarms", "schedules"))
     yield from (f"/v1/scanners/line-1/{name}" for name in ("drift", "history/entries", "measurements"))
-    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", JobKind, JobState)}
+    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", map(str, JobKind.all()), JobState)}
     for name in ("calibrations", "drifts", "reconstructions"):
         narrowed[name] = ("scanner_id", ("line-1", "none"), JobState)
     narrowed["scans"] = ("scanner_id", ("line-1", "none"), ScanState)
