@@ -237,7 +237,8 @@ def lists() -> Iterator[str]:
     """List the paths of lists, whole and filtered, also by values with few or no results, which take the longest."""
     yield from (f"/v1/{name}" for name in ("audit", "scanners", "phantoms", "alarms", "schedules"))
     yield from (f"/v1/scanners/line-1/{name}" for name in ("drift", "history/entries", "measurements"))
-    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", map(str, JobKind.all()), JobState)}
+    kinds = map(str, JobKind.all())
+    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", kinds, JobState)}
     for name in ("calibrations", "drifts", "reconstructions"):
         narrowed[name] = ("scanner_id", ("line-1", "none"), JobState)
     narrowed["scans"] = ("scanner_id", ("line-1", "none"), ScanState)

@@ -143,9 +143,9 @@ def test_the_prediction_of_one_small_step_is_its_actual_error(scanner, theta, se
     step = np.random.default_rng([602, seed]).standard_normal(5) * [1e-4, 0.01, 0.01, 0.005, 1e-5]
     actual = ray_error(scanner, frame, SourceFrame.from_vector(to_vector(frame) + step))
     predicted = predicted_ray_error(scanner, frame, np.outer(step, step))
-    # First order in steps of 1e-5 of the lengths.
-    assert predicted.rms_mm == pytest.approx(actual.rms_mm, rel=1e-3)
-    assert predicted.max_mm == pytest.approx(actual.max_mm, rel=1e-3)
+    # First order in steps of 1e-5 of the lengths, at every fourth point.
+    assert predicted.rms_mm == pytest.approx(actual.rms_mm, rel=3e-3)
+    assert predicted.max_mm == pytest.approx(actual.max_mm, rel=3e-3)
 
 
 def test_the_prediction_is_the_mean_square_over_the_covariance(scanner, theta):
@@ -234,7 +234,8 @@ def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draw
     frame = theta.source_frame(R_S)
     column = np.diag([0.0, 0.0, 0.0, 0.05, 0.0]) ** 2
     limit = -ndtri(0.5e-4) * predicted_ray_error(scanner, frame, column).rms_mm
-    assert exceeded_ray_error(scanner, frame, column, 1e-4) == pytest.approx(limit, rel=1e-6)
+    # The prediction is at every fourth point.
+    assert exceeded_ray_error(scanner, frame, column, 1e-4) == pytest.approx(limit, rel=1e-3)
     covariance = np.diag(DEVIATIONS**2)
     drawn = predicted_ray_error(scanner, frame, covariance).upper_95_mm
     assert exceeded_ray_error(scanner, frame, covariance, 0.05) == pytest.approx(drawn, rel=0.02)

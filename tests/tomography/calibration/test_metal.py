@@ -61,7 +61,7 @@ def screws(count, density, radius_mm=2.5):
     [
         (RECTANGLE_WITH_HOLE, 60, 20_000.0, screws(4, 16.0)),
         (RECTANGLE_WITH_HOLE, 60, 20_000.0, screws(4, 100.0)),
-        (L_SHAPE, 20, 2_000.0, screws(3, 16.0)[1:]),
+        (L_SHAPE, 20, 3_000.0, screws(3, 16.0)[1:]),
         (RECTANGLE_WITH_HOLE, 45, 20_000.0, [Polygon(BRACKET, 25.0)]),
     ],
     ids=["4 screws", "4 screws that starve the rays", "few views and photons", "bracket"],

@@ -99,8 +99,10 @@ def test_the_simulator_of_physics_sees_the_same_modules():
         ([DetectorModule(384, 1.5)], 20),
         ([DetectorModule(300, 0.0, math.radians(1.0))], 90),
         ([DetectorModule(192, 0.75), DetectorModule(384, 0.75)], 90),
+        # Either alone looks like a gap of more than four cells with a kink of 40 degrees, which is not possible.
+        ([DetectorModule(320, 4.2), DetectorModule(350, 3.2)], 90),
     ],
-    ids=["half a cell", "a cell from 20 views", "a degree", "four modules"],
+    ids=["half a cell", "a cell from 20 views", "a degree", "three modules", "large gaps side by side"],
 )
 def test_gaps_and_kinks_are_found_and_leave_the_rays_right(modules, views):
     """Without the modules in the model these scans passed with rays 0.09 to 0.19 mm off, twice the bound."""

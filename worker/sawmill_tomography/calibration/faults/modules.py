@@ -29,9 +29,9 @@ NEAR = 16
 LEAST_SEEN = 1e-6
 # The share of all information about u_c that cells on either side of a border must have.
 LEAST_BESIDE = 0.01
-# Numbers of modules that a detector may have in addition to those that the scan shows, where it shows none, and where
-# it shows some (benchmarks/families.py).
-HIDDEN, HIDDEN_BESIDE_OTHERS = 0.3, 1.0
+# The number of modules that a detector is expected to have in addition to those that the scan shows
+# (benchmarks/families.py).
+HIDDEN = 1.0
 # Gaps (cells) and kinks (rad) of hidden modules: every order of magnitude is as likely.
 HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
 # Readings with a smaller likelihood are left out.

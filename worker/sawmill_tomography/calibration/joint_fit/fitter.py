@@ -23,7 +23,6 @@ from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import (
     FEWEST_CELLS,
     HIDDEN,
-    HIDDEN_BESIDE_OTHERS,
     HiddenModule,
     ModuleSearch,
     effect_of,
@@ -196,6 +195,7 @@ class JointFitter:
         joined, tests = self._join(system, tried, used)
         if not joined:
             joined = self._join_together(system, tried, used)
+            tests = _tests(system, tried, used, joined) if joined else tests
         if further:
             self.waiting = [one for one in self.waiting if one not in further]
             self.model = self._with_fitted_modules()
@@ -340,7 +340,12 @@ class JointFitter:
         if variance <= 0.0:
             return
         search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
-        yield tuple(search.hidden(variance, HIDDEN_BESIDE_OTHERS if found else HIDDEN))
+        hidden = tuple(search.hidden(variance, HIDDEN))
+        yield hidden
+        # A detector that shows a module may hide two. One that shows none hides a second as far as the first leaves
+        # evidence: the wood's structure looks like one.
+        left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden)
+        yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
 
@@ -429,8 +434,7 @@ class JointFitter:
         """
         joined: list[Fitted] = []
         while True:
-            tester = EffectTester(system, used)
-            tests = [(one, tester.tested(one.places)) for one in tried if one not in joined]
+            tests = _tests(system, tried, used, joined)
             worth = [
                 (test.power, one)
                 for one, test in tests
@@ -458,8 +462,9 @@ class JointFitter:
     def _join_together(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
         """Let several effects join that only together explain what is left: each hides the others.
 
-        Every effect that noise does not explain is tried with the others; then those that are not needed go, the least
-        first.
+        Every effect that noise does not explain is tried with the others, a module also where its gap and kink alone
+        are not possible: those of neighbouring modules hide each other. Then those that are not needed go, the least
+        first, and those that are not possible.
         """
         if self.rounds > JOINING or system.structured / STRUCTURES < system.remaining(used) / system.samples:
             return []
@@ -473,7 +478,7 @@ class JointFitter:
                 for test, one in tests
                 if test.degrees
                 and test.power > variance * chance_limit(FITTED / one.trials, test.degrees)
-                and one.may_join(self.model, test)
+                and (one.may_join(self.model, test) or (is_module(one) and not one.declined))
             ]
             if not worth:
                 break
@@ -487,6 +492,10 @@ class JointFitter:
             if least > 1.0:
                 break
             group.remove(weakest)
+        places = [*used, *(place for one in group for place in one.places)]
+        sizes = np.zeros(len(system.columns))
+        sizes[places] = system.inverse(places) @ system.score[places]
+        group = [one for one in group if one.effect.possible(self.model, sizes[one.places])]
         self._take(group, tried)
         used += [place for one in group for place in one.places]
         return group
@@ -532,6 +541,14 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _tests(
+    system: System, tried: Sequence[Fitted], used: list[int], joined: Sequence[Fitted]
+) -> list[tuple[Fitted, EffectTest]]:
+    """Test the effects that have not joined next to the fitted columns."""
+    tester = EffectTester(system, used)
+    return [(one, tester.tested(one.places)) for one in tried if one not in joined]
 
 
 def _is_slip(one: Fitted) -> bool:
