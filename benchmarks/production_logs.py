@@ -17,6 +17,9 @@ A class adds one thing that mills have:
 - slopes: the flat field slopes by 1 to 2 % from end to end;
 - together: all of them at once, modules in half of the scanners and nails in 30 % of the logs.
 
+`--looks FILE` writes the errors and covariances of (u_c, tilt) for `run_lengths.py --errors FILE`: the logs of a class
+with the same number of views are the looks of one scanner.
+
 Each log is one JSON line; a run adds those that are missing, and the table shows all. Errors are of u_c on the
 detector, measured change less true change, mm. Where the axis moves during a scan the truth is its mean place.
 """
@@ -54,6 +57,8 @@ DISTANCE_ERROR_MM, GAIN = 0.5, 0.001
 WOBBLE_MM, SLIDE_MM, SHORTEST_DEG, LONGEST_DEG = 0.3, 1.0, 355.0, 365.0
 MOST_HARDENED, STEEL_PER_MM = 0.1, 0.35
 CORNERS = 96
+# A scanner has at least this number of looks in the study of run lengths.
+FEWEST_LOOKS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +240,7 @@ def checked(log: Production) -> dict[str, Any]:
         "deviation_mm": float(change.deviation[0]),
         "tilt_rad": float(change.change[1]),
         "tilt_deviation_rad": float(change.deviation[1]),
+        "covariance": change.covariance[:2, :2].tolist(),
         "moved": change.moved,
         "adjustments": list(fit.adjustments),
     }
@@ -270,6 +276,20 @@ def _line(group: Sequence[dict[str, Any]]) -> str:
     )
 
 
+def write_looks(records: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write the answers as looks at unchanged scanners (`run_lengths.Errors.read`)."""
+    answered = [each for each in records if "refused" not in each]
+    scanners = Counter((each["class"], each["views"]) for each in answered)
+    names = [name for name, looks in scanners.items() if looks >= FEWEST_LOOKS]
+    looks = [each for each in answered if (each["class"], each["views"]) in names]
+    np.savez(
+        path,
+        mill=np.array([names.index((each["class"], each["views"])) for each in looks]),
+        error=np.array([(each["error_mm"], each["tilt_rad"]) for each in looks]),
+        covariance=np.array([each["covariance"] for each in looks]),
+    )
+
+
 def main() -> None:
     """Add the logs that are missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -277,6 +297,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=CLASSES, default=CLASSES)
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--show", action="store_true", help="print the table of what is there, and add nothing")
+    parser.add_argument("--looks", type=Path, metavar="FILE", help="write the errors for run_lengths.py")
     options = parser.parse_args()
     records = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(each["class"], each["number"]) for each in records}
@@ -289,6 +310,8 @@ def main() -> None:
             file.write(json.dumps(records[-1]) + "\n")
             file.flush()
     print(table(records))
+    if options.looks is not None:
+        write_looks(records, options.looks)
 
 
 if __name__ == "__main__":

@@ -65,9 +65,9 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
             f"metal in the log covers {metal.trace.mean():.0%} of the samples, and {MOST_SAMPLES:.0%} may be left out: "
             "take rows without metal, or another log",
         )
-    # A view across a long nail looks corrupt.
-    again = _screen_ends(replace(screening, hidden=metal.trace).bridged(sinogram))
-    return LogScreening(screening.cells, again.views, metal.trace)
+    # A view across a long nail looks corrupt, and so do cells at the edges of a nail's shadow.
+    again = _screen_ends(replace(screening, cells=np.ones_like(screening.cells), hidden=metal.trace).bridged(sinogram))
+    return LogScreening(screening.cells | again.cells, again.views, metal.trace)
 
 
 def _screen_ends(sinogram: FloatArray) -> Screening:
