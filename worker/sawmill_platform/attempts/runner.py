@@ -250,6 +250,7 @@ class _Supervision:
         self._progress: Progress | None = None
         self._patience = Patience(claim.job.kind, settings)
         self._last_beat = time.monotonic()
+        self._missed = ""
         self._give_back_at: float | None = None
         self._last_look = self._last_beat
         self._limits: Begun | None = None
@@ -447,11 +448,13 @@ class _Supervision:
         self._last_beat = time.monotonic()
         progress, self._progress = self._progress, None
         try:
-            return self._store.jobs.heartbeat(self._claim, progress)
+            cancelled = self._store.jobs.heartbeat(self._claim, progress)
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
-            structlog.get_logger().warning("heartbeat-missed", reason=str(error))
+            self._missed = _say_once("heartbeat-missed", error, self._missed)
             return isinstance(error, StorageFull) and self._cancellation_can_be_read()
+        self._missed = ""
+        return cancelled
 
     def _cancellation_can_be_read(self) -> bool:
         """Return whether a cancellation was requested, on a disk that has no room for a heartbeat."""
