@@ -67,9 +67,9 @@ study: bench study-wheel
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py
 
-# Errors of 3 000 simulated looks, about ten minutes, and then the drift chart's run lengths with them, about five.
+# Errors of 800 production logs, about fifteen minutes, and then the drift chart's run lengths with them, about five.
 study-run-lengths: install-dev
-	@$(BIN)/python benchmarks/look_errors.py
+	@$(BIN)/python benchmarks/production_logs.py --logs 100
 	@$(BIN)/python benchmarks/run_lengths.py
 
 openapi: install

@@ -17,11 +17,12 @@ A class adds one thing that mills have:
 - slopes: the flat field slopes by 1 to 2 % from end to end;
 - together: all of them at once, modules in half of the scanners and nails in 30 % of the logs.
 
-`--looks FILE` writes the errors and covariances of (u_c, tilt) for `run_lengths.py --errors FILE`: the logs of a class
-with the same number of views are the looks of one scanner.
+Errors are of u_c on the detector, measured change less true change, mm. Where the axis moves during a scan the truth is
+its mean place.
 
-Each log is one JSON line; a run adds those that are missing, and the table shows all. Errors are of u_c on the
-detector, measured change less true change, mm. Where the axis moves during a scan the truth is its mean place.
+Each log is one JSON line; a run adds those that are missing, and the table shows all. Beside the file, one of the same
+name and `.npz` has the errors and covariances of (u_c, tilt) for `run_lengths.py`: there, the logs of a class with the
+same number of views are the looks of one scanner.
 """
 
 import argparse
@@ -297,7 +298,6 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=CLASSES, default=CLASSES)
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--show", action="store_true", help="print the table of what is there, and add nothing")
-    parser.add_argument("--looks", type=Path, metavar="FILE", help="write the errors for run_lengths.py")
     options = parser.parse_args()
     records = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(each["class"], each["number"]) for each in records}
@@ -310,8 +310,7 @@ def main() -> None:
             file.write(json.dumps(records[-1]) + "\n")
             file.flush()
     print(table(records))
-    if options.looks is not None:
-        write_looks(records, options.looks)
+    write_looks(records, options.out.with_suffix(".npz"))
 
 
 if __name__ == "__main__":

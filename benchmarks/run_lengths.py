@@ -1,9 +1,9 @@
 """Run lengths of the drift chart: false alarms a year, and the looks until a jump or a trend is found.
 
-    python benchmarks/look_errors.py
+    python benchmarks/production_logs.py --logs 100
     python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 400000]
 
-Each simulated scanner draws its looks' errors and covariances from one scanner of `look_errors`, 2 000 a day:
+Each simulated scanner draws its looks' errors and covariances from one scanner of `production_logs`, 2 000 a day:
 that scanner's covariances, errors of the size that it has by them, and the shape of the errors of all. Beyond the
 97 % quantile the errors are drawn from a Pareto tail with Hill's exponent. False alarms are counted with the looks'
 errors alone, without what the chart allows other logs to do; intervals are Poisson's of 95 %. Those that end a baseline
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from look_errors import OUTPUT
 from numpy.typing import NDArray
+from production_logs import OUT
 from rich.progress import track
 from scipy.special import gammaincinv
 
@@ -318,7 +318,7 @@ def print_baselines(alarms: FloatArray, baselines: int) -> None:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--errors", type=Path, default=OUTPUT)
+    parser.add_argument("--errors", type=Path, default=OUT.with_suffix(".npz"))
     parser.add_argument("--scanners", type=int, default=200)
     parser.add_argument("--days", type=float, default=36.0)
     parser.add_argument("--batches", type=int, default=2)

@@ -17,7 +17,7 @@ from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
-from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error
+from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
@@ -47,19 +47,15 @@ def moved_on_the_turntable(rng):
 
 
 def test_the_bound_covers_motions_that_few_views_hide():
-    rng, held, held_without = np.random.default_rng(3001), 0, 0
+    rng, held = np.random.default_rng(3001), 0
     for seed in range(SCANS):
         found = calibrated(moved_on_the_turntable(rng), seed=seed)
         bars, radius_mm = found.findings.error_bars, found.radius_mm
         error_mm = ray_error(SCANNER, FRAME, found.frame, radius_mm=radius_mm).rms_mm
-        without = predicted_ray_error(
-            SCANNER, found.frame, bars.ray_covariance, bars.hidden_modules, radius_mm=radius_mm
-        )
         held += error_mm <= bars.predicted_ray_error.upper_95_mm
-        held_without += error_mm <= without.upper_95_mm
     # The bound is one of all scans, moved or not: 95 % of them are within it (benchmarks/families.py). Of scans that
-    # were all moved, by about as much as they can hide, at least 80 % are; hidden motions never make it fewer.
-    assert held >= max(0.8 * SCANS, held_without)
+    # were all moved, by about as much as they can hide, at least 85 % are.
+    assert held >= 0.85 * SCANS
 
 
 def test_a_motion_that_may_not_be_fitted_is_known_to_be_absent():

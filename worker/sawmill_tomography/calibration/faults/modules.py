@@ -31,7 +31,7 @@ LEAST_SEEN = 1e-6
 LEAST_BESIDE = 0.01
 # The number of modules that a detector is expected to have in addition to those that the scan shows
 # (benchmarks/families.py).
-HIDDEN = 1.0
+HIDDEN = 2.0
 # Gaps (cells) and kinks (rad) of hidden modules: every order of magnitude is as likely.
 HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD = np.geomspace(0.05, 3.0, 12), np.radians(np.geomspace(0.03, 3.0, 12))
 # Readings with a smaller likelihood are left out.

@@ -342,9 +342,9 @@ class JointFitter:
         search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
         hidden = tuple(search.hidden(variance, HIDDEN))
         yield hidden
-        # A detector that shows a module may hide two. One that shows none hides a second as far as the first leaves
-        # evidence: the wood's structure looks like one.
-        left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden)
+        # A detector that shows a module may hide two. One that shows none hides a second as far as the first does not
+        # take the evidence: the wood's structure looks like one.
+        left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden) ** 2
         yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
