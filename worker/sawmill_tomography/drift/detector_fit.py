@@ -2,13 +2,17 @@
 
 from dataclasses import replace
 
-from sawmill_tomography.drift.change import DetectorFit
+from sawmill_tomography.drift.change import DetectorFit, DriftError
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.full_turn import opposite_rays_pair
 from sawmill_tomography.drift.view_pairs.few_views import few_view_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.modules import FlatDetector
 from sawmill_vocabulary import Rotation
+
+# Where opposite rays leave u_c uncertain by more than this share of a cell, motions during the scan disturb them: pairs
+# of views fit those (benchmarks/production_logs.py: 360 views with slides or wrong turns).
+UNCERTAIN_CELLS = 0.01
 
 
 def detector_fit(
@@ -21,6 +25,8 @@ def detector_fit(
     deviations: FloatArray | None = None,
 ) -> DetectorFit:
     """Fit the detector's geometry by `conjugate_fit`, which is finer and sees SDD, or else by `few_view_fit`.
+
+    Where both answer, and the first is uncertain, the more certain u_c counts.
 
     Parameters
     ----------
@@ -40,6 +46,17 @@ def detector_fit(
         flat = FlatDetector.of(scanner, start)
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
         deviations, across_gaps = None if deviations is None else flat.resampled(deviations), flat.across_gaps
+    by_opposite: DetectorFit | None = None
     if opposite_rays_pair(angles_rad):
-        return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
-    return few_view_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps)
+        by_opposite = conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
+        if by_opposite.deviation[0] <= UNCERTAIN_CELLS * scanner.detector_pitch_mm:
+            return by_opposite
+    try:
+        by_pairs = few_view_fit(
+            scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps
+        )
+    except DriftError:
+        if by_opposite is None:
+            raise
+        return by_opposite
+    return by_pairs if by_opposite is None or by_pairs.deviation[0] < by_opposite.deviation[0] else by_opposite
