@@ -13,7 +13,6 @@ from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
-from sawmill_tomography.drift.change import ConjugateFit
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
@@ -66,8 +65,7 @@ def _ask_log(
     detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
     # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
-    movement = fit.movement if isinstance(fit, ConjugateFit) else None
-    return LogAnswer(detector, fit.sdd_sensitivity, turned, movement)
+    return LogAnswer(detector, fit.sdd_sensitivity, turned, fit.movement)
 
 
 def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:

@@ -124,6 +124,8 @@ class DetectorFit:
     encoder_bound_mm : float or None
         Largest change of this log's u_c by an encoder that is wrong by 0.1 degrees once a turn; the covariance allows
         for this change. None where the encoder's error is fitted as a disturbance.
+    movement : LogMovement or None
+        The jump of the log that explains most of what opposite rays leave, beyond chance or not; None without them.
     """
 
     cor_column_mm: float
@@ -139,6 +141,7 @@ class DetectorFit:
     adjustments: tuple[str, ...]
     disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
     encoder_bound_mm: float | None = None
+    movement: LogMovement | None = None
 
     @property
     def deviation(self) -> FloatArray:
@@ -162,17 +165,9 @@ class DetectorFit:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class ConjugateFit(DetectorFit):
-    """A fit to opposite rays, and whether the log moved.
-
-    Attributes
-    ----------
-    movement : LogMovement
-        The jump of the log that explains most of the residual, beyond chance or not.
-    """
-
-    movement: LogMovement
+    """A fit to opposite rays, which show whether the log moved."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sawmill_tomography.drift.change import DetectorFit, DriftError
+from sawmill_tomography.drift.change import ConjugateFit, DetectorFit, DriftError
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.full_turn import opposite_rays_pair
 from sawmill_tomography.drift.view_pairs.few_views import few_view_fit
@@ -46,7 +46,7 @@ def detector_fit(
         flat = FlatDetector.of(scanner, start)
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
         deviations, across_gaps = None if deviations is None else flat.resampled(deviations), flat.across_gaps
-    by_opposite: DetectorFit | None = None
+    by_opposite: ConjugateFit | None = None
     if opposite_rays_pair(angles_rad):
         by_opposite = conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
         if by_opposite.deviation[0] <= UNCERTAIN_CELLS * scanner.detector_pitch_mm:
@@ -59,4 +59,7 @@ def detector_fit(
         if by_opposite is None:
             raise
         return by_opposite
-    return by_pairs if by_opposite is None or by_pairs.deviation[0] < by_opposite.deviation[0] else by_opposite
+    if by_opposite is None:
+        return by_pairs
+    more_certain = by_pairs.deviation[0] < by_opposite.deviation[0]
+    return replace(by_pairs, movement=by_opposite.movement) if more_certain else by_opposite
