@@ -1,8 +1,9 @@
 """The detector's geometry from a scan of a log: by opposite rays where the scan has them, else by pairs of views."""
 
 from dataclasses import replace
+from functools import partial
 
-from sawmill_tomography.drift.change import ConjugateFit, DetectorFit, DriftError
+from sawmill_tomography.drift.change import DetectorFit, DriftError
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.full_turn import opposite_rays_pair
 from sawmill_tomography.drift.view_pairs.few_views import few_view_fit
@@ -46,20 +47,18 @@ def detector_fit(
         flat = FlatDetector.of(scanner, start)
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
         deviations, across_gaps = None if deviations is None else flat.resampled(deviations), flat.across_gaps
-    by_opposite: ConjugateFit | None = None
-    if opposite_rays_pair(angles_rad):
-        by_opposite = conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
-        if by_opposite.deviation[0] <= UNCERTAIN_CELLS * scanner.detector_pitch_mm:
-            return by_opposite
-    try:
-        by_pairs = few_view_fit(
-            scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps
-        )
-    except DriftError:
-        if by_opposite is None:
-            raise
+    of_pairs = partial(
+        few_view_fit, scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps
+    )
+    if not opposite_rays_pair(angles_rad):
+        return of_pairs()
+    by_opposite = conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
+    if by_opposite.deviation[0] <= UNCERTAIN_CELLS * scanner.detector_pitch_mm:
         return by_opposite
-    if by_opposite is None:
-        return by_pairs
+    try:
+        by_pairs = of_pairs()
+    except DriftError:
+        # What pairs of views cannot answer, opposite rays have answered with their larger uncertainty.
+        return by_opposite
     more_certain = by_pairs.deviation[0] < by_opposite.deviation[0]
     return replace(by_pairs, movement=by_opposite.movement) if more_certain else by_opposite

@@ -199,8 +199,7 @@ class JointFitter:
         if further:
             self.waiting = [one for one in self.waiting if one not in further]
             self.model = self._with_fitted_modules()
-        change = np.zeros(len(system.columns))
-        change[used] = system.inverse(used) @ system.score[used]
+        change = _best_change(system, used)
         remaining = max(system.power - float(change @ system.score), 0.0)
         self.variance = remaining / max(system.samples - len(used), 1.0)
         small = is_small(self.model, system, used, change, self.variance)
@@ -492,9 +491,7 @@ class JointFitter:
             if least > 1.0:
                 break
             group.remove(weakest)
-        places = [*used, *(place for one in group for place in one.places)]
-        sizes = np.zeros(len(system.columns))
-        sizes[places] = system.inverse(places) @ system.score[places]
+        sizes = _best_change(system, [*used, *(place for one in group for place in one.places)])
         group = [one for one in group if one.effect.possible(self.model, sizes[one.places])]
         self._take(group, tried)
         used += [place for one in group for place in one.places]
@@ -541,6 +538,13 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _best_change(system: System, used: list[int]) -> FloatArray:
+    """Return the change of all columns that explains most where these are used, 0 for the others."""
+    change = np.zeros(len(system.columns))
+    change[used] = system.inverse(used) @ system.score[used]
+    return change
 
 
 def _tests(
