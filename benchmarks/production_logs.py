@@ -278,11 +278,13 @@ def _line(group: Sequence[dict[str, Any]]) -> str:
 
 
 def write_looks(records: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write the answers as looks at unchanged scanners (`run_lengths.Errors.read`)."""
+    """Write the answers as looks at unchanged scanners (`run_lengths.Errors.read`), if a scanner has enough of them."""
     answered = [each for each in records if "refused" not in each]
     scanners = Counter((each["class"], each["views"]) for each in answered)
     names = [name for name, looks in scanners.items() if looks >= FEWEST_LOOKS]
     looks = [each for each in answered if (each["class"], each["views"]) in names]
+    if not looks:
+        return
     np.savez(
         path,
         mill=np.array([names.index((each["class"], each["views"])) for each in looks]),

@@ -325,6 +325,8 @@ def main() -> None:
     parser.add_argument("--baselines", type=int, default=400_000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    if not options.errors.exists():
+        parser.error(f"there is no {options.errors}: run benchmarks/production_logs.py --logs 100 first")
     errors = Errors.read(options.errors)
     rng = np.random.default_rng(options.seed)
     quantiles = np.quantile(np.linalg.norm(errors.shape, axis=1), [0.5, 0.9, 0.97, 0.99, 0.997])
