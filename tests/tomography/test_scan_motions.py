@@ -8,6 +8,7 @@ from exact_chords import Detector, scan
 
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.drift.levelled_rays import LevelledRays
+from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
 from sawmill_tomography.drift.view_pairs.scan_motions import ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import TAU, Scanner, SourceFrame
@@ -49,7 +50,8 @@ def sums_of(lines):
     inside = lines[:, cells]
     none = np.zeros((inside.shape[1], inside.shape[1]))
     levelled = LevelledRays(inside, np.full(inside.shape, 1e-6), cells, np.zeros((3, cells.sum())), np.eye(23), none)
-    return PairSums.of(scanner(), levelled, ANGLES, VECTOR, FRAME.source_distance_mm)
+    without_metal = rays_behind_metal(scanner(), lines, ANGLES, FRAME, None)
+    return PairSums.of(scanner(), levelled, without_metal, ANGLES, VECTOR, FRAME.source_distance_mm)
 
 
 VECTOR = np.array([FRAME.cor_column_mm, FRAME.tilt_rad, FRAME.source_to_detector_mm])

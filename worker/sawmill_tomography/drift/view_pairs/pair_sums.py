@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.levelled_rays import LevelledRays
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
+from sawmill_tomography.drift.view_pairs.behind_metal import RaysBehindMetal
 from sawmill_tomography.drift.view_pairs.scan_motions import ScanMotions
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS
@@ -73,6 +74,7 @@ class PairSums:
 
     scanner: Scanner
     lines: LevelledRays
+    metal: RaysBehindMetal
     pairs: ViewPairs
     angles_rad: FloatArray
     source_distance_mm: float
@@ -82,6 +84,7 @@ class PairSums:
         cls,
         scanner: Scanner,
         lines: LevelledRays,
+        metal: RaysBehindMetal,
         angles_rad: FloatArray,
         start: FloatArray,
         source_distance_mm: float,
@@ -101,7 +104,7 @@ class PairSums:
                 f"of the views only {pairs.first.size} pairs stand far enough apart and not opposite each other: "
                 "spread them over the turn",
             )
-        return cls(scanner, lines, pairs, angles_rad, source_distance_mm)
+        return cls(scanner, lines, metal, pairs, angles_rad, source_distance_mm)
 
     def turned(self, turned_rad: FloatArray) -> "PairSums":
         """Return the sums of the same pairs, each view turned beyond its angle, (views,)."""
@@ -150,13 +153,16 @@ class PairSums:
         size, views, every = pairs.first.size, len(lines.rays), np.arange(pairs.first.size)
         # Changes of the differences with a view's gain, with its level, and with the patterns of all views.
         gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
+        errors, of_view = self.metal.errors[:, lines.cells], self.metal.of_view
+        behind = np.zeros((size, of_view.size))
         for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
             gains[every, view] += sign * (own @ lines.rays.T)[pairs.separation, view]
             air[every, view] += sign * own.sum(axis=1)[pairs.separation]
             air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
+            behind += sign * (own @ errors.T)[pairs.separation] * (view[:, None] == of_view)
         # A gain common to all views changes nothing; its effect would be the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
-        covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T
+        covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T + behind @ behind.T
         same = weights[0] - weights[1]
         covariance += (same @ lines.common_covariance @ same.T)[np.ix_(pairs.separation, pairs.separation)]
         for at in range(views):

@@ -14,7 +14,7 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 
 import math
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
 from sawmill_tomography.drift.log_screening import LogScreening, screen_log
+from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
 from sawmill_tomography.drift.view_pairs.scan_motions import MotionSizes, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
@@ -134,14 +135,20 @@ def view_pair_fit(
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
-    filled = np.zeros(sinogram.shape, bool) if screening.hidden is None else screening.hidden
-    filled = filled if interpolated is None else filled | interpolated
-    rays = levelled_rays(
-        screening.bridged(sinogram)[compared], known_deviations, filled[compared] if filled.any() else None
+    metal = rays_behind_metal(
+        scanner,
+        replace(screening, hidden=None).bridged(sinogram)[compared],
+        rotation.apply(angles_rad),
+        start,
+        None if screening.hidden is None else screening.hidden[compared],
     )
+    across_gaps = None if interpolated is None else np.broadcast_to(interpolated, metal.rays.shape)
+    rays = levelled_rays(metal.rays, known_deviations, across_gaps)
     vector, distance_mm = seen_vector(start), start.source_distance_mm
     times = scan_times(len(sinogram))[compared]
-    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation}
+    sums = {
+        sense: PairSums.of(scanner, rays, metal, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation
+    }
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)

@@ -1,0 +1,153 @@
+"""Rays behind metal as the other views see the log, and the errors of that.
+
+A total-variation image of the rays without metal gives every ray, and what the measured rays depart from it by is
+interpolated linearly along the detector (normalised metal artefact reduction: Meyer et al. 2010, Medical Physics 37,
+5482). The same is done with as many samples beside the metal, which are known: they give the errors.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_tomography.drift.levelled_rays import AirFit, fitted_air
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.sinograms.bridging import bridged_samples
+
+# The constants of this file were measured with benchmarks/production_logs.py.
+# Pixels of the image, and their largest number along a side.
+PIXEL_MM, LARGEST_SIZE = 2.0, 256
+# The errors of a ray by the pixels, as a share of the longest path, and the weight in 1 / the longest path's mean
+# attenuation. A fixed weight costs a quarter of one that is chosen, and these errors are the same.
+PIXELS_SHARE, WEIGHT = 0.005, 10.0
+# The error is 0 at both ends of a run of interpolated samples; between them this number of half waves describes it.
+HALF_WAVES = 3
+# The known run beside a run is this number of its lengths away. Nearer, the image misses more of the log there.
+AWAY = 2
+
+
+class RaysBehindMetal(NamedTuple):
+    """Line integrals of which samples are interpolated, and the errors of these.
+
+    Attributes
+    ----------
+    rays : (views, detector) float64
+    of_view : (errors,) int
+        The view of each error.
+    errors : (errors, detector) float64
+        Errors of the rays of that view, each with an amplitude of one standard deviation.
+    """
+
+    rays: FloatArray
+    of_view: NDArray[np.intp]
+    errors: FloatArray
+
+
+def rays_behind_metal(
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    metal: NDArray[np.bool_] | None,
+) -> RaysBehindMetal:
+    """Interpolate the samples that see metal.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float64
+        Line integrals without faulty cells and corrupt views.
+    angles_rad : (views,) float64
+        View angles in the calibrated sense of rotation.
+    start : SourceFrame
+        A geometry near the scan's.
+    metal : (views, detector) bool or None
+    """
+    if metal is None or not metal.any():
+        return RaysBehindMetal(sinogram, np.zeros(0, np.intp), np.zeros((0, sinogram.shape[1])))
+    runs = _runs(metal)
+    known = _runs_beside(runs, metal)
+    trial = np.zeros_like(metal)
+    for view, first, length in known:
+        trial[view, first : first + length] = True
+    # Without air beside the log there is no image; `levelled_rays` refuses such a scan.
+    air = fitted_air(np.asarray(bridged_samples(sinogram, metal), np.float64))
+    seen = np.zeros_like(sinogram) if air is None else _seen(scanner, sinogram, angles_rad, start, metal | trial, air)
+    departures = sinogram - seen
+    sizes = _sizes(known, departures - bridged_samples(departures, trial))
+    errors = np.zeros((len(runs), HALF_WAVES, sinogram.shape[1]))
+    for error, (_, first, length) in zip(errors, runs, strict=True):
+        error[:, first : first + length] = length * sizes[:, None] * _half_waves(length)
+    of_view = np.repeat([view for view, _, _ in runs], HALF_WAVES)
+    rays = np.where(metal, seen + bridged_samples(departures, metal), sinogram)
+    return RaysBehindMetal(rays, of_view, errors.reshape(-1, sinogram.shape[1]))
+
+
+_Run = tuple[int, int, int]
+
+
+def _runs(metal: NDArray[np.bool_]) -> list[_Run]:
+    """Return the view, the first cell and the number of samples of each run."""
+    edges = np.diff(np.pad(metal, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    view, first = np.nonzero(edges == 1)
+    return list(zip(view.tolist(), first.tolist(), (np.nonzero(edges == -1)[1] - first).tolist(), strict=True))
+
+
+def _runs_beside(runs: list[_Run], metal: NDArray[np.bool_]) -> list[_Run]:
+    """Return a run of known samples beside each run, on alternate sides, where there is one."""
+    taken, beside = metal.copy(), []
+    for view, start, length in runs:
+        for side in (1, -1) if view % 2 else (-1, 1):
+            first = start + side * AWAY * (length + 2)
+            # A known sample stays at either end.
+            if 0 < first < metal.shape[1] - length and not taken[view, first - 1 : first + length + 1].any():
+                taken[view, first : first + length] = True
+                beside.append((view, first, length))
+                break
+    return beside
+
+
+def _sizes(known: list[_Run], missed: FloatArray) -> FloatArray:
+    """Return the amplitudes' standard deviations (half waves,) per sample of a run, from what known runs missed.
+
+    An amplitude is proportional to a run's length. Where no known run is beside metal, it is anything that rays are.
+    """
+    if not known:
+        return np.full(HALF_WAVES, float(np.abs(missed).max(initial=1.0)))
+    amplitudes = [
+        2.0 / (length + 1) * _half_waves(length) @ missed[view, first : first + length] for view, first, length in known
+    ]
+    lengths = np.array([length for _, _, length in known])
+    sizes: FloatArray = np.sqrt(np.sum(np.square(amplitudes), axis=0) / np.sum(lengths**2))
+    return sizes
+
+
+def _half_waves(length: int) -> FloatArray:
+    """Return half waves over a run, (waves, length), which are 0 in the samples before and after it."""
+    waves: FloatArray = np.sin(np.pi * np.outer(np.arange(1, HALF_WAVES + 1), np.arange(1, length + 1)) / (length + 1))
+    return waves
+
+
+def _seen(
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    left_out: NDArray[np.bool_],
+    air: AirFit,
+) -> FloatArray:
+    """Return all rays (views, detector) of an image of those that are not left out."""
+    level = air.levels[:, None] + air.of_all_views
+    lines = (bridged_samples(sinogram, left_out) - level).astype(np.float32)
+    # Any R gives a usable image, as in `screen_log`.
+    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
+    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
+    side_mm, longest = 2.0 * object_radius_mm(fan, lines), float(lines.max())
+    projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
+    noise = np.where(left_out, np.inf, PIXELS_SHARE * longest)
+    image = total_variation(projector, lines, noise=noise, weight=WEIGHT * side_mm / longest).image
+    return projector.forward(image).astype(np.float64) + level
