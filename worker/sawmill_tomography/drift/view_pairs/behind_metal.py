@@ -30,6 +30,9 @@ HALF_WAVES = 3
 # The known run beside a run is this number of its lengths away. Nearer, the image misses more of the log there.
 AWAY = 2
 
+# View, first cell and number of samples of neighbouring samples that see metal.
+_Run = tuple[int, int, int]
+
 
 class RaysBehindMetal(NamedTuple):
     """Line integrals of which samples are interpolated, and the errors of these.
@@ -74,7 +77,7 @@ def rays_behind_metal(
     trial = np.zeros_like(metal)
     for view, first, length in known:
         trial[view, first : first + length] = True
-    # Without air beside the log there is no image; `levelled_rays` refuses such a scan.
+    # Without air beside the log there is no image: the departures are then the rays themselves.
     air = fitted_air(np.asarray(bridged_samples(sinogram, metal), np.float64))
     seen = np.zeros_like(sinogram) if air is None else _seen(scanner, sinogram, angles_rad, start, metal | trial, air)
     departures = sinogram - seen
@@ -87,11 +90,8 @@ def rays_behind_metal(
     return RaysBehindMetal(rays, of_view, errors.reshape(-1, sinogram.shape[1]))
 
 
-_Run = tuple[int, int, int]
-
-
 def _runs(metal: NDArray[np.bool_]) -> list[_Run]:
-    """Return the view, the first cell and the number of samples of each run."""
+    """Return the runs of samples that see metal."""
     edges = np.diff(np.pad(metal, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     view, first = np.nonzero(edges == 1)
     return list(zip(view.tolist(), first.tolist(), (np.nonzero(edges == -1)[1] - first).tolist(), strict=True))
