@@ -38,6 +38,8 @@ LONGEST_MM, LEAST_WOOD_MM, LEAST_NOISE, SMOOTHED = 40.0, 5.0, 3.0, 3
 # A body has such a shadow in more than this share of the views. Knots and rings on its rays hide it in some of them.
 SHARE_OF_VIEWS = 0.4
 ITERATIONS = 12
+# THICK times as much is in the shadow of a body, whatever lies beside it.
+THICK = 4.0
 # Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
 # alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55.
 TIMES_WOOD, LEAST_PIECE_MM2 = 3.5, 50.0
@@ -128,11 +130,12 @@ class MetalSearch:
     def _metal(self, sinogram: Image, excess: Image) -> LogMetal:
         shadows = _Shadows.of(self.fine.geometry, sinogram)
         near = scipy.ndimage.binary_dilation(excess > 0.0, np.ones((3, 3), bool))
-        covered = shadows.dark & (self.fine.forward(near) > 0.0)
+        alone = self.fine.forward(excess)
+        # Shadows of two pieces side by side are not narrow, and not dark.
+        covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | (alone > THICK * shadows.least)
         trace = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
         filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
         # Thin metal has less than its mass in the pixels that are dark enough.
-        alone = self.fine.forward(excess)
         mass = np.float32(max(float(np.vdot(alone, sinogram - filled)) / float(np.vdot(alone, alone)), 0.0))
         alone *= trace * mass
         error = np.where(trace, np.hypot(UNCERTAIN * alone, LEAST_WOOD_MM * shadows.wood_per_mm), 0.0)
@@ -180,13 +183,16 @@ class _Shadows:
     ----------
     excess : (views, cells) float32
         Line integrals above those on either side of a narrow shadow; 0 elsewhere.
+    least : float
+        The excess of thin wood, or of noise.
     dark : (views, cells) bool
-        True where the excess is more than that of thin wood, and of noise.
+        True where the excess is more than that.
     wood_per_mm : float
         Mean attenuation of the wood.
     """
 
     excess: Image
+    least: float
     dark: NDArray[np.bool_]
     wood_per_mm: float
 
@@ -198,7 +204,8 @@ class _Shadows:
         wide = scipy.ndimage.grey_opening(smooth, size=(1, max(round(LONGEST_MM / cell_mm), 1)))
         wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         excess = smooth - wide
-        return cls(excess, excess > max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
+        least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
+        return cls(excess, least, excess > least, wood)
 
 
 def _cell_mm(geometry: FanBeamGeometry) -> float:
