@@ -69,7 +69,7 @@ study-wheel: install-dev
 
 # Errors of 800 production logs, about fifteen minutes, and then the drift chart's run lengths with them, about five.
 study-run-lengths: install-dev
-	@$(BIN)/python benchmarks/production_logs.py --logs 100
+	@$(BIN)/python benchmarks/production_logs.py --logs 375
 	@$(BIN)/python benchmarks/run_lengths.py
 
 openapi: install

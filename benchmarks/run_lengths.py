@@ -1,6 +1,6 @@
 """Run lengths of the drift chart: false alarms a year, and the looks until a jump or a trend is found.
 
-    python benchmarks/production_logs.py --logs 100
+    python benchmarks/production_logs.py --logs 375
     python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 400000]
 
 Each simulated scanner draws its looks' errors and covariances from one scanner of `production_logs`, 2 000 a day:
@@ -326,7 +326,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     if not options.errors.exists():
-        parser.error(f"there is no {options.errors}: run benchmarks/production_logs.py --logs 100 first")
+        parser.error(f"there is no {options.errors}: run benchmarks/production_logs.py --logs 375 first")
     errors = Errors.read(options.errors)
     rng = np.random.default_rng(options.seed)
     quantiles = np.quantile(np.linalg.norm(errors.shape, axis=1), [0.5, 0.9, 0.97, 0.99, 0.997])
