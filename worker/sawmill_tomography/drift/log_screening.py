@@ -1,8 +1,11 @@
 """Cells and views of a log's scan without a usable signal, those at the detector's ends included, and its metal."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.screening import Screening, screen
@@ -52,11 +55,10 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
     """
     screening = _screen_ends(sinogram)
     lines = screening.bridged(sinogram).astype(np.float32)
-    # Any R gives a usable image: where the metal's shadow lies on the detector does not depend on R.
-    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
-    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
-    search = MetalSearch.of(fan, object_radius_mm(fan, lines))
-    metal = None if search is None else search.find(lines[None])[0]
+    fan = fan_for_images(scanner, angles_rad, start)
+    with one_thread():
+        search = MetalSearch.of(fan, object_radius_mm(fan, lines))
+        metal = None if search is None else search.find(lines[None])[0]
     if metal is None:
         return LogScreening(screening.cells, screening.views)
     if metal.is_too_much:
@@ -68,6 +70,23 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
     # A view across a long nail looks corrupt, and so do cells at the edges of a nail's shadow.
     again = _screen_ends(replace(screening, cells=np.ones_like(screening.cells), hidden=metal.trace).bridged(sinogram))
     return LogScreening(screening.cells | again.cells, again.views, metal.trace)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep kernels to one thread: on the small images of a check two take longer, as they wait for each other."""
+    threads = get_num_threads()
+    set_num_threads(1)
+    try:
+        yield
+    finally:
+        set_num_threads(threads)
+
+
+def fan_for_images(scanner: Scanner, angles_rad: FloatArray, start: SourceFrame) -> FanBeamGeometry:
+    """Return a geometry for images of the log: any R gives a usable one, as a shadow's place does not depend on it."""
+    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
+    return FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
 
 
 def _screen_ends(sinogram: FloatArray) -> Screening:

@@ -185,16 +185,18 @@ class _Shadows:
         Line integrals above those on either side of a narrow shadow; 0 elsewhere.
     least : float
         The excess of thin wood, or of noise.
-    dark : (views, cells) bool
-        True where the excess is more than that.
     wood_per_mm : float
         Mean attenuation of the wood.
     """
 
     excess: Image
     least: float
-    dark: NDArray[np.bool_]
     wood_per_mm: float
+
+    @property
+    def dark(self) -> NDArray[np.bool_]:
+        """True where the excess is more than that of thin wood, and of noise, (views, cells)."""
+        return self.excess > self.least
 
     @classmethod
     def of(cls, geometry: FanBeamGeometry, sinogram: Image) -> "_Shadows":
@@ -205,7 +207,7 @@ class _Shadows:
         wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         excess = smooth - wide
         least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
-        return cls(excess, least, excess > least, wood)
+        return cls(excess, least, wood)
 
 
 def _cell_mm(geometry: FanBeamGeometry) -> float:

@@ -5,14 +5,14 @@ interpolated linearly along the detector (normalised metal artefact reduction: M
 5482). The same is done with as many samples beside the metal, which are known: they give the errors.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.drift.levelled_rays import AirFit, fitted_air
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_tomography.drift.log_screening import fan_for_images, one_thread
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
@@ -114,10 +114,10 @@ def _runs_beside(runs: list[_Run], metal: NDArray[np.bool_]) -> list[_Run]:
 def _sizes(known: list[_Run], missed: FloatArray) -> FloatArray:
     """Return the amplitudes' standard deviations (half waves,) per sample of a run, from what known runs missed.
 
-    An amplitude is proportional to a run's length. Where no known run is beside metal, it is anything that rays are.
+    An amplitude is proportional to a run's length. Where no known run is beside metal, it may be anything.
     """
     if not known:
-        return np.full(HALF_WAVES, float(np.abs(missed).max(initial=1.0)))
+        return np.ones(HALF_WAVES)
     amplitudes = [
         2.0 / (length + 1) * _half_waves(length) @ missed[view, first : first + length] for view, first, length in known
     ]
@@ -143,11 +143,10 @@ def _seen(
     """Return all rays (views, detector) of an image of those that are not left out."""
     level = air.levels[:, None] + air.of_all_views
     lines = (bridged_samples(sinogram, left_out) - level).astype(np.float32)
-    # Any R gives a usable image, as in `screen_log`.
-    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
-    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
+    fan = fan_for_images(scanner, angles_rad, start)
     side_mm, longest = 2.0 * object_radius_mm(fan, lines), float(lines.max())
-    projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
     noise = np.where(left_out, np.inf, PIXELS_SHARE * longest)
-    image = total_variation(projector, lines, noise=noise, weight=WEIGHT * side_mm / longest).image
-    return projector.forward(image).astype(np.float64) + level
+    with one_thread():
+        projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
+        image = total_variation(projector, lines, noise=noise, weight=WEIGHT * side_mm / longest).image
+        return projector.forward(image).astype(np.float64) + level

@@ -14,7 +14,7 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 
 import math
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +137,7 @@ def view_pair_fit(
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
     metal = rays_behind_metal(
         scanner,
-        replace(screening, hidden=None).bridged(sinogram)[compared],
+        screening.bridged(sinogram)[compared],
         rotation.apply(angles_rad),
         start,
         None if screening.hidden is None else screening.hidden[compared],
