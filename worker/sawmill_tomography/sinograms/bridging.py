@@ -3,6 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
+# The view, the first cell and the number of neighbouring samples of a view.
+Run = tuple[int, int, int]
+
+
+def runs_of(left_out: NDArray[np.bool_]) -> list[Run]:
+    """Return the runs of samples that are left out, (views, cells), by view."""
+    edges = np.diff(left_out.astype(np.int8), axis=1, prepend=0, append=0)
+    (view, first), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    return list(zip(view.tolist(), first.tolist(), (end - first).tolist(), strict=True))
+
 
 def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
     """Replace faulty cells by linear interpolation along the detector, in place; at an end by the nearest good one.

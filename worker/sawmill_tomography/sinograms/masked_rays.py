@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.sinograms.bridging import runs_of
 
 # Rays used on either side of a gap: this share of its width, and no fewer than this number.
 BESIDE, FEWEST_BESIDE = 0.25, 4
@@ -35,11 +36,9 @@ def bridge_masked(rays: FloatArray, masked: NDArray[np.bool_]) -> FloatArray:
         a bridge are needed: the errors of these sums are as large as for independent errors with these deviations.
     """
     measured, deviations = rays.copy(), np.zeros(rays.shape)
-    for view, gaps in enumerate(masked):
-        edges = np.diff(gaps.astype(np.int8), prepend=0, append=0)
-        for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-            bridge, deviation = _bridged(measured, masked, view, int(first), int(last))
-            rays[view, first:last], deviations[view, first:last] = bridge, deviation
+    for view, first, length in runs_of(masked):
+        last = first + length
+        rays[view, first:last], deviations[view, first:last] = _bridged(measured, masked, view, first, last)
     return deviations
 
 

@@ -17,7 +17,7 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.total_variation import total_variation
-from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.bridging import Run, bridged_samples, runs_of
 
 # The constants of this file were measured with benchmarks/production_logs.py.
 # Pixels of the image, and their largest number along a side.
@@ -29,9 +29,6 @@ PIXELS_SHARE, WEIGHT = 0.005, 10.0
 HALF_WAVES = 3
 # The known run beside a run is this number of its lengths away. Nearer, the image misses more of the log there.
 AWAY = 2
-
-# View, first cell and number of samples of neighbouring samples that see metal.
-_Run = tuple[int, int, int]
 
 
 class RaysBehindMetal(NamedTuple):
@@ -72,7 +69,7 @@ def rays_behind_metal(
     """
     if metal is None or not metal.any():
         return RaysBehindMetal(sinogram, np.zeros(0, np.intp), np.zeros((0, sinogram.shape[1])))
-    runs = _runs(metal)
+    runs = runs_of(metal)
     known = _runs_beside(runs, metal)
     trial = np.zeros_like(metal)
     for view, first, length in known:
@@ -90,14 +87,7 @@ def rays_behind_metal(
     return RaysBehindMetal(rays, of_view, errors.reshape(-1, sinogram.shape[1]))
 
 
-def _runs(metal: NDArray[np.bool_]) -> list[_Run]:
-    """Return the runs of samples that see metal."""
-    edges = np.diff(np.pad(metal, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    view, first = np.nonzero(edges == 1)
-    return list(zip(view.tolist(), first.tolist(), (np.nonzero(edges == -1)[1] - first).tolist(), strict=True))
-
-
-def _runs_beside(runs: list[_Run], metal: NDArray[np.bool_]) -> list[_Run]:
+def _runs_beside(runs: list[Run], metal: NDArray[np.bool_]) -> list[Run]:
     """Return a run of known samples beside each run, on alternate sides, where there is one."""
     taken, beside = metal.copy(), []
     for view, start, length in runs:
@@ -111,7 +101,7 @@ def _runs_beside(runs: list[_Run], metal: NDArray[np.bool_]) -> list[_Run]:
     return beside
 
 
-def _sizes(known: list[_Run], missed: FloatArray) -> FloatArray:
+def _sizes(known: list[Run], missed: FloatArray) -> FloatArray:
     """Return the amplitudes' standard deviations (half waves,) per sample of a run, from what known runs missed.
 
     An amplitude is proportional to a run's length. Where no known run is beside metal, it may be anything.

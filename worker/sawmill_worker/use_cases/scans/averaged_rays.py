@@ -56,7 +56,7 @@ class AveragedRays:
         rows = self._averaged.rows
         came = f"It came as the mean of the line integrals of {rows} rows, {precision} standard deviations."
         if not self._masked:
-            return came, "No ray of it was masked: a nail in those rows counts as log."
+            return came, "No ray of it was masked."
         return came, f"{self._masked} of {self._samples} {MASKED}, and interpolated along the detector."
 
 
