@@ -61,7 +61,7 @@ def test_a_log_is_flat_and_as_dense_as_it_is(beam, share):
 def test_glare_is_not_taken_for_scatter(glare):
     """Scatter comes of what the object takes out of the beam, glare of what it leaves."""
     calibration = calibrated({"detector": {"glare_share": glare}})
-    assert any("scattered radiation" in each for each in calibration.result.adjustments)
+    assert any("Scattered radiation" in each for each in calibration.result.adjustments)
     assert calibration.result.scattered_radiation is None
 
 
