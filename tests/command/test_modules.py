@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.support.exact_chords import Detector, counted, scan
 
+from sawmill_formats.output.scan_writer import new_scan
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_vocabulary import DetectorModule, SourceFrame
 
@@ -56,3 +57,26 @@ def test_no_toolkit_is_told_of_a_straight_detector(calibrated, run, tmp_path):
     refused = run("export", "--to", "astra", *flags, "-o", tmp_path / "vectors.txt", code=1)
     assert "modules, which meet at cell 128" in refused.stderr
     assert not (tmp_path / "vectors.txt").exists()
+
+
+def test_modules_that_the_file_states_are_known_from_the_start(calibrated, run, tmp_path):
+    folder, answer = calibrated
+    stack, path = np.load(folder / "scan.npy"), tmp_path / "scan.nxs"
+    new = new_scan(
+        path,
+        stack.shape,
+        angles_rad=np.deg2rad(8.0 * np.arange(VIEWS)),
+        detector_pitch_mm=4.5,
+        row_pitch_mm=None,
+        detector_modules=MODULES,
+    )
+    with new as written:
+        written.data[...] = stack
+        written.note(air_level=None, provenance={})
+    assert "2, which meet at cell 128" in run("inspect", path, "--data", "line-integrals").stdout
+    flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape")
+    known = json.loads(run("calibrate", path, *flags, "--json").stdout)
+    assert not any("modules" in sentence for sentence in known["adjustments"])
+    (module,) = known["scanner"]["detector_modules"]
+    assert module["gap_mm"] == pytest.approx(4.0, abs=0.15)
+    assert known["predicted_ray_error_mm"]["upper_95"] <= answer["predicted_ray_error_mm"]["upper_95"]

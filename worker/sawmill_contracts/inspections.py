@@ -13,7 +13,7 @@ from sawmill_contracts.scans import AnglesText, Dataset, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
-from sawmill_vocabulary import DataKind
+from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_vocabulary.texts import N_
 
 # A working day: after this time the client sends the file again.
@@ -111,6 +111,9 @@ class InspectedReading(Contract):
         None,
         description="Distance between detector rows that the file states, mm. Null: the file states none.",
         examples=[2.0],
+    )
+    detector_modules: list[DetectorModule] = Field(
+        [], description="Modules of the detector after the first that the file states; empty: it states none."
     )
     unused: str | None = Field(
         None,

@@ -14,16 +14,19 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
+from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_formats.output.scan_writer import new_scan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_vocabulary import DetectorModule, ReconstructionMethod
+from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_worker.jobs.calibrate import known_modules
+from sawmill_worker.jobs.calibrate import declared_modules, known_modules
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
 from sawmill_worker.use_cases.conversion import to_phantom
@@ -225,10 +228,39 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     assert np.abs(difference).mean() < 1e-3
 
 
+def test_modules_that_a_file_states_stay_with_its_scan(store, spec, attempt, tmp_path):
+    store.scanners.create(spec(), scanner_id="line-2")
+    modules = (DetectorModule(64, 1.5, 0.01),)
+    new = new_scan(
+        tmp_path / "sent.nxs",
+        (6, 1, 128),
+        angles_rad=np.deg2rad(60.0 * np.arange(6)),
+        detector_pitch_mm=9.0,
+        row_pitch_mm=None,
+        detector_modules=modules,
+    )
+    with new as written:
+        written.data[...] = 1.0
+        written.note(air_level=None, provenance={})
+    received = store.files.receive([(tmp_path / "sent.nxs").read_bytes()], max_bytes=10**7)
+    store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS), received)
+    reading = attempt(job_kinds.INGEST)
+    run(reading)
+    (kept,) = read_stored_scan(reading.output / "scan.h5").detector_modules
+    assert (kept.first_cell, kept.gap_mm, kept.kink_rad) == pytest.approx((64, 1.5, 0.01))
+
+
+def test_a_scanners_declared_modules_come_before_those_of_a_file():
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    of_scanner, of_file = (DetectorModule(384, 0.3),), (DetectorModule(384, 0.2),)
+    assert declared_modules(constants, of_file) == of_file
+    assert declared_modules(replace(constants, detector_modules=of_scanner), of_file) == of_scanner
+
+
 def test_a_calibration_starts_from_the_modules_of_the_detector_that_is_there():
     found = (DetectorModule(900, 0.5),)
     wide = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=1536, detector_pitch_mm=0.75)
     calibrated, exchanged = replace(wide, detector_modules=found), replace(wide, num_detector_pixels=768)
-    assert known_modules(wide, None) == ()
-    assert known_modules(wide, calibrated) == found
-    assert known_modules(exchanged, calibrated) == (), "a detector of 768 cells has no cell 900"
+    assert known_modules(wide, (), None) == ()
+    assert known_modules(wide, (), calibrated) == found
+    assert known_modules(exchanged, (), calibrated) == (), "a detector of 768 cells has no cell 900"

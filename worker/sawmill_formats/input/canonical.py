@@ -21,6 +21,7 @@ from sawmill_formats.input.plausible import (
     check_finite,
     range_of_counts,
 )
+from sawmill_vocabulary import DetectorModule
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
 SAME_DIRECTION_RAD = np.deg2rad(1e-6)
@@ -52,6 +53,8 @@ class CanonicalScan:
         Values that could serve as pitch or distance, where the file does not state what they are.
     others : tuple of Path
         Further files that were read.
+    detector_modules : tuple of DetectorModule
+        Modules of the detector after the first, where the file has them.
     averaged : AveragedRows or None
         For a scan whose one row is a mean over rows: masked rays are NaN.
 
@@ -73,6 +76,7 @@ class CanonicalScan:
     rows_missing: bool = False
     unused: str | None = None
     others: tuple[Path, ...] = ()
+    detector_modules: tuple[DetectorModule, ...] = ()
     averaged: AveragedRows | None = None
 
     def __post_init__(self) -> None:

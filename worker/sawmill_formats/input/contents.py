@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_vocabulary import DetectorModule
+
 ReadBlock = Callable[[slice, slice], NDArray[np.float32]]
 
 
@@ -96,6 +98,8 @@ class FileContents:
         Whether the file has the axes in the reverse of this order.
     detector_pitch_mm, row_pitch_mm : float or None
         Distance between cells and between rows.
+    detector_modules : tuple of DetectorModule
+        Modules of the detector after the first.
     unused : str or None
         Values that could serve as pitch or distance, where the file does not state what they are.
     remarks : tuple of str
@@ -116,6 +120,7 @@ class FileContents:
     transposed: bool = False
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
+    detector_modules: tuple[DetectorModule, ...] = ()
     unused: str | None = None
     remarks: tuple[str, ...] = ()
     others: tuple[Path, ...] = ()

@@ -186,6 +186,7 @@ def canonical_scan(
         rows_missing=rows_missing,
         unused=contents.unused,
         others=contents.others,
+        detector_modules=contents.detector_modules,
         averaged=(
             None if averaged_rows is None else AveragedRows.of(averaged_rows, projections.shape, contents.deviations)
         ),

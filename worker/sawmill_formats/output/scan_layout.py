@@ -15,6 +15,8 @@ ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"
 # (views, rows, detector): standard deviations of the line integrals (NXdetector's name), where they came with the scan
 # or rays were masked; 0 where not known.
 DEVIATIONS = f"{ENTRY}/{nxtomo.DETECTOR}/data_errors"
+# Groups of the modules of a detector, by their number from 0, where the scan came with them.
+MODULE = f"{ENTRY}/{nxtomo.DETECTOR}/module_%d"
 PROVENANCE = f"{ENTRY}/provenance"
 # (views,), rows: in the provenance.
 ROW_SHIFTS, ROW_SHIFT_DEVIATIONS = "row_shifts", "row_shifts_standard_deviation"

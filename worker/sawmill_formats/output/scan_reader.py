@@ -10,6 +10,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats.detector_modules import (
+    MOST_MODULES,
+    OFFSET,
+    ORIGIN,
+    SIZE,
+    STEP,
+    ModulesUnusable,
+    PlacedModule,
+    modules_after_first,
+)
 from sawmill_formats.errors import (
     NotAsWritten,
     OutOfRange,
@@ -24,6 +34,7 @@ from sawmill_formats.output.own_hdf5 import (
     check_chunks,
     check_members,
     dataset_at,
+    group_at,
     needed,
     reading_own,
     values_at,
@@ -35,10 +46,12 @@ from sawmill_formats.output.scan_layout import (
     CELL_PITCH,
     DATA,
     DEVIATIONS,
+    MODULE,
     ROW_PITCH,
     ROWS_PRESENT,
     USABLE,
 )
+from sawmill_vocabulary import DetectorModule
 
 Shape = tuple[int, int, int]
 
@@ -58,6 +71,8 @@ class StoredScan:
     row_pitch_mm : float or None
     deviations : (views, rows, detector) float32, or None
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
+    detector_modules : tuple of DetectorModule
+        Modules of the detector after the first, where the scan came with them.
     """
 
     line_integrals: NDArray[np.float32]
@@ -66,6 +81,7 @@ class StoredScan:
     detector_pitch_mm: float
     row_pitch_mm: float | None
     deviations: NDArray[np.float32] | None = None
+    detector_modules: tuple[DetectorModule, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +103,8 @@ class OpenScan:
         Rows that enough views have, where views lack rows.
     deviations : dataset or None
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
+    detector_modules : tuple of DetectorModule
+        Modules of the detector after the first, where the scan came with them.
     """
 
     shape: tuple[int, int, int]
@@ -98,6 +116,7 @@ class OpenScan:
     present: NDArray[np.bool_] | None = None
     usable_rows: tuple[int, int] | None = None
     deviations: h5py.Dataset | None = None
+    detector_modules: tuple[DetectorModule, ...] = ()
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -162,18 +181,40 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
     views, rows, detector = shape
     data = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
     present, usable_rows = _rows_present(file, (views, rows))
-    row_pitch = values_at(file, ROW_PITCH, ())
+    pitch_mm, row_pitch = float(values_of(file, CELL_PITCH, ())), values_at(file, ROW_PITCH, ())
     return OpenScan(
         shape=shape,
         angles_rad=np.deg2rad(values_of(file, ANGLES, (views,))),
-        detector_pitch_mm=float(values_of(file, CELL_PITCH, ())),
+        detector_pitch_mm=pitch_mm,
         row_pitch_mm=None if row_pitch is None else float(row_pitch),
         data=data,
         air_level=dataset_at(file, AIR_LEVEL, (rows, detector)),
         present=present,
         usable_rows=usable_rows,
         deviations=dataset_at(file, DEVIATIONS, shape),
+        detector_modules=_modules(file, detector, pitch_mm),
     )
+
+
+def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModule, ...]:
+    placed: list[PlacedModule] = []
+    while len(placed) < MOST_MODULES and group_at(file, where := MODULE % len(placed)) is not None:
+        (_, first), (_, of_module) = (values_of(file, f"{where}/{name}", (2,)).tolist() for name in (ORIGIN, SIZE))
+        start_mm, step_mm = (_translation(file, f"{where}/{name}") for name in (OFFSET, STEP))
+        placed.append(PlacedModule(first, of_module, start_mm, step_mm))
+    try:
+        return modules_after_first(placed, cells, pitch_mm) if placed else ()
+    except ModulesUnusable as error:
+        raise NotAsWritten(f"its modules cannot be used: {error}") from error
+
+
+def _translation(file: h5py.File, path: str) -> NDArray[np.float64]:
+    dataset = needed(dataset_at(file, path, ()), path)
+    way = np.asarray(dataset.attrs["vector"])
+    if way.shape != (3,) or way.dtype.kind != "f":
+        raise NotAsWritten(f"{path} has no vector")
+    translation: NDArray[np.float64] = float(dataset[()]) * way
+    return translation
 
 
 def _rows_present(
@@ -209,6 +250,7 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
             detector_pitch_mm=scan.detector_pitch_mm,
             row_pitch_mm=scan.row_pitch_mm,
             deviations=scan.deviations_of(selected, views),
+            detector_modules=scan.detector_modules,
         )
 
 

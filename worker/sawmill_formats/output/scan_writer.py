@@ -1,6 +1,6 @@
 """Writing of scans: line integrals as the product stores them, and detector counts as a scanner would."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats import nxtomo
+from sawmill_formats.detector_modules import ACROSS, CLASS, OFFSET, ORIGIN, SIZE, STEP, PlacedModule, placed_modules
 from sawmill_formats.hdf5 import whole_hdf5
 from sawmill_formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
 from sawmill_formats.output.scan_layout import (
@@ -18,12 +19,14 @@ from sawmill_formats.output.scan_layout import (
     DATA,
     DEVIATIONS,
     LINE_INTEGRALS,
+    MODULE,
     PROVENANCE,
     ROW_SHIFT_DEVIATIONS,
     ROW_SHIFTS,
     ROWS_PRESENT,
     USABLE,
 )
+from sawmill_vocabulary import DetectorModule
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +104,15 @@ def new_scan(
     angles_rad: NDArray[np.float64],
     detector_pitch_mm: float,
     row_pitch_mm: float | None,
+    detector_modules: Sequence[DetectorModule] = (),
     views_together: int | None = None,
 ) -> Iterator[NewScan]:
     """Open a new scan (views, rows, detector) of line integrals, readable row by row; whole or not at all.
 
     Parameters
     ----------
+    detector_modules : sequence of DetectorModule, optional
+        Modules of the detector after the first.
     views_together : int, optional
         The number of views of a row that are stored in one piece: all, by default.
 
@@ -115,7 +121,7 @@ def new_scan(
     OSError
         When the file cannot be written.
     """
-    views, _, detector = shape
+    views, rows, detector = shape
     within_chunk = max(1, CHUNK_BYTES // (4 * detector))
     with whole_hdf5(path) as file:
         _new_images(
@@ -131,6 +137,8 @@ def new_scan(
             storage={"fletcher32": True},
         )
         file[DATA].attrs["long_name"] = LINE_INTEGRALS
+        if detector_modules:
+            _write_modules(file, placed_modules(detector_modules, detector, detector_pitch_mm), rows)
         yield NewScan(file[DATA])
 
 
@@ -226,6 +234,18 @@ def write_raw_scan(
         for images in (darks, flats, counts):
             data[first : first + len(images)] = images
             first += len(images)
+
+
+def _write_modules(file: h5py.File, modules: Sequence[PlacedModule], rows: int) -> None:
+    for number, module in enumerate(modules):
+        group = new_group(file, MODULE % number, CLASS)
+        group[ORIGIN], group[SIZE] = [0, module.first], [rows, module.cells]
+        for name, translation in ((OFFSET, module.start_mm), (STEP, module.step_mm)):
+            length = float(np.linalg.norm(translation))
+            write_scalar(group, name, length, "mm")
+            attributes = group[name].attrs
+            attributes["vector"] = translation / length if length else ACROSS
+            attributes["transformation_type"], attributes["depends_on"] = "translation", "."
 
 
 def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:

@@ -91,6 +91,7 @@ def _reading_table(reading: InspectedReading) -> Table:
         "dark fields": "none" if reading.darks is None else str(reading.darks),
         "angles": "none" if angles is None else turn + origin,
         "detector pitch": "none" if reading.detector_pitch_mm is None else f"{reading.detector_pitch_mm:.9g} mm",
+        "modules": _modules(reading),
         "row pitch": "none" if reading.row_pitch_mm is None else f"{reading.row_pitch_mm:.9g} mm",
         "other files": _some(reading.other_files),
     }
@@ -98,6 +99,11 @@ def _reading_table(reading: InspectedReading) -> Table:
         if value is not None:
             table.add_row(label, escape(value))
     return table
+
+
+def _modules(reading: InspectedReading) -> str | None:
+    cells = ", ".join(str(module.first_cell) for module in reading.detector_modules)
+    return f"{len(reading.detector_modules) + 1}, which meet at cell {cells}" if cells else None
 
 
 def _some(files: list[str]) -> str | None:

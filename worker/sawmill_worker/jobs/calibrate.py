@@ -118,7 +118,8 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
     active = _active(attempt)
-    modules = known_modules(scanner.constants, None if active is None else active.scanner)
+    calibrated = None if active is None else active.scanner
+    modules = known_modules(scanner.constants, stored.detector_modules, calibrated)
     calibration_input = CalibrationInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad[mean.views],
@@ -148,10 +149,17 @@ def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: 
     return AttemptKeeper(attempt, origin)
 
 
-def known_modules(present: ScannerConstants, calibrated: ScannerConstants | None) -> tuple[DetectorModule, ...]:
+def declared_modules(constants: ScannerConstants, of_scan: tuple[DetectorModule, ...]) -> tuple[DetectorModule, ...]:
+    """Return the modules that somebody declared: those of the scanner; if it has none, those of the scan's file."""
+    return constants.detector_modules or of_scan
+
+
+def known_modules(
+    present: ScannerConstants, of_scan: tuple[DetectorModule, ...], calibrated: ScannerConstants | None
+) -> tuple[DetectorModule, ...]:
     """Return the modules from which a calibration starts: those of the active one, if its detector is still there."""
     if calibrated is None or replace(calibrated, detector_modules=present.detector_modules) != present:
-        return present.detector_modules
+        return declared_modules(present, of_scan)
     return calibrated.detector_modules
 
 

@@ -20,7 +20,7 @@ from sawmill_tomography.warm_up import load_iterative_methods
 from sawmill_vocabulary import DataKind, DetectorModule, Handedness, Rotation, Theta
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
+from sawmill_worker.jobs.calibrate import declared_modules, shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
 from sawmill_worker.use_cases.failures import refused
@@ -39,8 +39,8 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
-    theta, rotation, handedness, beam, modules = _geometry_of(attempt, options)
     with open_scan(attempt.file) as stored:
+        theta, rotation, handedness, beam, modules = _geometry_of(attempt, options, stored.detector_modules)
         reconstruction_input = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
             angles_rad=stored.angles_rad[views],
@@ -101,7 +101,7 @@ def needs(attempt: MillAttempt) -> Needs:
 
 def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShape) -> int:
     """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
-    theta, *_ = _geometry_of(attempt, options)
+    theta, *_ = _geometry_of(attempt, options, ())
     geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
     field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
     # A larger grid is refused. A log smaller than the field of view may have one grid instead of two.
@@ -113,15 +113,16 @@ def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShap
 
 
 def _geometry_of(
-    attempt: MillAttempt, options: ReconstructionAsked
+    attempt: MillAttempt, options: ReconstructionAsked, of_scan: tuple[DetectorModule, ...]
 ) -> tuple[Theta, Rotation, Handedness, BeamCorrection, tuple[DetectorModule, ...]]:
     """Return the given theta, or the calibration's with its beam correction and modules of the detector.
 
-    Refuse a calibration without theta.
+    A given theta goes with the modules that are declared. Refuse a calibration without theta.
     """
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
-        return options.theta, rotation, handedness, NOTHING_FOUND, attempt.scanner.constants.detector_modules
+        modules = declared_modules(attempt.scanner.constants, of_scan)
+        return options.theta, rotation, handedness, NOTHING_FOUND, modules
     if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
     calibration = usable_calibration(attempt, "use")

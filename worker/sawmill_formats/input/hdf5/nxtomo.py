@@ -12,6 +12,7 @@ from sawmill_formats.input.arrays import Bounds, check_scan_dimensions, check_si
 from sawmill_formats.input.contents import FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
+from sawmill_formats.input.hdf5.modules import read_modules
 from sawmill_formats.input.hdf5.projections import chosen_views
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.nxtomo import (
@@ -63,6 +64,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
         )
     detector_pitch_mm, remarks_x = read_pitch(entry, CELL_PITCH, bounds.whole)
     row_pitch_mm, remarks_y = read_pitch(entry, ROW_PITCH, bounds.whole)
+    modules, of_modules = read_modules(entry, dataset.shape[-1], detector_pitch_mm, bounds)
     return FileContents(
         format="hdf5-nxtomo",
         projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
@@ -73,7 +75,8 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
         angles_unusable=angles.unusable,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
-        remarks=(*keys.remarks, *remarks_x, *remarks_y),
+        detector_modules=modules,
+        remarks=(*keys.remarks, *remarks_x, *remarks_y, *of_modules),
     )
 
 

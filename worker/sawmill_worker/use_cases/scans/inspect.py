@@ -264,6 +264,7 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         angles=None if scan is None else _angles(scan, contents),
         detector_pitch_mm=contents.detector_pitch_mm or source.detector_pitch_mm,
         row_pitch_mm=contents.row_pitch_mm or source.row_pitch_mm,
+        detector_modules=list(contents.detector_modules),
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
         remarks=list(contents.remarks if scan is None else scan.remarks),

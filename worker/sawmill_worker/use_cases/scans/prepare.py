@@ -97,6 +97,7 @@ def prepare_scan(
         angles_rad=read.angles_rad,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=read.row_pitch_mm,
+        detector_modules=read.detector_modules,
         views_together=min(step_views, at_a_time) if by_views or aligns else None,
     )
     with scan as written:

@@ -192,7 +192,7 @@ def _rows_of(
     others: tuple[Path, ...] = (),
     remarks: tuple[str, ...] = (),
 ) -> ScanRows:
-    all_views, all_rows, cells = scan.shape
+    all_views, all_rows, _ = scan.shape
     rows = range(all_rows)[chosen_rows(source.rows, all_rows, scan.usable_rows)]
     views = chosen_views(source.views, all_views)
     lacking = None if scan.present is None else ~scan.present[views]
@@ -218,7 +218,7 @@ def _rows_of(
         angles_rad=angles_rad[views],
         rows=(rows.start, rows.stop),
         row_step=rows.step,
-        scanner=_scanner(source_to_cor_mm, cells, scan.detector_pitch_mm, scan.row_pitch_mm),
+        scanner=_scanner(source_to_cor_mm, scan),
         counts=counts,
         sha256=_sha256([source.path, *others]),
         remarks=remarks,
@@ -227,11 +227,15 @@ def _rows_of(
     )
 
 
-def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
+def _scanner(r_s: float, scan: OpenScan) -> ScannerConstants:
     """Return the scanner's constants, as far as file and flags give them; refuse constants that no scanner has."""
     try:
         return ScannerConstants(
-            source_to_cor_mm=r_s, num_detector_pixels=cells, detector_pitch_mm=pitch, row_pitch_mm=row_pitch
+            source_to_cor_mm=r_s,
+            num_detector_pixels=scan.shape[2],
+            detector_pitch_mm=scan.detector_pitch_mm,
+            detector_modules=scan.detector_modules,
+            row_pitch_mm=scan.row_pitch_mm,
         )
     except ValidationError as error:
         first = error.errors()[0]

@@ -1,0 +1,161 @@
+"""NXdetector_module groups, written from where the cells of a bent detector are."""
+
+import math
+from itertools import pairwise
+
+import h5py
+import numpy as np
+import pytest
+from tests.support.exact_chords import Detector
+
+from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.scan_reader import open_scan
+from sawmill_formats.output.scan_writer import new_scan
+from sawmill_vocabulary import DetectorModule, SourceFrame
+
+CELLS, PITCH_MM, VIEWS = 40, 1.5, 4
+FRAME = SourceFrame(0.3, 917.1, 1619.3, -7.1, -0.083)
+MODULES = (DetectorModule(9, 0.4, 0.02), DetectorModule(18, -0.1, -0.01), DetectorModule(31, 1.3, 0.03))
+
+
+def write(path, modules, *, mirrored=False, change=lambda _detector: None):
+    """Write line integrals by NXtomo, with the modules where the cells' borders are in the laboratory."""
+    fine = Detector(CELLS, PITCH_MM, modules).points(FRAME, 1000)
+    first, last = fine[:, 0], fine[:, -1]
+    first_cells = [0, *(module.first_cell for module in modules), CELLS]
+    with h5py.File(path, "w") as file:
+        entry = file.create_group("entry")
+        entry["definition"] = "NXtomo"
+        detector = entry.create_group("instrument/detector")
+        detector["data"] = np.random.default_rng(1).random((VIEWS, 1, CELLS)).astype(np.float32)
+        detector["image_key"] = np.zeros(VIEWS, int)
+        detector["x_pixel_size"] = PITCH_MM
+        detector["x_pixel_size"].attrs["units"] = "mm"
+        entry["sample/rotation_angle"] = 90.0 * np.arange(VIEWS)
+        entry["sample/rotation_angle"].attrs["units"] = "deg"
+        for number, (begin, end) in enumerate(pairwise(first_cells)):
+            group = detector.create_group(f"some name {number}")
+            group.attrs["NX_class"] = "NXdetector_module"
+            group["data_origin"], group["data_size"] = [0, begin], [1, end - begin]
+            # The detector stands anywhere; its cells may count from either side.
+            across, along = last[begin] - first[begin]
+            way = np.array([-across if mirrored else across, 0.0, along]) / math.hypot(across, along)
+            at = np.array([30.0 + (-1.0 if mirrored else 1.0) * first[begin, 0], -4.0, first[begin, 1]])
+            for name, length_m, vector in (
+                ("module_offset", 1e-3 * np.linalg.norm(at), at / np.linalg.norm(at)),
+                ("fast_pixel_direction", 1e-3 * PITCH_MM, way),
+            ):
+                group[name] = length_m
+                group[name].attrs["units"] = "m"
+                group[name].attrs["vector"] = vector
+                group[name].attrs["depends_on"] = "."
+        change(detector)
+
+
+def values(modules):
+    return np.array([(module.first_cell, module.gap_mm, module.kink_rad) for module in modules])
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("modules", [MODULES, MODULES[:1], MODULES[2:]])
+def test_gaps_and_kinks_are_read_from_where_the_modules_are(tmp_path, modules, mirrored):
+    write(tmp_path / "scan.nxs", modules, mirrored=mirrored)
+    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
+        assert scan.remarks == ()
+        # The test's borders are half of a thousandth of a cell off.
+        np.testing.assert_allclose(values(scan.detector_modules), values(modules), atol=1e-3)
+
+
+def test_one_module_is_a_straight_detector(tmp_path):
+    write(tmp_path / "scan.nxs", ())
+    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
+        assert (scan.detector_modules, scan.remarks) == ((), ())
+
+
+def shifted(detector):
+    del detector["some name 1/module_offset"].attrs["vector"]
+    detector["some name 1/module_offset"].attrs["vector"] = [0.0, 0.0, 1.0]
+
+
+def shorter(detector):
+    detector["some name 3/data_size"][1] -= 1
+
+
+def coarser(detector):
+    detector["some name 2/fast_pixel_direction"][()] *= 2
+
+
+def without_unit(detector):
+    del detector["some name 0/module_offset"].attrs["units"]
+
+
+def along_the_beam(detector):
+    for number in range(4):
+        detector[f"some name {number}/fast_pixel_direction"].attrs["vector"] = [0.0, 0.0, 1.0]
+
+
+def missing(detector):
+    del detector["some name 1"]
+
+
+def not_finite(detector):
+    detector["some name 1/module_offset"][()] = np.nan
+
+
+def of_fractions(detector):
+    del detector["some name 1/data_origin"]
+    detector["some name 1/data_origin"] = [0.0, 8.5]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (shifted, "at cell 9 they are"),
+        (shorter, "they have 39 cells, and the images have 40"),
+        (coarser, "their cells are 3 mm apart by fast_pixel_direction, and x_pixel_size is 1.5 mm"),
+        (without_unit, "the module_offset of one is no length with a unit, along a vector"),
+        (along_the_beam, "their cells follow one another along z, the direction of the beam"),
+        (missing, "one begins at cell 18, and the one before ends at cell 9"),
+        (not_finite, "the module_offset of one is no finite number"),
+        (of_fractions, "one begins at cell 8.5 and has 9 cells"),
+    ],
+)
+def test_modules_that_state_no_gaps_are_ignored_and_that_is_said(tmp_path, change, said):
+    write(tmp_path / "scan.nxs", MODULES, change=change)
+    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
+        assert scan.detector_modules == ()
+        (remark,) = scan.remarks
+        assert remark.startswith("The detector's modules in instrument/detector were ignored: ")
+        assert said in remark
+
+
+def test_a_module_that_stands_behind_the_others_is_ignored(tmp_path):
+    def back(detector):
+        offset = detector["some name 3/module_offset"]
+        at = offset[()] * offset.attrs["vector"] + [0.0, 0.0, 2e-3]
+        offset[()], offset.attrs["vector"] = np.linalg.norm(at), at / np.linalg.norm(at)
+
+    write(tmp_path / "scan.nxs", MODULES, change=back)
+    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
+        assert scan.detector_modules == ()
+        assert "at cell 31 they are 1.99 mm out of line" in scan.remarks[0]
+
+
+@pytest.mark.parametrize("modules", [MODULES, MODULES[:1], MODULES[2:], ()])
+def test_a_scan_of_ours_keeps_its_modules(tmp_path, modules):
+    path, stack = tmp_path / "scan.h5", np.ones((VIEWS, 1, CELLS), np.float32)
+    angles_rad = np.deg2rad(90.0 * np.arange(VIEWS))
+    new = new_scan(
+        path,
+        stack.shape,
+        angles_rad=angles_rad,
+        detector_pitch_mm=PITCH_MM,
+        row_pitch_mm=None,
+        detector_modules=modules,
+    )
+    with new as written:
+        written.data[...] = stack
+        written.note(air_level=None, provenance={})
+    with open_scan(path) as own, reading_scan(path, counts=False) as read:
+        np.testing.assert_allclose(values(own.detector_modules), values(modules), atol=1e-12)
+        np.testing.assert_allclose(values(read.detector_modules), values(modules), atol=1e-12)
