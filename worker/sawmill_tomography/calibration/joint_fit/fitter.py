@@ -73,6 +73,9 @@ LEAST_OF_MODULES = 2e-4
 LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
 MODULE_TRIALS = 0.1
+# A detector may hide one module, and this number of further ones where the scan shows fewer than `MANY_FOUND`
+# (benchmarks/families.py).
+FURTHER_HIDDEN, MANY_FOUND = 2, 2
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
@@ -341,10 +344,11 @@ class JointFitter:
         search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
         hidden = tuple(search.hidden(variance, HIDDEN))
         yield hidden
-        # A detector that shows a module may hide two. One that shows none hides a second as far as the first does not
-        # take the evidence: the wood's structure looks like one.
+        # A detector that shows none hides further ones as far as the first does not take the evidence: the wood's
+        # structure looks like one.
         left = 1.0 if found else 1.0 - sum(float(one.probabilities.sum()) for one in hidden) ** 2
-        yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
+        for _ in range(FURTHER_HIDDEN if len(found) < MANY_FOUND else 0):
+            yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
 
