@@ -14,7 +14,7 @@ linear in the rays, so the rows of a log may be averaged first, and R is not in 
 
 import math
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
 from sawmill_tomography.drift.log_screening import LogScreening, screen_log
-from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
+from sawmill_tomography.drift.view_pairs.behind_metal import RaysBehindMetal, rays_behind_metal
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
 from sawmill_tomography.drift.view_pairs.scan_motions import MotionSizes, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
@@ -135,35 +135,39 @@ def view_pair_fit(
         adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
     angles_rad = angles_rad[compared]
     known_deviations = None if deviations is None else _checked(deviations, sinogram)[compared]
-    metal = rays_behind_metal(
+    rays = screening.bridged(sinogram)[compared]
+    views = _ComparedViews(
         scanner,
-        screening.bridged(sinogram)[compared],
-        rotation.apply(angles_rad),
-        start,
+        rays,
         None if screening.hidden is None else screening.hidden[compared],
+        known_deviations,
+        None if interpolated is None else np.broadcast_to(interpolated, rays.shape),
     )
-    across_gaps = None if interpolated is None else np.broadcast_to(interpolated, metal.rays.shape)
-    rays = levelled_rays(metal.rays, known_deviations, across_gaps)
+    metal, lines = views.read(rotation.apply(angles_rad), start)
     vector, distance_mm = seen_vector(start), start.source_distance_mm
     times = scan_times(len(sinogram))[compared]
     sums = {
-        sense: PairSums.of(scanner, rays, metal, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation
+        sense: PairSums.of(scanner, lines, metal, sense.apply(angles_rad), vector, distance_mm) for sense in Rotation
     }
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
-    fit = fits[rotation]
-    near = np.append(fit.vector, vector[2]) if fit.settled else vector
-    # Views that do not settle, and are too few for disturbances, are refused for what they are.
-    with nullcontext() if fit.settled else suppress(DriftError):
-        fit = _disturbed(sums[rotation], vector, near, times, fit)
-    motion = fit.amplitudes if fit.settled and fit.sizes is not None and fit.sizes.found else None
+    common = sums[rotation]
+    near, fit = _with_disturbances(common, vector, times, fits[rotation])
+    if fit.motion is not None and metal.of_view.size:
+        # The log behind the metal was blurred by the motion.
+        turned = ScanMotions.of_scan(common.angles_rad, times).turned_rad @ fit.motion
+        there = replace(start, cor_column_mm=float(fit.vector[0]), tilt_rad=float(fit.vector[1]))
+        metal, lines = views.read(common.angles_rad + turned, there)
+        common = PairSums.of(scanner, lines, metal, common.angles_rad, vector, distance_mm)
+        near, fit = _with_disturbances(common, vector, times, _fit(common, vector, vector))
+    motion = fit.motion
     if motion is not None:
-        moved = ScanMotions.of_scan(sums[rotation].angles_rad, times).described(motion)
+        moved = ScanMotions.of_scan(common.angles_rad, times).described(motion)
         adjustments = (*adjustments, moved)
     hardened = False
     if fit.settled and fit.unrest > UNREST:
-        hard = _disturbed(sums[rotation], vector, near, times, fit, hardened=HARDENED)
+        hard = _disturbed(common, vector, near, times, fit, hardened=HARDENED)
         hardened = hard.unrest <= UNREST
         adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
     return PairFit(
@@ -183,9 +187,35 @@ def view_pair_fit(
         unrest=fit.unrest,
         hardened=hardened,
         screening=screening,
-        lines=rays,
+        lines=lines,
         motion=motion,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _ComparedViews:
+    """The views that are compared.
+
+    Attributes
+    ----------
+    rays : (views, detector) float64
+        Line integrals without faulty cells.
+    metal, interpolated : (views, detector) bool or None
+        Samples that see metal, and samples that were interpolated.
+    deviations : (views, detector) float64 or None
+        Standard deviations of the line integrals.
+    """
+
+    scanner: Scanner
+    rays: FloatArray
+    metal: NDArray[np.bool_] | None
+    deviations: FloatArray | None
+    interpolated: NDArray[np.bool_] | None
+
+    def read(self, angles_rad: FloatArray, frame: SourceFrame) -> tuple[RaysBehindMetal, LevelledRays]:
+        """Return the rays with those behind metal, as the views at these angles see the log, and all levelled."""
+        behind = rays_behind_metal(self.scanner, self.rays, angles_rad, frame, self.metal)
+        return behind, levelled_rays(behind.rays, self.deviations, self.interpolated)
 
 
 def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
@@ -236,10 +266,27 @@ class _PairSumsFit(NamedTuple):
     amplitudes: FloatArray
     sizes: MotionSizes | None
 
+    @property
+    def motion(self) -> FloatArray | None:
+        """The amplitudes of the motions, if motions are far more likely than none."""
+        return self.amplitudes if self.settled and self.sizes is not None and self.sizes.found else None
+
 
 def scan_times(views: int) -> FloatArray:
     """Return the times of a scan's views, (views,), from -0.5 to 0.5."""
     return np.linspace(-0.5, 0.5, views)
+
+
+def _with_disturbances(
+    sums: PairSums, calibrated: FloatArray, times: FloatArray, undisturbed: _PairSumsFit
+) -> tuple[FloatArray, _PairSumsFit]:
+    """Return where the fit with disturbances starts, from the one without, and the fit."""
+    near = np.append(undisturbed.vector, calibrated[2]) if undisturbed.settled else calibrated
+    # Views that do not settle, and are too few for disturbances, are refused for what they are.
+    fit = undisturbed
+    with nullcontext() if undisturbed.settled else suppress(DriftError):
+        fit = _disturbed(sums, calibrated, near, times, undisturbed)
+    return near, fit
 
 
 def _disturbed(
