@@ -39,9 +39,10 @@ NAILS = (
     *(Nail(diameter, 6.0, times) for diameter, times in ((2.0, 50.0), (4.0, 20.0))),
     *(Nail(diameter, 18.0, times) for diameter, times in ((2.0, 20.0), (3.2, 20.0), (3.2, 50.0), (6.0, 6.0))),
     *(Nail(diameter, 30.0, times) for diameter, times in ((3.2, 12.0), (3.2, 50.0), (6.0, 20.0), (6.0, 50.0))),
+    *(Nail(*sizes, times) for sizes in ((2.8, 50.0), (3.4, 75.0), (4.2, 100.0)) for times in (20.0, 50.0)),
 )
 METHODS = ("fbp", "tikhonov", "total_variation")
-DRIFT_NAILS = (Nail(3.6, 28.0, 20.0), Nail(3.6, 28.0, 40.0), Nail(5.0, 0.0, 30.0))
+DRIFT_NAILS = (Nail(3.6, 28.0, 20.0), Nail(3.6, 28.0, 40.0), Nail(5.0, 0.0, 30.0), Nail(2.8, 50.0, 40.0))
 DRIFT_ROWS = 60
 Cell = NDArray[np.float64]
 

@@ -47,7 +47,10 @@ def checked(log, fan, seed):
 
 
 @pytest.mark.parametrize("views", [12, 20])
-@pytest.mark.parametrize(("nail", "worst_mm"), [(Nail(3.6, 28.0, 20.0), 0.4), (Nail(5.0, 0.0, 30.0), 0.1)])
+@pytest.mark.parametrize(
+    ("nail", "worst_mm"),
+    [(Nail(3.6, 28.0, 20.0), 0.4), (Nail(5.0, 0.0, 30.0), 0.1), (Nail(2.8, 50.0, 40.0), 0.4)],
+)
 def test_a_nail_in_every_row_is_left_out_and_named(views, nail, worst_mm):
     """They were refused as logs that moved."""
     fan = views_all_round(views)

@@ -34,15 +34,19 @@ PIXEL_MM, SMALLEST_SIZE, LARGEST_SIZE = 2.0, 16, 512
 # A shadow is narrower than that of LONGEST_MM at the COR, and attenuates more than the shadows on either side of it: by
 # as much as LEAST_WOOD_MM of wood, and by LEAST_NOISE standard deviations of a sample. Line integrals are averaged over
 # SMOOTHED cells.
-LONGEST_MM, LEAST_WOOD_MM, LEAST_NOISE, SMOOTHED = 40.0, 5.0, 3.0, 3
+LONGEST_MM, LEAST_WOOD_MM, LEAST_NOISE, SMOOTHED = 80.0, 5.0, 3.0, 3
 # A body has such a shadow in more than this share of the views. Knots and rings on its rays hide it in some of them.
 SHARE_OF_VIEWS = 0.4
+# A slice is searched if something in it has a shadow narrower than that of NARROW_MM in this share of the views: a nail
+# of 100 mm in a quarter of them.
+NARROW_MM, NARROW_SHARE = 40.0, 0.2
 ITERATIONS = 12
 # THICK times as much is in the shadow of a body, whatever lies beside it.
 THICK = 4.0
 # Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
-# alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55.
-TIMES_WOOD, LEAST_PIECE_MM2 = 3.5, 50.0
+# alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55. What
+# attenuates less than SHARE_OF_PEAK of a piece's largest attenuation is its blurred border.
+TIMES_WOOD, LEAST_PIECE_MM2, SHARE_OF_PEAK = 3.5, 50.0, 0.3
 # The line integrals of the metal alone are wrong by this share of them, since steel hardens the beam. A ray with an
 # error above MOST_UNCERTAIN is left out.
 UNCERTAIN, MOST_UNCERTAIN = 0.1, 0.5
@@ -123,9 +127,22 @@ class MetalSearch:
 
     def find(self, lines: Image) -> list[LogMetal | None]:
         """Find the metal of each slice of a block (slices, views, detector); None for a slice without metal."""
-        shadows = [_Shadows.of(self.coarse.geometry, line[:: self.step]) for line in lines]
-        excess = self._excess(shadows)
-        return [self._metal(line, one) if one.any() else None for line, one in zip(lines, excess, strict=True)]
+        coarse = lines[:, :: self.step]
+        narrow = [_Shadows.of(self.coarse.geometry, line, NARROW_MM) for line in coarse]
+        small = self._in_views([one.dark for one in narrow], SHARE_OF_VIEWS)
+        long = self._in_views([one.excess > THICK * one.least for one in narrow], NARROW_SHARE)
+        suspects = (small | long).any(axis=(1, 2))
+        metals: list[LogMetal | None] = [None] * len(lines)
+        if suspects.any():
+            excess = self._excess([_Shadows.of(self.coarse.geometry, line) for line in coarse[suspects]])
+            for slice_, one in zip(np.flatnonzero(suspects).tolist(), excess, strict=True):
+                metals[slice_] = self._metal(lines[slice_], one) if one.any() else None
+        return metals
+
+    def _in_views(self, dark: Sequence[NDArray[np.bool_]], share: float) -> NDArray[np.bool_]:
+        """Return the pixels (slices, size, size) that are dark in this share of the views that see them."""
+        views = self.coarse.adjoint(np.stack(dark))
+        return (views >= share * self.seen) & (self.seen > 0.0)
 
     def _metal(self, sinogram: Image, excess: Image) -> LogMetal:
         shadows = _Shadows.of(self.fine.geometry, sinogram)
@@ -143,14 +160,13 @@ class MetalSearch:
         freed = np.where(np.isinf(uncertainty), filled, sinogram - alone)
         return LogMetal(trace, filled, freed, uncertainty, self.fine.grid, excess * mass)
 
-    def _excess(self, shadows: "Sequence[_Shadows]") -> Image:
+    def _excess(self, shadows: Sequence["_Shadows"]) -> Image:
         """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.
 
         It explains the shadows by expectation maximisation (Shepp and Vardi 1982, IEEE Trans. Med. Imaging 1, 113),
         where enough views are dark. Rays that cross little of that count little: they see knots at its border.
         """
-        body = self.coarse.adjoint(np.stack([one.dark for one in shadows])) >= SHARE_OF_VIEWS * self.seen
-        found = (body & (self.seen > 0.0)).astype(np.float32)
+        found = self._in_views([one.dark for one in shadows], SHARE_OF_VIEWS).astype(np.float32)
         busy = np.flatnonzero(found.any(axis=(1, 2))).tolist()
         if not busy:
             return found
@@ -169,10 +185,11 @@ class MetalSearch:
     def _pieces(self, excess: Image, wood_per_mm: float) -> Image:
         """Return the excess (size, size) of pieces that are dense and large enough, 0 elsewhere."""
         pieces, count = scipy.ndimage.label(excess > TIMES_WOOD * wood_per_mm)
+        peaks = np.append(np.inf, scipy.ndimage.maximum(excess, pieces, np.arange(1, count + 1)))
+        dense = np.where(excess > SHARE_OF_PEAK * peaks[pieces], excess, np.float32(0.0))
         least = LEAST_PIECE_MM2 * wood_per_mm / self.coarse.grid.pixel_mm**2
-        keep = scipy.ndimage.sum_labels(excess, pieces, np.arange(count + 1)) >= least
-        keep[0] = False
-        return np.where(keep[pieces], excess, np.float32(0.0))
+        large = scipy.ndimage.sum_labels(dense, pieces, np.arange(count + 1)) >= least
+        return np.where(large[pieces], dense, np.float32(0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,11 +216,11 @@ class _Shadows:
         return self.excess > self.least
 
     @classmethod
-    def of(cls, geometry: FanBeamGeometry, sinogram: Image) -> "_Shadows":
+    def of(cls, geometry: FanBeamGeometry, sinogram: Image, longest_mm: float = LONGEST_MM) -> "_Shadows":
         """Find the shadows by a grey opening along the detector: it removes what is narrower than its window."""
         cell_mm = _cell_mm(geometry)
         smooth = scipy.ndimage.uniform_filter1d(sinogram, SMOOTHED, axis=1)
-        wide = scipy.ndimage.grey_opening(smooth, size=(1, max(round(LONGEST_MM / cell_mm), 1)))
+        wide = scipy.ndimage.grey_opening(smooth, size=(1, max(round(longest_mm / cell_mm), 1)))
         wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         excess = smooth - wide
         least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
