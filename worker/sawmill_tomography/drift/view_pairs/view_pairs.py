@@ -151,14 +151,17 @@ def view_pair_fit(
     }
     fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
-    rotation, ratio = better_sense(residuals, rotation, DECISIVE)
+    given = rotation
+    rotation, ratio = better_sense(residuals, given, DECISIVE)
     common = sums[rotation]
     near, fit = _with_disturbances(common, vector, times, fits[rotation])
-    if fit.motion is not None and metal.of_view.size:
-        # The log behind the metal was blurred by the motion.
-        turned = ScanMotions.of_scan(common.angles_rad, times).turned_rad @ fit.motion
+    if metal.of_view.size and (fit.motion is not None or rotation is not given):
+        # With the angles as they were given the log behind the metal was blurred.
+        angles = common.angles_rad
+        if fit.motion is not None:
+            angles = angles + ScanMotions.of_scan(angles, times).turned_rad @ fit.motion
         there = replace(start, cor_column_mm=float(fit.vector[0]), tilt_rad=float(fit.vector[1]))
-        metal, lines = views.read(common.angles_rad + turned, there)
+        metal, lines = views.read(angles, there)
         common = PairSums.of(scanner, lines, metal, common.angles_rad, vector, distance_mm)
         near, fit = _with_disturbances(common, vector, times, _fit(common, vector, vector))
     motion = fit.motion
