@@ -49,8 +49,17 @@ def _slices() -> None:
     fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
 
 
+def _log_with_metal() -> None:
+    # Imported by this part alone, as by the next ones.
+    from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal  # noqa: PLC0415
+
+    geometry, sinogram = _scan(20)
+    middle = np.abs(np.arange(SCANNER.num_detector_pixels) - SCANNER.num_detector_pixels // 2)
+    metal = np.broadcast_to(middle < 5, sinogram.shape)
+    rays_behind_metal(SCANNER, sinogram, geometry.angles_rad, geometry.frame, metal)
+
+
 def _simulated_counts() -> None:
-    # Imported by this part alone, as the next.
     from sawmill_tomography.projection.simulate import simulate_stack  # noqa: PLC0415
 
     geometry, _ = _scan(4)
@@ -72,6 +81,7 @@ def _iterative_methods() -> None:
     total_variation(projector, np.stack([noisy, noisy]), weight=1.0, coupling=0.5, iterations=2)
     # One view fewer, and no view is a quarter turn from another: kernels of one lane.
     tikhonov(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), noisy[1:])
+    _log_with_metal()
 
 
 PARTS: Mapping[str, Callable[[], None]] = MappingProxyType(
@@ -85,9 +95,10 @@ PARTS: Mapping[str, Callable[[], None]] = MappingProxyType(
 
 
 def warm_up() -> None:
-    """Load or compile every job's kernels on a small scan: a fraction of a second cached, ten seconds compiled."""
+    """Load or compile every job's kernels on a small scan: a fraction of a second cached, some ten seconds compiled."""
     _calibration()
     _slices()
+    _log_with_metal()
 
 
 def load_iterative_methods() -> None:
