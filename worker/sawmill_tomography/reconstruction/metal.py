@@ -220,7 +220,11 @@ class _Shadows:
         """Find the shadows by a grey opening along the detector: it removes what is narrower than its window."""
         cell_mm = _cell_mm(geometry)
         smooth = scipy.ndimage.uniform_filter1d(sinogram, SMOOTHED, axis=1)
-        wide = scipy.ndimage.grey_opening(smooth, size=(1, max(round(longest_mm / cell_mm), 1)))
+        wide = _opened(smooth, NARROW_MM / cell_mm)
+        # A small body is itself no wider than that: a shadow has at most half its width.
+        longest_mm = min(longest_mm, 0.5 * _width_mm(wide - wide.min(axis=1, keepdims=True), cell_mm))
+        if longest_mm > NARROW_MM:
+            wide = _opened(smooth, longest_mm / cell_mm)
         wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         excess = smooth - wide
         least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
@@ -231,11 +235,22 @@ def _cell_mm(geometry: FanBeamGeometry) -> float:
     return geometry.scanner.detector_pitch_mm / geometry.frame.magnification
 
 
+def _opened(lines: Image, cells: float) -> Image:
+    """Return lines (views, cells) without what is narrower than a number of cells."""
+    opened: Image = scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
+    return opened
+
+
+def _width_mm(lines: Image, cell_mm: float) -> float:
+    """Return the width of the log in the median view."""
+    widths = (lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1)
+    return float(np.median(widths)) * cell_mm
+
+
 def _wood_per_mm(lines: Image, cell_mm: float) -> float:
     """Return the mean attenuation of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2."""
-    widths = (lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1)
-    width_mm = float(np.median(widths)) * cell_mm
-    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / max(width_mm, cell_mm) ** 2
+    width_mm = max(_width_mm(lines, cell_mm), cell_mm)
+    return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / width_mm**2
 
 
 def _overlaps(source: ImageGrid, target: ImageGrid, axis: int) -> FloatArray:
