@@ -26,7 +26,7 @@ MOST_MODULES, LARGEST_GAP_MM, LARGEST_KINK_RAD = 64, 1000.0, 0.5
 LARGEST_STEP_MM = 0.05
 # Relative difference of two equal distances.
 SAME = 1e-4
-ACROSS, ROWS, BEAM = np.eye(3)
+ACROSS, _, BEAM = np.eye(3)
 
 Vector = NDArray[np.float64]
 
@@ -66,6 +66,21 @@ class PlacedModule:
     def way(self) -> Vector:
         """Direction of its line."""
         return self.step_mm / self.pitch_mm
+
+
+def translation(length_mm: float, vector: object, name: str) -> Vector:
+    """Return a length along the vector that a file states for it, (3,) mm.
+
+    Raises
+    ------
+    ModulesUnusable
+        It is no vector, or has no direction.
+    """
+    way = np.asarray(vector)
+    if way.shape != (3,) or way.dtype.kind not in "iuf" or not np.isfinite(way).all() or not way.any():
+        raise ModulesUnusable(f"the {name} of one is not along a vector")
+    along: Vector = length_mm * way / np.linalg.norm(way)
+    return along
 
 
 def placed_modules(modules: Sequence[DetectorModule], cells: int, pitch_mm: float) -> list[PlacedModule]:

@@ -50,7 +50,7 @@ def _slices() -> None:
 
 
 def _log_with_metal() -> None:
-    # Imported by this part alone, as by the next ones.
+    # Imported only here, as in the next parts: a command that calibrates does not wait for it.
     from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal  # noqa: PLC0415
 
     geometry, sinogram = _scan(20)

@@ -528,8 +528,7 @@ def test_noise_does_not_make_a_wrong_hypothesis_win(scan, theta, full_turn, body
     # 2 % noise predicts 0.003 to 0.004 mm here, and the error grows with the noise.
     assert rays < 0.5 * noise
     assert (found.handedness, found.rotation) == (Handedness.AS_DRAWN, Rotation.AS_GIVEN)
-    # So much noise may hide modules of the detector that make the bound as large as the tolerance.
-    assert found.judgement.verdict == "pass" or (noise == 0.3 and found.judgement.verdict == "watch")
+    assert found.judgement.verdict == "pass"
 
 
 @by_night_the_other

@@ -19,6 +19,7 @@ from sawmill_formats.detector_modules import (
     ModulesUnusable,
     PlacedModule,
     modules_after_first,
+    translation,
 )
 from sawmill_formats.errors import (
     NotAsWritten,
@@ -198,11 +199,11 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
 
 def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModule, ...]:
     placed: list[PlacedModule] = []
-    while len(placed) < MOST_MODULES and group_at(file, where := MODULE % len(placed)) is not None:
-        (_, first), (_, of_module) = (values_of(file, f"{where}/{name}", (2,)).tolist() for name in (ORIGIN, SIZE))
-        start_mm, step_mm = (_translation(file, f"{where}/{name}") for name in (OFFSET, STEP))
-        placed.append(PlacedModule(first, of_module, start_mm, step_mm))
     try:
+        while len(placed) < MOST_MODULES and group_at(file, where := MODULE % len(placed)) is not None:
+            (_, first), (_, of_module) = (values_of(file, f"{where}/{name}", (2,)).tolist() for name in (ORIGIN, SIZE))
+            start_mm, step_mm = (_translation(file, f"{where}/{name}") for name in (OFFSET, STEP))
+            placed.append(PlacedModule(first, of_module, start_mm, step_mm))
         return modules_after_first(placed, cells, pitch_mm) if placed else ()
     except ModulesUnusable as error:
         raise NotAsWritten(f"its modules cannot be used: {error}") from error
@@ -210,11 +211,7 @@ def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModu
 
 def _translation(file: h5py.File, path: str) -> NDArray[np.float64]:
     dataset = needed(dataset_at(file, path, ()), path)
-    way = np.asarray(dataset.attrs["vector"])
-    if way.shape != (3,) or way.dtype.kind != "f":
-        raise NotAsWritten(f"{path} has no vector")
-    translation: NDArray[np.float64] = float(dataset[()]) * way
-    return translation
+    return translation(float(dataset[()]), dataset.attrs["vector"], path)
 
 
 def _rows_present(

@@ -14,6 +14,7 @@ from sawmill_formats.detector_modules import (
     PlacedModule,
     Vector,
     modules_after_first,
+    translation,
 )
 from sawmill_formats.input.arrays import Bounds
 from sawmill_formats.input.hdf5.guard import find, members, numbers, read_values, text_of
@@ -63,15 +64,7 @@ def _numbers_at(group: h5py.Group, name: str, bounds: Bounds) -> tuple[h5py.Data
 def _translation(group: h5py.Group, name: str, bounds: Bounds) -> Vector:
     """Read a length along its vector, mm."""
     dataset, values = _numbers_at(group, name, bounds)
-    length_mm, way = to_mm(float(values[0]), attribute_text(dataset, "units") or ""), attribute(dataset, "vector")
-    if length_mm is None or not _is_vector(way):
+    length_mm = to_mm(float(values[0]), attribute_text(dataset, "units") or "")
+    if length_mm is None:
         raise ModulesUnusable(f"the {name} of one is no length with a unit, along a vector")
-    along = np.asarray(way, np.float64)
-    translation: Vector = length_mm * along / np.linalg.norm(along)
-    return translation
-
-
-def _is_vector(value: object) -> bool:
-    values = np.asarray(value)
-    numeric = values.shape == (3,) and values.dtype.kind in "iuf"
-    return numeric and bool(np.isfinite(values).all() and values.any())
+    return translation(length_mm, attribute(dataset, "vector"), name)
