@@ -46,10 +46,12 @@ def checked(log, fan, seed):
     return detector_fit(SCANNER, mean, fan.angles_rad, fan.frame, Rotation.AS_GIVEN)
 
 
-@pytest.mark.parametrize("views", [12, 20])
+SHORT = [(Nail(3.6, 28.0, 20.0), 0.4), (Nail(5.0, 0.0, 30.0), 0.1), (Nail(2.8, 50.0, 40.0), 0.4)]
+
+
 @pytest.mark.parametrize(
-    ("nail", "worst_mm"),
-    [(Nail(3.6, 28.0, 20.0), 0.4), (Nail(5.0, 0.0, 30.0), 0.1), (Nail(2.8, 50.0, 40.0), 0.4)],
+    ("views", "nail", "worst_mm"),
+    [*((views, *short) for views in (12, 20) for short in SHORT), (20, Nail(3.4, 75.0, 40.0), 0.6)],
 )
 def test_a_nail_in_every_row_is_left_out_and_named(views, nail, worst_mm):
     """They were refused as logs that moved."""

@@ -16,15 +16,12 @@ from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFram
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
-from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.other_rays import image_of_other_rays
 from sawmill_tomography.sinograms.bridging import Run, bridged_samples, runs_of
 
 # The constants of this file were measured with benchmarks/production_logs.py.
 # Pixels of the image, and their largest number along a side.
 PIXEL_MM, LARGEST_SIZE = 2.0, 256
-# The errors of a ray by the pixels, as a share of the longest path, and the weight in 1 / the longest path's mean
-# attenuation. A fixed weight costs a quarter of one that is chosen, and these errors are the same.
-PIXELS_SHARE, WEIGHT = 0.005, 10.0
 # The error is 0 at both ends of a run of interpolated samples; between them this number of half waves describes it.
 HALF_WAVES = 3
 # The known run beside a run is this number of its lengths away. Nearer, the image misses more of the log there.
@@ -134,9 +131,7 @@ def _seen(
     level = air.levels[:, None] + air.of_all_views
     lines = (bridged_samples(sinogram, left_out) - level).astype(np.float32)
     fan = fan_for_images(scanner, angles_rad, start)
-    side_mm, longest = 2.0 * object_radius_mm(fan, lines), float(lines.max())
-    noise = np.where(left_out, np.inf, PIXELS_SHARE * longest)
+    side_mm = 2.0 * object_radius_mm(fan, lines)
     with one_thread():
         projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
-        image = total_variation(projector, lines, noise=noise, weight=WEIGHT * side_mm / longest).image
-        return projector.forward(image).astype(np.float64) + level
+        return projector.forward(image_of_other_rays(projector, lines, left_out)).astype(np.float64) + level

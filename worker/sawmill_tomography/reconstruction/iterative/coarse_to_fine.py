@@ -34,6 +34,9 @@ PAIRED_ITERATIONS = 6
 COARSER_TOLERANCE = 1e-4
 # Pairs of cells show as much as the pixels can hold if they are no wider than this number of pixels.
 PAIR_PIXELS = 1.25
+# The least weight of a ray before the last level, as a share of the mean weight in its view. Rays left out have
+# estimated values: without these, pixels that no other ray crosses would fall to 0, and rise slowly.
+LEAST_WEIGHT = 0.01
 # Factor on the estimated inverse curvature in the first step from the mean along the rays, and from the image of the
 # level before, whose differences are mostly edges: steps that are too long cost a projection each.
 FROM_MEAN, FROM_LEVEL = 0.2, 0.05
@@ -84,7 +87,7 @@ def descend_by_levels(
     on_progress : callable, optional
         Called with the finished share of the work.
     """
-    levels = [] if start is not None else coarser_levels(objective)
+    levels = [] if start is not None else coarser_levels(_with_every_ray(objective))
     names = [f"level {n}" for n in range(len(levels))]
     costs = {name: level.cost * level.iterations for name, level in zip(names, levels, strict=True)}
     phases = Phases(on_progress, **costs, last=usual)
@@ -125,6 +128,12 @@ def _descend(objective: Objective, coupling: Floats | None, start: Images, **set
         return descend(objective, start, **settings, preconditioner=curvature)
     coupled = CoupledObjective(objective, coupling)
     return descend_coupled(coupled, start, **settings, curvature=curvature(objective))
+
+
+def _with_every_ray(objective: Objective) -> Objective:
+    """Return the objective in which each ray has `LEAST_WEIGHT`, unless its whole view is left out."""
+    weights = objective.weights
+    return replace(objective, weights=np.maximum(weights, LEAST_WEIGHT * weights.mean(axis=-1, keepdims=True)))
 
 
 def coarser_levels(objective: Objective) -> list[Level]:
