@@ -37,19 +37,19 @@ WITHOUT_RAYS = (
 FEWEST_VIEWS, MOST_VIEWS = 8, 24
 # Pixels of the image: their side, and their number along each side.
 PIXEL_MM, SMALLEST_SIZE, LARGEST_SIZE = 2.0, 16, 512
-# A shadow is narrower than that of LONGEST_MM at the COR, and attenuates more than the shadows on either side of it: by
+# A shadow is narrower than LONGEST_MM at the COR, and attenuates more than the shadows on either side of it: by
 # as much as LEAST_WOOD_MM of wood, and by LEAST_NOISE standard deviations of a sample. Line integrals are averaged over
 # SMOOTHED cells.
 LONGEST_MM, LEAST_WOOD_MM, LEAST_NOISE, SMOOTHED = 80.0, 5.0, 3.0, 3
 # A body has such a shadow in more than this share of the views. Knots and rings on its rays hide it in some of them.
 SHARE_OF_VIEWS = 0.4
-# A slice is searched if something in it has a shadow narrower than that of NARROW_MM in this share of the views: a nail
-# of 100 mm in a quarter of them.
+# A slice is searched if something in it has a shadow narrower than NARROW_MM at the COR in this share of the views: a
+# nail of 100 mm in a quarter of them.
 NARROW_MM, NARROW_SHARE = 40.0, 0.2
 ITERATIONS = 12
-# Metal with a shadow wider than that of NARROW_MM is found again in ROUNDS rounds: the image of the other rays, in
-# which no wood attenuates more than MOST_WOOD times its mean, then LATER_ITERATIONS, which start from the metal found
-# before, and from ALSO_SHARE of its mean where else it may be. A slice costs half a second of processor time more.
+# Metal with a shadow wider than NARROW_MM at the COR is found again in ROUNDS rounds. Each makes an image of the other
+# rays, in which no wood attenuates more than MOST_WOOD times the mean, and does LATER_ITERATIONS. These start from the
+# metal found before, and elsewhere from ALSO_SHARE of the metal's mean. A slice costs half a second of processor time.
 ROUNDS, MOST_WOOD, LATER_ITERATIONS, ALSO_SHARE = 2, 2.5, 40, 0.1
 # THICK times as much is in the shadow of a body, whatever lies beside it.
 THICK = 4.0
@@ -232,7 +232,7 @@ class _Shadows:
     Attributes
     ----------
     excess : (views, cells) float32
-        Line integrals above those of the wood, as far as known; 0 elsewhere.
+        What the metal adds to the line integrals of the wood, as far as known; 0 elsewhere.
     least : float
         The excess of thin wood, or of noise.
     wood_per_mm : float
@@ -245,7 +245,7 @@ class _Shadows:
 
     @property
     def dark(self) -> NDArray[np.bool_]:
-        """True where the excess is more than that of thin wood, and of noise, (views, cells)."""
+        """True where the excess is more than `least`, (views, cells)."""
         return self.excess > self.least
 
     def beside(self, departures: Image) -> "_Shadows":

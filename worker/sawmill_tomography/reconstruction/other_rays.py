@@ -1,4 +1,4 @@
-"""An image of a log by some of its rays, which shows what the other rays would measure."""
+"""An image of a log by some rays, which shows what the other rays would measure."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -150,7 +150,7 @@ def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: 
 
 
 def declared_modules(constants: ScannerConstants, of_scan: tuple[DetectorModule, ...]) -> tuple[DetectorModule, ...]:
-    """Return the modules that somebody declared: those of the scanner; if it has none, those of the scan's file."""
+    """Return the modules that somebody declared: the scanner's; if it has none, the ones in the scan's file."""
     return constants.detector_modules or of_scan
 
 

@@ -78,7 +78,7 @@ def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
 
 
 def with_modules(model: ScanModel, modules: Iterable[DetectorModule]) -> ScanModel:
-    """Return the model with these modules instead of its own."""
+    """Return the model with these modules only."""
     ordered = tuple(sorted(modules, key=lambda one: one.first_cell))
     return replace(model, data=replace(model.data, cells=replace(model.data.cells, modules=ordered)))
 

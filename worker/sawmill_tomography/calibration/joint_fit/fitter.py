@@ -116,7 +116,7 @@ def fit_consistent_views(
     remaining = replace(
         prepared, adjustments=(*prepared.adjustments, AdjustmentMessage.INCONSISTENT_VIEWS(views=int(left_out.sum())))
     )
-    # A further fit finds the modules anew, with their errors.
+    # A further fit finds the modules again, with their errors.
     return replace(remaining, data=replace(joint.model.data, cells=prepared.data.cells)), joint
 
 

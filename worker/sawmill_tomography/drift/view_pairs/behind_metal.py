@@ -24,7 +24,7 @@ from sawmill_tomography.sinograms.bridging import Run, bridged_samples, runs_of
 PIXEL_MM, LARGEST_SIZE = 2.0, 256
 # The error is 0 at both ends of a run of interpolated samples; between them this number of half waves describes it.
 HALF_WAVES = 3
-# The known run beside a run is this number of its lengths away. Nearer, the image misses more of the log there.
+# The known run next to a run is this number of lengths away. Nearer, the image misses more of the log there.
 AWAY = 2
 
 
@@ -71,7 +71,7 @@ def rays_behind_metal(
     trial = np.zeros_like(metal)
     for view, first, length in known:
         trial[view, first : first + length] = True
-    # Without air beside the log there is no image: the departures are then the rays themselves.
+    # Without air next to the log there is no image: the departures are then the rays themselves.
     air = fitted_air(np.asarray(bridged_samples(sinogram, metal), np.float64))
     seen = np.zeros_like(sinogram) if air is None else _seen(scanner, sinogram, angles_rad, start, metal | trial, air)
     departures = sinogram - seen
@@ -101,7 +101,7 @@ def _runs_beside(runs: list[Run], metal: NDArray[np.bool_]) -> list[Run]:
 def _sizes(known: list[Run], missed: FloatArray) -> FloatArray:
     """Return the amplitudes' standard deviations (half waves,) per sample of a run, from what known runs missed.
 
-    An amplitude is proportional to a run's length. Where no known run is beside metal, it may be anything.
+    An amplitude is proportional to a run's length. Where no known run is near metal, it may be anything.
     """
     if not known:
         return np.ones(HALF_WAVES)
