@@ -528,10 +528,7 @@ def test_noise_does_not_make_a_wrong_hypothesis_win(scan, theta, full_turn, body
     # 2 % noise predicts 0.003 to 0.004 mm here, and the error grows with the noise.
     assert rays < 0.5 * noise
     assert (found.handedness, found.rotation) == (Handedness.AS_DRAWN, Rotation.AS_GIVEN)
-    # The larger noise hides modules of the detector, so that a longer exposure may be asked for: nothing else.
-    doubts = [code for reason in found.judgement.reasons for code in reason.codes]
-    assert doubts == [] or (doubts == ["imprecise"] and noise == 0.3)
-    assert (found.judgement.verdict == "pass") == (doubts == [])
+    assert found.judgement.verdict == "pass"
 
 
 @by_night_the_other

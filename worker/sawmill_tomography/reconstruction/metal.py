@@ -162,7 +162,7 @@ class MetalSearch:
         for _ in range(ROUNDS if self._is_wide(trace) else 0):
             image = image_of_other_rays(self.coarse, filled[:: self.step], trace[:: self.step])
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
-            shadows = shadows.beside(sinogram - wood)
+            shadows = shadows.by_departures(sinogram - wood)
             excess = self._excess([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
             if not excess.any():
                 return None
@@ -248,8 +248,8 @@ class _Shadows:
         """True where the excess is more than `least`, (views, cells)."""
         return self.excess > self.least
 
-    def beside(self, departures: Image) -> "_Shadows":
-        """Return the shadows in the departures (views, cells) from the line integrals of the wood, of any width."""
+    def by_departures(self, departures: Image) -> "_Shadows":
+        """Return the shadows, of any width, with the departures (views, cells) from the line integrals of the wood."""
         smooth = scipy.ndimage.uniform_filter1d(departures, SMOOTHED, axis=1)
         return replace(self, excess=np.maximum(smooth, 0.0))
 
@@ -259,10 +259,10 @@ class _Shadows:
         cell_mm = _cell_mm(geometry)
         smooth = scipy.ndimage.uniform_filter1d(sinogram, SMOOTHED, axis=1)
         wide = _opened(smooth, NARROW_MM / cell_mm)
-        # A small body is itself no wider than that: a shadow has at most half its width.
-        longest_mm = min(longest_mm, 0.5 * _width_mm(wide - wide.min(axis=1, keepdims=True), cell_mm))
         if longest_mm > NARROW_MM:
-            wide = _opened(smooth, longest_mm / cell_mm)
+            # A small body is itself no wider than that: a shadow has at most half its width.
+            half_mm = 0.5 * _width_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
+            wide = _opened(smooth, max(min(longest_mm, half_mm), NARROW_MM) / cell_mm)
         wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         excess = smooth - wide
         least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
