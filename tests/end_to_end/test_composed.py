@@ -133,7 +133,7 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, write_phantom_sc
     with mill.stream("GET", f"/v1/jobs/{lost['job_id']}/events") as stream:
         lines = stream.iter_lines()
         assert next(lines).startswith("event: job")  # before its end, for which it waits for seconds
-        assert any(line.startswith("event: end") for line in lines)
+        assert "event: end" in list(lines)
     wait_for_end(mill, lost["job_id"])
     wait_until(lambda: "schedule-ran" in composed.log("short-worker").read_text(), "the schedule run")
     runs = mill.get(f"/v1/schedules/{schedule['id']}/runs").json()

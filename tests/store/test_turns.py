@@ -4,6 +4,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from sqlalchemy import event
 
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.jobs import Priority
@@ -35,6 +36,23 @@ def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add_jobs):
     expected = [job.id.partition("-")[0] for job in line]
     assert expected == ["c", "b", "a", "c", "b", "a", "b", "a"]
     assert claimed(store, 8) == expected
+
+
+@pytest.mark.dialect
+def test_a_job_is_read_while_another_line_s_first_job_is_added(store, add_jobs):
+    add_jobs(1, job_kinds.RECONSTRUCT, group_id="a")
+    [waiting] = store.jobs.waiting_in_line()
+    adding = iter(["b"])
+
+    def add(*given):
+        if "job_turns" in given[2]:  # the second of two statements: the first one has read the jobs that wait
+            for group_id in adding:
+                add_jobs(1, job_kinds.RECONSTRUCT, group_id=group_id)
+
+    event.listen(store.database.engine, "before_cursor_execute", add)
+    assert store.jobs.get(waiting.id).queue_position == 0
+    assert next(adding, None) is None
+    assert len(store.jobs.waiting_in_line()) == 2
 
 
 def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
