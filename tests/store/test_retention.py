@@ -131,6 +131,29 @@ def test_too_much_goes_oldest_first_and_rows_of_before_are_measured(mill, clock,
     assert ids(mill) == set(logs[3:])
 
 
+@pytest.mark.dialect
+def test_what_another_process_removes_meanwhile_is_not_removed_in_its_place(mill, clock, upload, finish):
+    logs = []
+    for _ in range(5):
+        logs.append(log(mill, upload, finish))
+        clock.advance(hours=1)
+    carried_out(mill)
+    put(mill, RetentionRules(log_scans_bytes=30))
+    meanwhile = iter(logs[:2])
+
+    def remove(*given):
+        if "ORDER BY scans.created_at" in given[2]:  # after the sum of all bytes
+            for scan_id in meanwhile:
+                other.scans.delete(scan_id)
+
+    other = Store(mill.settings)
+    event.listen(mill.database.engine, "before_cursor_execute", remove)
+    carried_out(mill)
+    other.close()
+    assert next(meanwhile, None) is None
+    assert ids(mill) == set(logs[3:])
+
+
 @pytest.fixture
 def full_mill(mill, clock, scanner, upload, finish):
     """One of each thing that stays, and why; everything is old."""

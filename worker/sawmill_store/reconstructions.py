@@ -2,6 +2,7 @@
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
+from sawmill_platform.database.paging import hold
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
 from sawmill_store.requests.asked import Asked
@@ -21,6 +22,7 @@ class Reconstructions(Asked[ReconstructionAsk, Reconstruction]):
             There is no such reconstruction.
         """
         with self._database.write() as session:
+            hold(session, ReconstructionRow, "reconstruction", identifier)  # the rules may remove it at any time
             row = found_asked(session, self._declared, identifier)
             assert isinstance(row, ReconstructionRow)  # noqa: S101 - the table of the kind
             if difference := changed({"name": row.name}, {"name": name}):

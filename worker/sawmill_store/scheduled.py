@@ -13,6 +13,7 @@ from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.schedules import FEWEST_VIEWS, UNSEEN, LogScan, PhantomScan, log_scan_to_check, phantom_scan_to_use
 from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import ScannerId, active_calibration_id
 from sawmill_store.requests.asked import Asked
@@ -102,7 +103,7 @@ def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRo
     if scan_id is None:
         return Outcome("no-new-log-scan")
     # A scan that was uploaded as a mean has no rows to choose from.
-    is_mean = session.get_one(ScanRow, scan_id).spec.get("averaged_rows") is not None
+    is_mean = found(session, ScanRow, "scan", scan_id).spec.get("averaged_rows") is not None
     ask = DriftAsk(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
     queued = drifts.queue(session, ask, now, priority=Priority.BATCH)
     return Outcome("queued", drift_id=queued.id)

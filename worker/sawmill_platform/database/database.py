@@ -66,6 +66,8 @@ class Database:
         one_writer = engine.dialect.name == "sqlite"
         self.spare_room = SpareRoom(Path(file) if one_writer and (file := engine.url.database) else None)
         self._writer = engine.execution_options(writes=True)
+        # On SQLite every transaction is a snapshot.
+        self._reader = engine if one_writer else engine.execution_options(isolation_level="REPEATABLE READ")
         self._reading = Door()
         # SQLite reads while another transaction holds its write lock.
         self._writing = Door() if one_writer else self._reading
@@ -73,7 +75,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Begin a transaction that only reads.
+        """Begin a transaction that only reads, in which all rows are as they were at one instant.
 
         Raises
         ------
@@ -83,7 +85,7 @@ class Database:
         if whole := self._whole():
             yield whole.session
             return
-        with trouble_translated(), Session(self.engine) as session:
+        with trouble_translated(), Session(self._reader) as session:
             self._reading.begin(session)
             yield session
 
@@ -175,17 +177,14 @@ class Database:
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
-        """Begin a transaction in which all rows are as they were at one instant, however long reading takes.
+        """Begin a transaction that reads as `read` does, however long each statement takes.
 
         Raises
         ------
         StorageUnavailable
             The database does not answer.
         """
-        # On SQLite every transaction is a snapshot.
-        isolated = {} if self.engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
-        engine = self.engine.execution_options(**isolated)
-        with trouble_translated(), engine.connect() as connection, _any_time(connection):
+        with trouble_translated(), self._reader.connect() as connection, _any_time(connection):
             yield connection
 
     @contextmanager

@@ -58,20 +58,22 @@ class EventReader:
         StorageUnavailable
             The database does not answer; the next call continues.
         """
+        missed: int | None = None
+        there: list[Event] = []
         with self._database.read() as session:
-            # Before the rows: transactions that have ended by then show their rows to the next statement.
+            # The rows of all transactions that have ended by now are in this snapshot.
             open_since, _ = (0, 0) if self._sequential else _transactions(session)
             following = select(EventRow).where(EventRow.number > self.number).order_by(EventRow.number).limit(_BATCH)
-            rows = session.scalars(following).all()
             before = self.number
-            there: list[Event] = []
-            for row in rows:
+            for row in session.scalars(following).all():
                 if row.number > before + 1 and not self._is_settled(before, open_since):
-                    self._miss(before, session)
+                    missed = before
                     break
                 if row.what.is_public:
                     there.append(read_event(row))
                 before = row.number
+        if missed is not None:
+            self._miss(missed)
         self.number = before
         return there
 
@@ -82,11 +84,12 @@ class EventReader:
         waited_s = time.monotonic() - self._missed_at_s
         return self._missed == before and open_since >= self._settled_by and waited_s >= _SHORTEST_WAIT_S
 
-    def _miss(self, before: int, session: Session) -> None:
+    def _miss(self, before: int) -> None:
         """Wait at a gap; for a new gap, from now on."""
         if self._missed != before:
+            with self._database.read() as session:
+                _, self._settled_by = _transactions(session)
             self._missed, self._missed_at_s = before, time.monotonic()
-            self._settled_by = _transactions(session)[1]
 
     def _newest(self, session: Session) -> int:
         """Return the newest number through which all events are written."""

@@ -127,17 +127,15 @@ def _without_room(session: Session, stock: Stock, most: int, at: datetime) -> tu
     if over <= 0:
         return None
     oldest_first = (table.created_at, table.id)
-    sizes = session.scalars(
-        stock.select(table.stored_bytes, until=until).order_by(*oldest_first), execution_options=_SOME
+    rows = session.execute(
+        stock.select(table.stored_bytes, *oldest_first, until=until).order_by(*oldest_first), execution_options=_SOME
     )
-    for place, stored_bytes in enumerate(sizes):
+    for stored_bytes, created_at, identifier in rows:
         over -= stored_bytes or 0
         if over <= 0:
-            sizes.close()
-            last = stock.select(*oldest_first, until=until).order_by(*oldest_first).offset(place).limit(1)
-            created_at, identifier = session.execute(last).one()
+            rows.close()
             return created_at, identifier
-    return None  # rows were removed between the two statements
+    return None  # in a transaction that writes: rows were removed since the sum
 
 
 def last_old_event(session: Session, days: int | None, at: datetime) -> int:
