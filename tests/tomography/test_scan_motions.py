@@ -12,7 +12,7 @@ from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
 from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
 from sawmill_tomography.drift.view_pairs.scan_motions import ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import TAU, Scanner, SourceFrame
-from sawmill_tomography.phantoms.phantom import Disc
+from sawmill_tomography.phantoms.phantom import Disc, Polygon
 from sawmill_vocabulary import DetectorModule, Rotation
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -35,9 +35,9 @@ def scanner(*modules):
     )
 
 
-def rays(*, angles=ANGLES, moved_mm=0.0, modules=(), subrays=4):
+def rays(*, log=LOG, angles=ANGLES, moved_mm=0.0, modules=(), subrays=4):
     """Noise-free line integrals."""
-    return -np.log(scan(LOG, Detector(768, 1.5, modules), FRAME, angles, moved_mm=moved_mm, rays=subrays))
+    return -np.log(scan(log, Detector(768, 1.5, modules), FRAME, angles, moved_mm=moved_mm, rays=subrays))
 
 
 def noisy(lines, seed):
@@ -127,3 +127,23 @@ def test_sizes_are_those_that_the_differences_show():
     assert 0.1 < wobbling.shares[0] < 1.0
     assert math.isclose(wobbling.shares[0], wobbling.shares[4])
     assert wobbling.shares[7] < 0.02
+
+
+@pytest.mark.parametrize("seed", [15, 18, 23])
+def test_motions_at_once_are_found_where_a_turn_changes_what_the_others_do(seed):
+    """45 views over 3 degrees more or less than a turn, a wobble twice a turn and a slide: up to 3 deviations off."""
+    rng, views = np.random.default_rng(seed), 45
+    orders, around = np.arange(2, 7), np.arange(96) * TAU / 96
+    waves, phases = rng.normal(0.0, 0.06 / orders**1.3), rng.uniform(0.0, TAU, (5, 1))
+    outline = 100.0 * (1.0 + waves @ np.cos(np.outer(orders, around) + phases))
+    corners = outline[:, None] * np.stack([np.cos(around), np.sin(around)], axis=1) + rng.normal(0.0, 9.0, 2)
+    log = (Polygon(tuple(map(tuple, corners.tolist())), 0.008), *LOG[1:])
+    angles = 0.2 + np.arange(views) * TAU / views
+    true = angles[0] + (angles - angles[0]) * rng.choice([357.0, 363.0]) / 360.0
+    phase, towards, aspect = rng.uniform(0.0, TAU, 3)
+    wobble = 0.3 * np.stack([np.cos(2.0 * true + phase), math.cos(aspect) * np.sin(2.0 * true + phase)], axis=1)
+    slide = np.stack([np.cos(towards - true), np.sin(towards - true)], axis=1)
+    moved = wobble + 0.9 * np.linspace(-0.5, 0.5, views)[:, None] * slide
+    lines = noisy(rays(log=log, angles=true, moved_mm=moved), seed)
+    fit = detector_fit(scanner(), lines, angles, FRAME, Rotation.AS_GIVEN)
+    assert abs(fit.cor_column_mm - FRAME.cor_column_mm) < 2.0 * fit.deviation[0] < 0.05

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from sawmill_tomography.drift.change import DetectorFit, DriftError
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.full_turn import opposite_rays_pair
@@ -46,7 +48,10 @@ def detector_fit(
         # Opposite rays are interpolated between cells at equal distances.
         flat = FlatDetector.of(scanner, start)
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
-        deviations, across_gaps = None if deviations is None else flat.resampled(deviations), flat.across_gaps
+        across_gaps = flat.across_gaps
+        if deviations is not None:
+            nearest = np.minimum(*(deviations[..., cells] for cells in flat.cells[1:3]))
+            deviations = np.maximum(flat.resampled(deviations), nearest)
     of_pairs = partial(
         few_view_fit, scanner, sinogram, angles_rad, start, rotation, deviations=deviations, interpolated=across_gaps
     )

@@ -123,7 +123,9 @@ def flat_centres_mm(scanner: Scanner, frame: SourceFrame) -> FloatArray:
 class FlatDetector:
     """Interpolation from a detector of modules to cells at equal distances on the line of the middle module.
 
-    The interpolation is cubic (Catmull and Rom 1974) inside a module, and linear across a gap.
+    The interpolation is cubic: inside a module by Catmull and Rom (1974), at its ends and across a gap by the
+    polynomial through two cells on either side. Linear interpolation would make the curved shadow of a log too light
+    in every view alike, which moves u_c by some hundredths of a millimetre.
 
     Attributes
     ----------
@@ -149,6 +151,9 @@ class FlatDetector:
         outer = np.clip(before - 1, 0, count - 1), np.clip(before + 2, 0, count - 1)
         inside = (module[outer[0]] == module[before + 1]) & (module[before] == module[outer[1]])
         linear = np.stack([np.zeros(count), 1.0 - t, t, np.zeros(count)])
+        cells = np.stack([outer[0], before, before + 1, outer[1]])
+        ends = (cells[0] == cells[1]) | (cells[2] == cells[3])
+        through = np.where(ends, linear, _lagrange(seen[cells], np.clip(wanted, seen[0], seen[-1])))
         cubic = 0.5 * np.stack(
             [
                 -t + 2.0 * t**2 - t**3,
@@ -157,8 +162,7 @@ class FlatDetector:
                 -(t**2) + t**3,
             ]
         )
-        weights, across = np.where(inside, cubic, linear), module[before] != module[before + 1]
-        return cls(np.stack([outer[0], before, before + 1, outer[1]]), weights, across)
+        return cls(cells, np.where(inside, cubic, through), module[before] != module[before + 1])
 
     def resampled(self, lines: Lines) -> Lines:
         """Interpolate values (..., cells)."""
@@ -167,3 +171,14 @@ class FlatDetector:
         for cells, weight in zip(self.cells[1:], weights[1:], strict=True):
             flat += lines[..., cells] * weight
         return flat
+
+
+def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
+    """Return the weights (nodes, points) of the values at nodes (nodes, points) in their polynomial at points."""
+    weights = np.ones_like(nodes)
+    for one in range(len(nodes)):
+        for other in range(len(nodes)):
+            if other != one:
+                apart = nodes[one] - nodes[other]
+                weights[one] *= (at - nodes[other]) / np.where(apart == 0.0, 1.0, apart)
+    return weights

@@ -165,14 +165,15 @@ def _opposite_rays(
     vector = seen_vector(pairs if pairs.settled else start)
     if pairs.motion is not None:
         times = scan_times(len(sinogram))[screening.views]
-        motions = ScanMotions.of_scan(pairs.rotation.apply(angles), times)
-        turned = motions.turned_rad @ pairs.motion
+        stated = pairs.rotation.apply(angles)
+        turned = ScanMotions.of_scan(stated, times).turned_rad @ pairs.motion
         if np.abs(turned).max() > MOST_TURNED * TAU / angles.size:
             return None
+        motions = ScanMotions.of_scan(stated + turned, times)
         # A log that moves across the beam by w moves rays by w / R of their fan angle (disturbances.undisturbed).
         swing = -(motions.moved_mm[0] @ pairs.motion) / start.source_distance_mm
         rays = shifted(scanner, vector, rays, swing)
-        angles = pairs.rotation.apply(pairs.rotation.apply(angles) + turned + swing)
+        angles = pairs.rotation.apply(stated + turned + swing)
     even, first_rad = even_views(rays, angles, every)
     fan, _ = fan_angles(scanner, vector)
     gain = view_gain(even, fan, reversed_turn=pairs.rotation is Rotation.REVERSED)

@@ -42,11 +42,6 @@ class MotionSizes(NamedTuple):
     shares: FloatArray
     found: bool
 
-    def at_least(self, earlier: "MotionSizes", motions: NDArray[np.bool_]) -> "MotionSizes":
-        """Return sizes that are not below the earlier ones for the marked motions, (motions,)."""
-        shares = np.where(motions, np.maximum(self.shares, earlier.shares), self.shares)
-        return MotionSizes(shares, self.found or earlier.found)
-
 
 class ScanMotions(NamedTuple):
     """Motions, each with an amplitude of one of its largest standard deviations.

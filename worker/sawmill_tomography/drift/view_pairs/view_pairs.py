@@ -44,6 +44,8 @@ SHOWN = 0.3
 ALWAYS = 4
 # Motions are fitted at most this number of times, from corrected angles and u_c, until corrections are small.
 ROUNDS, SMALL_TURN_RAD, SMALL_SHIFT_MM = 4, 1e-3, 0.05
+# Step of the turn's amplitude for the derivative of what other motions do.
+TURN_STEP = 0.01
 # Turns that are tried at first, as amplitudes.
 TRIED = np.linspace(-1.5, 1.5, 5)
 # A pattern larger than this number of its assumed standard deviations is rejected.
@@ -235,6 +237,24 @@ def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
     return deviations
 
 
+class _MotionEffects(NamedTuple):
+    """Effects of motions on the differences of a scan whose angles were corrected.
+
+    Attributes
+    ----------
+    changes : (pairs, motions) float64
+        Change of the differences by one standard deviation of the largest motions.
+    kinds : tuple of str
+        The kind of each motion.
+    corrected : (motions,) float64
+        Amplitudes for which the angles were corrected, whose changes are no longer in the differences.
+    """
+
+    changes: FloatArray
+    kinds: tuple[str, ...]
+    corrected: FloatArray
+
+
 class _PairSumsFit(NamedTuple):
     """A fit of u_c and tau in one sense of rotation, (2,), with SDD held.
 
@@ -303,21 +323,34 @@ def _disturbed(
 ) -> _PairSumsFit:
     """Fit from `near` with disturbances; `undisturbed` where they are larger than possible, or nothing settles."""
     motions = ScanMotions.of_scan(sums.angles_rad, times)
-    correction = np.zeros(len(motions.kinds))
+    amplitudes = np.zeros(len(motions.kinds))
     if undisturbed.unrest > UNREST:
-        correction = _likely_turn(sums, near, motions, hardened)
-    sizes: MotionSizes | None = MotionSizes(np.abs(correction), bool(correction.any()))
-    start = near
+        amplitudes = _likely_turn(sums, near, motions, hardened)
+    start, corrected = near, amplitudes
     for _ in range(ROUNDS):
-        turned = sums.turned(motions.turned_rad @ correction)
-        fit = _fit(turned, calibrated, start, motions=motions, sizes=sizes, hardened=hardened)
-        further, shift_mm = motions.turns * fit.amplitudes, abs(fit.vector[0] - start[0])
-        sizes, start = fit.sizes, np.append(fit.vector, near[2])
-        fit = fit._replace(amplitudes=fit.amplitudes + correction)
-        correction = correction + further
-        if np.abs(motions.turned_rad @ further).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
+        turned = sums.turned(motions.turned_rad @ corrected)
+        effects = _effects(turned, start, times, amplitudes)
+        fit = _fit(turned, calibrated, start, motions=effects, hardened=hardened)
+        shift_mm = abs(fit.vector[0] - start[0])
+        start, amplitudes, before = np.append(fit.vector, near[2]), fit.amplitudes, corrected
+        corrected = motions.turns * amplitudes
+        if np.abs(motions.turned_rad @ (corrected - before)).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
             break
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
+
+
+def _effects(sums: PairSums, vector: FloatArray, times: FloatArray, amplitudes: FloatArray) -> _MotionEffects:
+    """Return the effects of motions near these amplitudes, (motions,), for whose turn the sums were corrected.
+
+    The axis wobbles with the true angle, and a log slides with it: a further turn also changes what other motions do.
+    """
+    motions = ScanMotions.of_scan(sums.angles_rad, times)
+    turn, others = amplitudes * motions.turns, amplitudes * ~motions.turns
+    changes = sums.moved(vector, motions)
+    further = sums.turned(TURN_STEP * motions.turned_rad.sum(axis=1))
+    by_turn = further.moved(vector, ScanMotions.of_scan(further.angles_rad, times)) @ others - changes @ others
+    changes[:, motions.turns] += by_turn[:, None] / TURN_STEP
+    return _MotionEffects(changes, motions.kinds, turn)
 
 
 def _likely_turn(sums: PairSums, near: FloatArray, motions: ScanMotions, hardened: float) -> FloatArray:
@@ -343,15 +376,13 @@ def _fit(
     calibrated: FloatArray,
     start: FloatArray,
     *,
-    motions: ScanMotions | None = None,
-    sizes: MotionSizes | None = None,
+    motions: _MotionEffects | None = None,
     hardened: float = 1.0,
 ) -> _PairSumsFit:
     """Fit the pairs' differences by generalised least squares, with Gauss-Newton from the start.
 
     With `motions` the fit allows for bent line integrals, `hardened` times as much as usual, for an eccentric encoder
-    and for motions during the scan, as large as the differences show; `sizes` are those before the angles were
-    corrected.
+    and for motions during the scan, as large as the differences show.
     """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
@@ -360,21 +391,20 @@ def _fit(
     if motions is not None:
         patterns = np.hstack([hardened * sums.bends(start), math.sqrt(0.5) * encoder])
     white, gains = sums.whitening(start, patterns)
+    sizes, put_back = None, np.zeros(len(gains))
     if motions is not None:
-        changed, differences = sums.moved(start, motions), sums.differences(start)
+        differences, put_back = sums.differences(start), motions.changes @ motions.corrected
         explained = _explained(white @ sums.slopes(start, differences, 2), white @ gains)
-        found = motion_sizes(white @ differences, explained, white @ changed, motions.kinds)
-        # The turn that was corrected is as uncertain as before.
-        sizes = found if sizes is None else found.at_least(sizes, motions.turns)
-        changed *= sizes.shares
-        patterns = np.hstack([patterns, changed])
-        white = _whitened_further(white, changed)
+        sizes = motion_sizes(white @ (differences + put_back), explained, white @ motions.changes, motions.kinds)
+        changes = motions.changes * sizes.shares
+        patterns = np.hstack([patterns, changes])
+        white = _whitened_further(white, changes)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
         slopes = white @ sums.slopes(vector, differences, 2)
         covariance = np.linalg.inv(slopes.T @ slopes)
-        moved = np.clip(vector[:2] - covariance @ slopes.T @ (white @ differences), low, high)
+        moved = np.clip(vector[:2] - covariance @ slopes.T @ (white @ (differences + put_back)), low, high)
         small = np.abs(moved - vector[:2]) <= SMALL_STEP * np.sqrt(np.diag(covariance))
         vector = np.append(moved, start[2])
         if small.all():
@@ -382,7 +412,7 @@ def _fit(
             break
     left, right = sums.at(vector)
     slopes = white @ sums.slopes(vector, left - right, 3)
-    remaining, shown = white @ (left - right), white @ patterns
+    remaining, shown = white @ (left - right + put_back), white @ patterns
     scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown)
     moving = np.linalg.pinv(slopes[:, :2])
     sensitivity: FloatArray = -moving @ slopes[:, 2]
