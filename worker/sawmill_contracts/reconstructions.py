@@ -412,7 +412,9 @@ class ReconstructionResult(Contract):
     pixel_mm: float = Field(description="Side of a pixel, mm.", examples=[1.5625])
     unit: str = Field(description="Unit of the volume's values.", examples=["1/mm"])
     value_range: tuple[float, float] = Field(
-        description="0.1 and 99.9 percentile over the volume, in its unit.", examples=[[0.0, 0.031]]
+        description="0.1 and 99.9 percentile over the volume, in its unit; the second is at most 2.5 times the 97th "
+        "percentile, so that metal does not darken the wood.",
+        examples=[[0.0, 0.031]],
     )
     theta: Theta = Field(description="Geometry of the reconstruction.")
     rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])

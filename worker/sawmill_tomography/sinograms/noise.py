@@ -164,8 +164,8 @@ def likely_cause(*, displaced: bool) -> str:
             "scan or lies partly outside the field"
         )
     return (
-        ", and its edges lie where the views have them: the likely causes are beam hardening, scattered radiation, "
-        "blur, or rows far from the middle of the beam, not the geometry"
+        ", and its edges lie where the views have them: the likely causes are metal, beam hardening, scattered "
+        "radiation, blur, or rows far from the middle of the beam, not the geometry"
     )
 
 

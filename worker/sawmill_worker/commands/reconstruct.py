@@ -50,7 +50,8 @@ def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
     from sawmill_worker.pictures.images import image_png
 
     middle = volume_slice(volume, result.shape, result.shape[0] // 2)
-    return image_png(middle.data, pixel_mm=middle.pixel_mm, unit=middle.unit, title=f"{name}, {middle.label}")
+    title = f"{name}, {middle.label}"
+    return image_png(middle.data, pixel_mm=middle.pixel_mm, unit=middle.unit, window=result.value_range, title=title)
 
 
 def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
