@@ -156,12 +156,12 @@ class WebhookStore:
 
     def forget_deliveries(self) -> None:
         """Remove entries of deliveries that are older than `KEPT`, some at a time."""
-        old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
+        is_old = DeliveryRow.last_at < self._database.now() - KEPT
         with self._database.read() as session:
-            numbers = session.scalars(old.limit(_FORGOTTEN_AT_ONCE)).all()
+            numbers = session.scalars(select(DeliveryRow.number).where(is_old).limit(_FORGOTTEN_AT_ONCE)).all()
         if numbers:
-            with self._database.write() as session:
-                session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers)))
+            with self._database.write() as session:  # another attempt may have been noted since
+                session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers), is_old))
 
 
 def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) -> None:
