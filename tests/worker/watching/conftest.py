@@ -148,9 +148,9 @@ class Watched:
         return watch(self.settings, no_progress, once=True)
 
     def ended(self, place: str) -> dict[str, bytes]:
-        """Names and contents of the files in `done/` or `refused/`, without what is beside them."""
+        """Names and contents of the files in `done/` or `refused/`, without what is beside them or half written."""
         found = {path.name: path for path in (self.folder / place).glob("*/*")}
-        beside = (".json", ".reason.txt")
+        beside = (".json", ".reason.txt", ".part")
         return {name: path.read_bytes() for name, path in found.items() if not name.endswith(beside)}
 
     def note(self, name: str) -> dict[str, Any]:
