@@ -347,9 +347,10 @@ def _effects(sums: PairSums, vector: FloatArray, times: FloatArray, amplitudes: 
     motions = ScanMotions.of_scan(sums.angles_rad, times)
     turn, others = amplitudes * motions.turns, amplitudes * ~motions.turns
     changes = sums.moved(vector, motions)
-    further = sums.turned(TURN_STEP * motions.turned_rad.sum(axis=1))
-    by_turn = further.moved(vector, ScanMotions.of_scan(further.angles_rad, times)) @ others - changes @ others
-    changes[:, motions.turns] += by_turn[:, None] / TURN_STEP
+    if others.any():
+        further = sums.turned(TURN_STEP * motions.turned_rad.sum(axis=1))
+        by_turn = further.moved(vector, ScanMotions.of_scan(further.angles_rad, times)) @ others - changes @ others
+        changes[:, motions.turns] += by_turn[:, None] / TURN_STEP
     return _MotionEffects(changes, motions.kinds, turn)
 
 
