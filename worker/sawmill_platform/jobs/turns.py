@@ -100,8 +100,10 @@ def places(session: Session, selection: Selection = ANY) -> list[Place]:
     queued = select(*plain, type_coerce(JobRow.priority, Integer)).where(QUEUED, *selection.conditions())
     in_groups = session.connection().execute(queued.order_by(*_GROUP, JobRow.created_at, JobRow.id))
     groups = {key: [Place(*row[:3]) for row in rows] for key, rows in groupby(in_groups, key=itemgetter(4, 3))}
+    by_priority = groupby(turns(session, selection), key=attrgetter("priority"))
     # In a transaction that writes, PostgreSQL shows the second statement jobs that were added after the first one.
-    seen = [turn for turn in turns(session, selection) if (turn.priority.rank, turn.group_id) in groups]
-    by_priority = groupby(seen, key=attrgetter("priority"))
-    rounds = (zip_longest(*(groups[turn.priority.rank, turn.group_id] for turn in of_one)) for _, of_one in by_priority)
+    rounds = (
+        zip_longest(*(groups.get((turn.priority.rank, turn.group_id), ()) for turn in of_one))
+        for _, of_one in by_priority
+    )
     return [place for each in chain.from_iterable(rounds) for place in each if place is not None]

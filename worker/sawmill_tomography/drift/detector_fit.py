@@ -50,6 +50,7 @@ def detector_fit(
         sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
         across_gaps = flat.across_gaps
         if deviations is not None:
+            # Where they jump, a cubic overshoots: below 0 they would be no deviations.
             nearest = np.minimum(*(deviations[..., cells] for cells in flat.cells[1:3]))
             deviations = np.maximum(flat.resampled(deviations), nearest)
     of_pairs = partial(

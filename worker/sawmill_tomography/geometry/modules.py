@@ -124,8 +124,8 @@ def flat_centres_mm(scanner: Scanner, frame: SourceFrame) -> FloatArray:
 class FlatDetector:
     """Interpolation from a detector of modules to cells at equal distances on the line of the middle module.
 
-    Values come from the cubic polynomial through four cells, also across a gap. Linear interpolation
-    would make the curved shadow of a log too light there, in every view alike.
+    Values come from the cubic polynomial through four cells, also across a gap. Linear interpolation would make the
+    curved shadow of a log too light there, in every view alike.
 
     Attributes
     ----------

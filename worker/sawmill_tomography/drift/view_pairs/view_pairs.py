@@ -326,15 +326,14 @@ def _disturbed(
     amplitudes = np.zeros(len(motions.kinds))
     if undisturbed.unrest > UNREST:
         amplitudes = _likely_turn(sums, near, motions, hardened)
-    start, corrected = near, amplitudes
+    start = near
     for _ in range(ROUNDS):
-        turned = sums.turned(motions.turned_rad @ corrected)
-        effects = _effects(turned, start, times, amplitudes)
-        fit = _fit(turned, calibrated, start, motions=effects, hardened=hardened)
+        turned = sums.turned(motions.turned_rad @ amplitudes)
+        fit = _fit(turned, calibrated, start, motions=_effects(turned, start, times, amplitudes), hardened=hardened)
+        further_rad = motions.turned_rad @ (fit.amplitudes - amplitudes)
         shift_mm = abs(fit.vector[0] - start[0])
-        start, amplitudes, before = np.append(fit.vector, near[2]), fit.amplitudes, corrected
-        corrected = motions.turns * amplitudes
-        if np.abs(motions.turned_rad @ (corrected - before)).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
+        start, amplitudes = np.append(fit.vector, near[2]), fit.amplitudes
+        if np.abs(further_rad).max() < SMALL_TURN_RAD and shift_mm < SMALL_SHIFT_MM:
             break
     return fit if fit.settled and fit.largest_pattern < LARGEST else undisturbed
 
