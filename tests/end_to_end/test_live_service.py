@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
+from example_requests import add_what_is_decided, with_file
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
 from tiers import first_by_day
 
@@ -75,6 +76,15 @@ def seeded(live, first):
     return live
 
 
+@pytest.fixture(scope="module")
+def with_decisions(seeded):
+    """The live service with something to decide about as well."""
+    store = Store(StorageSettings(data_folder=seeded.data, database_url=None))
+    add_what_is_decided(store)
+    store.close()
+    return seeded
+
+
 # What deletes an example comes after what needs it. Nothing may be sent from here, so that there are no webhooks:
 # tests/service/test_examples.py tries theirs where there is one.
 IN_ORDER = sorted(
@@ -93,16 +103,12 @@ BY_DAY = {"ask_calibration", "upload_scan"}
     [path if path.stem in BY_DAY else pytest.param(path, marks=pytest.mark.nightly) for path in IN_ORDER],
     ids=lambda path: path.stem,
 )
-def test_the_console_can_try_every_operation(seeded, path):
+def test_the_console_can_try_every_operation(with_decisions, path):
+    seeded = with_decisions
     example = json.loads(path.read_text())
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
-        offered = seeded.get(example["body_file"])
-        if example["media_type"] == "multipart/form-data":
-            options |= {"data": example["body"], "files": {"file": offered.content}}
-        else:
-            options["content"] = offered.content
-            options["headers"] |= {"Content-Type": example["media_type"]}
+        options |= with_file(example, seeded.get(example["body_file"]).content)
     elif example["media_type"]:
         options["json"] = example["body"]
     # The examples hold no key: one that nobody has would guard nothing.
