@@ -101,6 +101,7 @@ class Adjustment(StrEnum):
     DEFORMATION = "deformation"
     BOW = "bow"
     SURFACE_DENSITY = "surface-density"
+    WOOD_DENSITY = "wood-density"
     CORNERS = "corners"
     PACE = "pace"
     CREEP = "creep"

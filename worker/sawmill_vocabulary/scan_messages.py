@@ -98,6 +98,13 @@ class EffectMessage(Message):
         "surface-density",
         N_("The wood within %(depth_mm).0f mm of the surface is %(change_percent).1f %% %(density)s."),
     )
+    WOOD_DENSITY = (
+        "wood-density",
+        N_(
+            "The wood's density seems to vary by %(deviation_percent).1f %% from place to place: by knots, a wet core, "
+            "or what other corrections leave."
+        ),
+    )
     BOW = "bow", N_("The phantom is bent in its plane by %(bow_mm).2g mm."), _STRAIGHT
     TAPER = (
         "taper",

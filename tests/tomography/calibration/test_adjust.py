@@ -100,7 +100,8 @@ def displaced_views(clean, *, moments=None, rng=None):  # noqa: ARG001 - every f
     clean[views] = np.roll(clean[views], 5, axis=1)
 
 
-# The fault, how it is reported, and what must be left out for the scan to fail: outliers would mend single cells too.
+# The fault, how it is reported, and what must be left out for the scan to fail: outliers would mend single cells too,
+# and densities of the wood's patches what rays through much wood have in common.
 FAULTS = {
     "hot cells": (hot_cells, "detector cells without a usable signal", [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS]),
     "dead cells": (
@@ -122,8 +123,16 @@ FAULTS = {
         "The views differ in gain or background",
         [Adjustment.VIEW_GAIN],
     ),
-    "beam hardening": (beam_hardening, "Beam hardening of -8", [Adjustment.BEAM_HARDENING]),
-    "sloping density": (sloping_density, "density slopes by 12", [Adjustment.DENSITY_GRADIENT]),
+    "beam hardening": (
+        beam_hardening,
+        "Beam hardening of -8",
+        [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY],
+    ),
+    "sloping density": (
+        sloping_density,
+        "density slopes by 12",
+        [Adjustment.DENSITY_GRADIENT, Adjustment.WOOD_DENSITY],
+    ),
     "blur": (blur, "A blur of 2.0", [Adjustment.BLUR]),
 }
 

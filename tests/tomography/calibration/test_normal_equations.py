@@ -1,5 +1,7 @@
 """The inner products of a view's derivatives are those of the forward model, whatever effects it has."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -7,9 +9,10 @@ from scipy.ndimage import correlate1d
 
 from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.faults.motion import harmonics, in_the_laboratory
-from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.normal_equations import WIDER, Column, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import PATCH_TERMS, WARPS, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
+from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
@@ -38,6 +41,8 @@ EFFECTS = {
     Term.TAPER_Y: -0.6,
     Term.THIN_SKIN: 0.1,
     Term.THICK_SKIN: -0.05,
+    PATCH_TERMS + 3: 0.2,
+    PATCH_TERMS + 40: -0.1,
 }
 
 
@@ -54,8 +59,16 @@ def scan(*, counts, effects, views=21, phantom=L_SHAPE):
     return ScanModel(phantom, data, counts, x, np.full((views, 1), 0.01), np.full((views, 1), 0.001), pose, sizes)
 
 
+def patches(model):
+    """The bodies that the wood's patches are, deformed and bent as the model's wood is."""
+    bow, taper = (tuple(map(model.size, terms)) for terms in (WARPS[:2], WARPS[2:]))
+    for shapes in wood_patches(model.drawing):
+        deformed = replace(model.drawing, shapes=shapes).deformed(model.size(Term.ASPECT), model.size(Term.SHEAR))
+        yield deformed.warped(bow, taper, model.drawing.radius_mm)
+
+
 def derivatives(model):
-    """Of the prediction by every term, in whole arrays: (terms, views, cells)."""
+    """Of the prediction by every term and every patch's density, in whole arrays: (terms, views, cells)."""
     raw, length, gain = model.deformations, model.deformations[7], model.gain
     size = model.size
     chain = gain * (1.0 + 2.0 * size(Term.HARDENING) * length + 3.0 * size(Term.HARDENING_CUBIC) * length**2)
@@ -80,14 +93,17 @@ def derivatives(model):
         across**2,
         *(np.zeros((3, *length.shape))),
         *model.by_wood,
+        *(chain * model.project(body) for body in patches(model)),
     ]
     intensity = np.exp(-model.exposed) if model.from_counts else np.ones_like(length)
     if model.taps.size:
         soft = correlate1d(intensity, model.taps, axis=1)
-        for term in set(Term) - {Term.OFFSET, Term.BLUR} - set(range(Term.SLOPE, len(Term))):
+        blurred = set(range(len(rows))) - {Term.OFFSET, Term.BLUR} - set(range(Term.SLOPE, len(Term)))
+        for term in blurred:
             rows[term] = correlate1d(rows[term] * intensity, model.taps, axis=1) / soft
     if model.from_counts:
         rows[: Term.SLOPE] = [row / (1.0 + model.added) for row in rows[: Term.SLOPE]]
+        rows[len(Term) :] = [row / (1.0 + model.added) for row in rows[len(Term) :]]
         rows[Term.SCATTER : Term.BOW_X] = [-row / (1.0 + model.added) for row in (*model.halos, model.lagging)]
     return np.stack(rows)
 
@@ -97,7 +113,7 @@ def derivatives(model):
 @pytest.mark.parametrize("phantom", [L_SHAPE, RECTANGLE_WITH_HOLE])
 def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     model = scan(counts=counts, effects=effects, phantom=phantom)
-    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)
+    grams, rows = ViewGrams(model, of_wood=True, of_patches=True), derivatives(model)
     weighted = rows * grams.weights
     rest = model.residual - (0.0 if grams.log_bias is None else grams.log_bias) - grams.stripes
     # By Cauchy and Schwarz: products that are small by cancellation keep the rounding of their terms.
@@ -109,18 +125,19 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     across_views = np.cos(model.data.angles_rad)
     columns = [*(Column.of(term) for term in Term), Column(((Term.T_X, across_views), (Term.T_Y, -across_views)))]
     sums = weighted.sum(axis=1)
-    sums = np.concatenate([sums, [across_views @ (weighted[Term.T_X] - weighted[Term.T_Y])]])
+    sums = np.concatenate([sums[: len(Term)], [across_views @ (weighted[Term.T_X] - weighted[Term.T_Y])]])
     moves = (rows[Term.T_X] - rows[Term.T_Y]) * across_views[:, None]
-    every = np.concatenate([rows, moves[None]])
+    every = np.concatenate([rows[: len(Term)], moves[None]])
     normal = np.einsum("pkm,km,qkm->pq", every, grams.weights, every) - (sums * grams.stripe_shares) @ sums.T
     size = np.sqrt(np.einsum("pkm,km,pkm->p", every, grams.weights, every)) + 1e-300
-    assert (np.abs(grams.system(columns).normal - normal) <= 1e-12 * np.outer(size, size)).all()
+    found = ViewGrams(model, of_wood=True).system(columns).normal
+    assert (np.abs(found - normal) <= 1e-12 * np.outer(size, size)).all()
 
 
 @pytest.mark.parametrize("terms", [[Term.PSI], [Term.OFFSET], [Term.GAIN, Term.OFFSET]])
 def test_what_is_taken_out_of_each_view_is_taken_out_of_all_its_rows(terms):
     model, precision = scan(counts=False, effects=True), 3.0
-    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)
+    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)[: len(Term)]
     wave = np.cos(model.data.angles_rad)
     columns = [Column.of(Term.R), Column.of(Term.PSI), Column(((Term.T_X, wave), (Term.T_Y, -wave)))]
     grams.project_out(terms, precision)
@@ -154,15 +171,44 @@ def test_inner_products_do_not_depend_on_the_number_of_threads():
     assert (found[0] == found[1]).all()
 
 
-def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_finds():
+def test_the_densities_of_patches_are_eliminated_with_their_prior():
+    """As one large system of equations with all densities, whose prior adds to the diagonal."""
+    model = scan(counts=False, effects=True)
+    columns = [Column.of(term) for term in (Term.R, Term.U_C, Term.T_X, Term.GAIN)]
+    grams, rows = ViewGrams(model, of_patches=True), derivatives(model)
+    own = [*(column.term for column in columns), *range(len(Term), len(rows))]
+    weighted = rows[own] * grams.weights
+    sums, rest = weighted.sum(axis=1), model.residual - grams.stripes
+    normal = np.einsum("pkm,qkm->pq", weighted, rows[own]) - (sums * grams.stripe_shares) @ sums.T
+    score, number = np.einsum("pkm,km->p", weighted, rest), len(columns)
+    variation = grams.vary_densities(columns)
+    noise = grams.power - score @ np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ score
+    precision = noise / (grams.samples - len(own)) / (WIDER * variation.deviation) ** 2
+    densities = np.array([model.size(term) for term in model.patch_terms])
+    normal[range(number, len(own)), range(number, len(own))] += precision
+    score[number:] -= precision * densities
+    system, best = grams.system(columns), np.linalg.solve(normal, score)
+    change = system.inverse(range(number)) @ system.score
+    _, found = system.with_patches(change)
+    # The largest density to be found is 0.2.
+    assert np.abs(found - best).max() < 1e-6 * np.abs(best).max()
+    assert np.allclose(system.inverse(range(number)), np.linalg.inv(normal)[:number, :number], rtol=1e-6)
+    power = grams.power + precision * densities @ densities
+    assert system.remaining(range(number)) == pytest.approx(power - score @ best, rel=1e-6)
+
+
+@pytest.mark.parametrize("of_patches", [False, True])
+def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_finds(of_patches):
     """Gains of the views are projected out, and the pose changes from view to view."""
     model = scan(counts=False, effects=False)
 
     def system_of(at):
-        grams = ViewGrams(at)
+        grams = ViewGrams(at, of_patches=of_patches)
         grams.project_out([Term.GAIN, Term.OFFSET], 0.0)
         base = [Column.of(term) for term in Term if term < Term.GAIN]
         base += in_the_laboratory(at, harmonics(at, 1))
+        if of_patches:
+            grams.vary_densities(base)
         modules = [Column.of(term) for term in at.module_terms]
         return grams, grams.system([*base, *modules]), list(range(len(base)))
 

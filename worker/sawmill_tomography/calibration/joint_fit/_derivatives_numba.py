@@ -99,14 +99,16 @@ def _soften(line, taps, padded):
 
 
 @njit(fastmath=_FAST)
-def _blur_rows(exposed, taps, from_counts, row):
-    """Blur the rows; where there are counts, blur the changes of intensity that the rows make."""
+def _blur_rows(exposed, taps, from_counts, row, intensity, soft):
+    """Blur the rows; where there are counts, blur the changes of intensity that the rows make.
+
+    The intensity before and after the blur, 1 where there are no counts, is filled in.
+    """
     cells = exposed.size
-    padded, intensity = np.empty(cells + taps.size), np.ones(cells)
-    if from_counts:
-        for m in range(cells):
-            intensity[m] = math.exp(-exposed[m])
-    soft = intensity.copy()
+    padded = np.empty(cells + taps.size)
+    for m in range(cells):
+        intensity[m] = math.exp(-exposed[m]) if from_counts else 1.0
+        soft[m] = intensity[m]
     _soften(soft, taps, padded)
     for p in range(_EXPOSURE + 1):
         if p not in (_OFFSET, _BLUR):
@@ -141,6 +143,58 @@ def _of_intensities(around, wide, lagging, added, row):
         row[_SCATTER + 2, m] = -lagging[m] / (1.0 + added[m])
 
 
+@njit(fastmath=_FAST)
+def _window(line):
+    """Return the first cell of a line (cells,) that is not 0, and the one behind the last."""
+    first, last = 0, line.size
+    while first < last and line[first] == 0.0:
+        first += 1
+    while last > first and line[last - 1] == 0.0:
+        last -= 1
+    return first, last
+
+
+@njit(fastmath=_FAST)
+def _blur_window(line, first, last, intensity, soft, taps):
+    """Blur a line (cells,) that is 0 outside a window, as `_blur_rows` does; return the wider window."""
+    reach = taps.size // 2
+    narrow = line[first:last].copy()
+    begin, end = max(first - reach, 0), min(last + reach, line.size)
+    line[begin:end] = 0.0
+    for i in range(last - first):
+        value = narrow[i] * intensity[first + i]
+        for j in range(2 * reach + 1):
+            at = (first + i + j - reach) % (2 * line.size)
+            line[min(at, 2 * line.size - 1 - at)] += taps[j] * value
+    for m in range(begin, end):
+        line[m] /= soft[m]
+    return begin, end
+
+
+@njit(fastmath=_FAST)
+def _products_of_windows(row, count, windows, of_patches, grams, scores):
+    """Fill the inner products of lines (patches, cells) that are 0 outside windows (patches, 2), and with the rows.
+
+    The rows before `count` are those of the other terms; the row `count` is the residual.
+    """
+    for n in range(windows.shape[0]):
+        first, last = windows[n]
+        own = grams.shape[0] - windows.shape[0] + n
+        for p in range(count + 1):
+            total = 0.0
+            for m in range(first, last):
+                total += row[p, m] * of_patches[n, m]
+            if p < count:
+                grams[own, p] = grams[p, own] = total
+            else:
+                scores[own] = total
+        for q in range(n + 1):
+            total = 0.0
+            for m in range(max(first, windows[q, 0]), min(last, windows[q, 1])):
+                total += of_patches[q, m] * of_patches[n, m]
+            grams[own, own - n + q] = grams[own - n + q, own] = total
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def inner_products(
     geometry,
@@ -158,6 +212,8 @@ def inner_products(
     kept_terms,
     by_column,
     by_wood,
+    patch_edges,
+    patches,
     products,
 ):
     """Fill the views' inner products, and the sums over views.
@@ -174,10 +230,11 @@ def inner_products(
     kept_terms : terms whose weighted rows are kept
     by_column : (rows, cells) factors of the derivative by u_c that give the rows of the detector's modules
     by_wood : (rows, views, cells) derivatives by further terms
+    patch_edges : (edges, 5) of the wood's patches; patches : (patches + 1,) where the edges of each begin
     products : grams (views, rows, rows), scores (views, rows), sums (blocks, rows, cells) of the weighted rows,
         of_column (blocks, rows + 1, cells) products of the weighted rows and of the residual with the derivative by
         u_c, kept (kept terms, views, cells), neighbours (views, 2): sum and sum of squares of neighbouring cells'
-        products; the rows of the detector's modules, then those of the further terms, follow those of the terms
+        products; the rows of the detector's modules, of the further terms and of the patches follow those of the terms
     """
     edges, discs, lines, t_x, t_y, angles, u_first, pitch, rays = geometry
     grams, scores, sums, of_column, kept, neighbours = products
@@ -185,11 +242,14 @@ def inner_products(
     around, wide, lagging, added = intensities
     from_counts = len(added) > 0
     of_modules, extra = by_column.shape[0], by_column.shape[0] + by_wood.shape[0]
-    count = TERMS + extra if from_counts or extra else _SCATTER
+    number = patches.size - 1
+    count = TERMS + extra if from_counts or extra or number else _SCATTER
     for block in prange(sums.shape[0]):
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + extra + ROWS_AT_ONCE, cells))
         of_rows = np.empty((count + 1, count + 1))
         lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
+        intensity, soft = np.empty(cells), np.empty(cells)
+        of_patches, windows = np.empty((number, cells)), np.empty((number, 2), np.int64)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
             raw[:] = 0.0
@@ -206,7 +266,7 @@ def inner_products(
             for m in range(cells):
                 row[_CORNERS, m] = at[PARAMETERS, m] * chain[m]
             if taps.size > 0:
-                _blur_rows(exposed[k], taps, from_counts, row)
+                _blur_rows(exposed[k], taps, from_counts, row, intensity, soft)
             _by_blur(blurred[k], from_counts, row)
             for m in range(cells):
                 across = (m + 0.5) / cells - 0.5
@@ -220,6 +280,21 @@ def inner_products(
             for n in range(of_modules, extra):
                 for m in range(cells):
                     row[TERMS + n, m] = by_wood[n - of_modules, k, m]
+            at = lengths[0]
+            for n in range(number):
+                at[PARAMETERS] = 0.0
+                some = patch_edges[patches[n] : patches[n + 1]]
+                _view(k, some, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
+                line = of_patches[n]
+                first, last = _window(at[PARAMETERS])
+                for m in range(first, last):
+                    line[m] = at[PARAMETERS, m] * chain[m]
+                if taps.size > 0:
+                    first, last = _blur_window(line, first, last, intensity, soft, taps)
+                windows[n] = first, last
+                if from_counts:
+                    for m in range(first, last):
+                        line[m] /= 1.0 + added[k, m]
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])
@@ -227,11 +302,17 @@ def inner_products(
                 for m in range(cells):
                     row[p, m] *= chain[m]
                     sums[block, p, m] += chain[m] * row[p, m]
+            for n in range(number):
+                own = TERMS + extra + n
+                for m in range(windows[n, 0], windows[n, 1]):
+                    of_patches[n, m] *= chain[m]
+                    sums[block, own, m] += chain[m] * of_patches[n, m]
+                    of_column[block, own, m] += row[_U_C, m] * of_patches[n, m]
             for p in range(count):
                 for m in range(cells):
                     of_column[block, p, m] += row[_U_C, m] * row[p, m]
             for m in range(cells):
-                of_column[block, TERMS + extra, m] += row[_U_C, m] * row[count, m]
+                of_column[block, TERMS + extra + number, m] += row[_U_C, m] * row[count, m]
             for n in range(kept_terms.size):
                 for m in range(cells):
                     kept[n, k, m] = chain[m] * row[kept_terms[n], m]
@@ -246,6 +327,7 @@ def inner_products(
                 scores[k, p] = of_rows[count, p]
                 for q in range(count):
                     grams[k, p, q] = of_rows[p, q]
+            _products_of_windows(row, count, windows, of_patches, grams[k], scores[k])
 
 
 @njit(cache=True, fastmath=_FAST)

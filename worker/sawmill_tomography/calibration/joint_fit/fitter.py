@@ -34,7 +34,8 @@ from sawmill_tomography.calibration.fit import OnStep, ignore_progress
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.patch_densities import Variation
 from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, other_motions, other_reading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
@@ -42,7 +43,6 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     FITTED,
     ON_DETECTOR,
     STRUCTURES,
-    UNTRUSTED,
     EffectTest,
     EffectTester,
     chance_limit,
@@ -86,12 +86,16 @@ def fit_jointly(
     """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
 
     Where effects of real wood are beyond chance next to this fit, the fit is repeated with them from the start: other
-    effects may have joined in their place.
+    effects may have joined in their place. So it is where the wood's density varies from place to place, with a density
+    of each patch.
     """
     fitter = JointFitter(prepared, frozenset(without), EFFECTS)
     fitter.fit(on_step)
     if fitter.shows(OF_WOOD):
         fitter = JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD))
+        fitter.fit(on_step)
+    if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
+        fitter = JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD), of_patches=True)
         fitter.fit(on_step)
     return fitter.result()
 
@@ -123,7 +127,14 @@ def fit_consistent_views(
 class JointFitter:
     """The current model, the effects in the model and the effects that may still join."""
 
-    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], effects: Sequence[Effect]) -> None:
+    def __init__(
+        self,
+        prepared: AdjustedFit,
+        without: frozenset[Adjustment],
+        effects: Sequence[Effect],
+        *,
+        of_patches: bool = False,
+    ) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
         self.without = without
         self.model = ScanModel(
@@ -139,6 +150,8 @@ class JointFitter:
         self.base = [Column.of(term) for term in Term if term <= Term.OFFSET and term not in held]
         self.waiting = self._of_effects(effects)
         self.of_wood = effects is not EFFECTS
+        self.variation: Variation | None = None
+        self.of_patches = of_patches
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
@@ -174,13 +187,30 @@ class JointFitter:
         """
         if not self.fitted and self.correlation <= UNCORRELATED:
             return False
-        step = max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
-        grams = ViewGrams(self.model.every(step), of_wood=True)
-        base = [*self._project_out(grams), *(column.every(step) for one in self.fitted for column in one.columns)]
+        grams = ViewGrams(self.model.every(self._screening_step), of_wood=True)
+        base = self._screened(grams)
         tried = [one.columns for one in self._of_effects(effects)]
         tester = EffectTester(grams.system([*base, *chain.from_iterable(tried)]), range(len(base)))
         ends = accumulate(map(len, tried), initial=len(base))
         return any(tester.tested(range(start, end)).is_beyond_chance() for start, end in pairwise(ends))
+
+    def shows_varying_density(self) -> bool:
+        """Return whether some of the views show, next to a fit that has ended, that the wood's density varies."""
+        system, _, used, *_ = self.last
+        if system.structured / STRUCTURES <= system.variance(used):
+            return False
+        model = self.model.every(self._screening_step)
+        grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
+        return _varies(grams.vary_densities(self._screened(grams)))
+
+    @property
+    def _screening_step(self) -> int:
+        return max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
+
+    def _screened(self, grams: ViewGrams) -> list[Column]:
+        """Return the fit's columns in the views that are looked at first, without the views' random effects."""
+        fitted = (column.every(self._screening_step) for one in self.fitted for column in one.columns)
+        return [*self._project_out(grams), *fitted]
 
     def round(self) -> bool:
         """Let significant effects join, and take one step; return whether the fit has ended."""
@@ -206,8 +236,8 @@ class JointFitter:
         remaining = max(system.power - float(change @ system.score), 0.0)
         self.variance = remaining / max(system.samples - len(used), 1.0)
         small = is_small(self.model, system, used, change, self.variance)
-        may_rise = BY_ANGLES if small or self.angle_variance > 0.0 else ROUNDING
-        self.model, share = stepped(self.model, system.columns, change, grams, may_rise=may_rise)
+        may_rise = BY_ANGLES if small or self.angle_variance > 0.0 or self.of_patches else ROUNDING
+        self.model, share = stepped(self.model, *system.with_patches(change), grams, may_rise=may_rise)
         for one in self.fitted:
             one.sizes = one.sizes + share * change[one.places]
         self.last = system, tried, used, change, tests, grams
@@ -240,6 +270,7 @@ class JointFitter:
             other,
             tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
             self.angle_variance,
+            self.variation if self.variation is not None and _varies(self.variation) else None,
             tuple(self._hidden_modules(grams, system, used)),
             self._hidden_motions(grams, system, tests, used),
             converged=self.converged,
@@ -248,12 +279,15 @@ class JointFitter:
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
-        grams = ViewGrams(self.model, of_wood=self.of_wood)
+        grams = self._grams()
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
-            grams = ViewGrams(self.model, of_wood=self.of_wood)
+            grams = self._grams()
         self.correlation = grams.correlation
         return grams, self._project_out(grams)
+
+    def _grams(self) -> ViewGrams:
+        return ViewGrams(self.model, of_wood=self.of_wood, of_patches=self.of_patches)
 
     def _project_out(self, grams: ViewGrams) -> list[Column]:
         """Project out the views' random effects, and return the columns always fitted."""
@@ -276,6 +310,8 @@ class JointFitter:
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         used = list(range(len(base)))
         slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
+        if self.of_patches:
+            self.variation = grams.vary_densities(base)
         view = likeliest_slip(base, *grams.of_columns(base)) if slips < MOST_SLIPS else None
         if view is not None:
             trials, declined = float(len(grams.scores)), Adjustment.SLIP in self.without
@@ -542,6 +578,10 @@ class JointFitter:
                 break
             dropped.append(weakest)
         return dropped
+
+
+def _varies(variation: Variation) -> bool:
+    return variation.likelihood > chance_limit(FITTED, 1)
 
 
 def _best_change(system: System, used: list[int]) -> FloatArray:

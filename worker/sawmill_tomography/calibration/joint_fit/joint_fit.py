@@ -13,6 +13,7 @@ from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
+from sawmill_tomography.calibration.joint_fit.patch_densities import Variation
 from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
@@ -38,6 +39,8 @@ class JointFit:
         Motions that explain almost as much as a fitted motion.
     angle_variance : float
         Variance of the views' angles, rad^2; 0 where the angles do not scatter.
+    variation : Variation or None
+        How much the wood's density varies from patch to patch; None where all patches have one density.
     hidden_modules : tuple of tuples of HiddenModule
         Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
     hidden_motions : HiddenMotions or None
@@ -54,6 +57,7 @@ class JointFit:
     other_reading: OtherReading | None
     other_motions: tuple[OtherReading, ...]
     angle_variance: float
+    variation: Variation | None
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
     hidden_motions: HiddenMotions | None
     converged: bool

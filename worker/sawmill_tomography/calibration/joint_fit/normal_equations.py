@@ -7,7 +7,7 @@ that scatter from view to view are a random effect too.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scal
 from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
+from sawmill_tomography.calibration.joint_fit.patch_densities import Variation, variation
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ALWAYS_DIFFERENTIATED,
@@ -31,6 +32,11 @@ from sawmill_tomography.statistics.robust import robust_deviation
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
 # An eigenvalue of the views' random effects below this share of the largest is zero within rounding.
 SINGULAR = 1e-12
+# At least this share of the structured residual remains: what a step explains is only known to first order.
+UNTRUSTED = 0.1
+# Densities of neighbouring patches are often alike. Other effects would explain that beside a prior of independent
+# densities, so the prior is wider by this factor (benchmarks/families.py).
+WIDER = 3.0
 # Offsets of views scatter where their power exceeds noise by this number of standard deviations.
 SCATTERS = 4.0
 
@@ -38,8 +44,8 @@ SCATTERS = 4.0
 # cell shares over the views is set to ALONE, in variances of a sample.
 ODD, ALONE = 6.0, 1e6
 
-# A part of a column: a term's derivative, in all views alike or times a shape (views,). A whole number from
-# `MODULE_TERMS` on is a gap or kink (`gap_term`, `kink_term`).
+# A part of a column: a term's derivative, in all views alike or times a shape (views,). Numbers from `PATCH_TERMS`
+# on are densities of patches of wood, those from `MODULE_TERMS` on gaps and kinks (`gap_term`, `kink_term`).
 Part = tuple[int, FloatArray | None]
 
 
@@ -73,7 +79,8 @@ class Column:
 class ViewGrams:
     """Inner products, view by view, of the derivatives by all terms with each other and with the residual.
 
-    The derivatives by the terms of `OF_WOOD` are among them only if `of_wood` is true.
+    The derivatives by the terms of `OF_WOOD` are among them only if `of_wood` is true, those by the densities of the
+    wood's patches only if `of_patches` is.
 
     Attributes
     ----------
@@ -91,7 +98,7 @@ class ViewGrams:
         The mean of products of neighbouring cells' residuals, in its standard deviations.
     """
 
-    def __init__(self, model: ScanModel, *, of_wood: bool = False) -> None:
+    def __init__(self, model: ScanModel, *, of_wood: bool = False, of_patches: bool = False) -> None:
         data, residual = model.data, model.residual
         noise = sample_noise(data, residual, model.prediction)
         self.weights = noise.weights
@@ -105,7 +112,8 @@ class ViewGrams:
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
         views, cells = residual.shape
         by_column, by_wood = model.module_rows, model.by_wood if of_wood else np.empty((0, views, cells))
-        further = (*model.module_terms, *(OF_WOOD if of_wood else ()))
+        patch_edges, patches = model.patch_edges if of_patches else (np.empty((0, 5)), np.zeros(1, np.intp))
+        further = (*model.module_terms, *(OF_WOOD if of_wood else ()), *(model.patch_terms if of_patches else ()))
         rows = ALWAYS_DIFFERENTIATED + len(further)
         self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
@@ -130,10 +138,15 @@ class ViewGrams:
             np.array([*KEPT, Term.U_C]),
             by_column,
             by_wood,
+            patch_edges,
+            patches,
             (self.grams, self.scores, sums, of_column, weighted, neighbours),
         )
         self._weighted, self._by_column = weighted[:-1], weighted[-1]
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
+        self._patches = tuple(map(Column.of, model.patch_terms)) if of_patches else ()
+        self._densities = np.array([model.size(term) for term in model.patch_terms]) if of_patches else np.empty(0)
+        self._density_precision = 0.0
         # The inner products before anything is projected out, and the precision of each term projected out.
         self._whole, self._precisions = (self.grams, self.scores), dict[Term, float]()
         count = views * (cells - 1)
@@ -221,8 +234,39 @@ class ViewGrams:
         combine(terms, shapes, self.grams, self.scores, grams, scores)
         return grams, scores
 
+    def vary_densities(self, columns: Sequence[Column]) -> Variation:
+        """Estimate the variation of the patches' densities next to these columns; they are eliminated from now on."""
+        whole = self._system([*columns, *self._patches])
+        fixed, patches = list(range(len(columns))), slice(len(columns), None)
+        taken = whole.normal[patches, fixed] @ whole.inverse(fixed)
+        normal = whole.normal[patches, patches] - taken @ whole.normal[fixed, patches]
+        score = whole.score[patches] - taken @ whole.score[fixed] + normal @ self._densities
+        # Where the patches are hardly distinguished, what they explain together is uncertain.
+        noise = max(whole.variance(fixed) - whole.structured / whole.samples, whole.variance(range(len(whole.columns))))
+        found = variation(normal, score, noise)
+        self._density_precision = noise / (WIDER * found.deviation) ** 2
+        return found
+
     def by_cell(self, columns: Sequence[Column]) -> "CellProducts":
         """Compute each cell's part of the inner products of the derivative by u_c, without the part of the stripes."""
+        if not self._patches:
+            return self._by_cell(columns)
+        number, products = len(columns), self._by_cell([*columns, *self._patches])
+        whole = self._system([*columns, *self._patches])
+        normal, score = self._with_prior(whole.normal[number:, number:], whole.score[number:])
+        with_patches = products.with_columns[number:]
+        inverse = scaled_inverse(normal)
+        values, vectors = np.linalg.eigh(inverse)
+        taken = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ with_patches
+        return replace(
+            products,
+            with_columns=products.with_columns[:number] - whole.normal[:number, number:] @ inverse @ with_patches,
+            score=products.score - inverse @ score @ with_patches,
+            taken=np.concatenate([products.taken, taken]),
+            by_stripes=np.concatenate([products.by_stripes, np.zeros_like(taken)]),
+        )
+
+    def _by_cell(self, columns: Sequence[Column]) -> "CellProducts":
         of_stripes, sums = self.stripe_shares * self._sums[Term.U_C], self._sums_of(columns)
         of_kept = cache(self._of_kept)
         with_columns = np.zeros((len(columns), self._count.size))
@@ -265,8 +309,35 @@ class ViewGrams:
                 products[:, :, number] += of_term if shape is None else shape[:, None] * of_term
         return products
 
+    def _with_prior(self, normal: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the normal equations of the patches' densities with their prior."""
+        precision = self._density_precision
+        return normal + precision * np.eye(len(normal)), score - precision * self._densities
+
     def system(self, columns: Sequence[Column]) -> "System":
-        """Compute the normal equations of these columns."""
+        """Compute the normal equations of these columns, the densities of the wood's patches eliminated."""
+        if not self._patches:
+            return self._system(columns)
+        number, whole = len(columns), self._system([*columns, *self._patches])
+        normal, score = self._with_prior(whole.normal[number:, number:], whole.score[number:])
+        inverse = scaled_inverse(normal)
+        taken, densities = inverse @ whole.normal[number:, :number], inverse @ score
+        # The columns without what the densities take up of them, and the residual at the best densities.
+        left = np.concatenate([np.eye(number), -taken])
+        explained = float(score @ densities) - self._density_precision * float(self._densities @ self._densities)
+        return System(
+            tuple(columns),
+            left.T @ whole.grams @ left,
+            (whole.scores - whole.grams[:, :, number:] @ densities) @ left,
+            whole.score[:number] - score @ taken,
+            whole.normal[:number, :number] - whole.normal[:number, number:] @ taken,
+            max(whole.power - explained, 0.0),
+            max(whole.structured - explained, UNTRUSTED * whole.structured),
+            whole.samples,
+            Patches(self._patches, densities, taken),
+        )
+
+    def _system(self, columns: Sequence[Column]) -> "System":
         grams, scores = self.of_columns(columns)
         sums = self._sums_of(columns)
         normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
@@ -321,6 +392,24 @@ class CellProducts:
 
 
 @dataclass(frozen=True, eq=False)
+class Patches:
+    """The patches of the wood, which are eliminated from a system.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+    change : (patches,) float64
+        The best change of the densities where nothing else changes.
+    taken : (patches, n) float64
+        How much less it is for each unit of change of the system's columns.
+    """
+
+    columns: tuple[Column, ...] = ()
+    change: FloatArray = field(default_factory=lambda: np.empty(0))
+    taken: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
 class System:
     """Normal equations of some columns.
 
@@ -334,6 +423,8 @@ class System:
         Power of the residual.
     structured : float
         The part of `power` that neighbouring cells share.
+    patches : Patches
+        The wood's patches; none where the model has one density.
     """
 
     columns: tuple[Column, ...]
@@ -344,6 +435,13 @@ class System:
     power: float
     structured: float
     samples: float
+    patches: Patches = field(default_factory=Patches)
+
+    def with_patches(self, change: FloatArray) -> tuple[tuple[Column, ...], FloatArray]:
+        """Return all columns and their change, those of the patches with their best change next to this one."""
+        patches = self.patches
+        of_patches = patches.change - patches.taken @ change if patches.columns else patches.change
+        return (*self.columns, *patches.columns), np.concatenate([change, of_patches])
 
     def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
         """Return, to first order, the system of a model without the columns in these places, which have these sizes."""

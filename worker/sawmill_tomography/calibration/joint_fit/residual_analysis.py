@@ -76,6 +76,9 @@ def analyse_residual(
 def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
     if joint.model.view_gain:
         yield FoundEffect(Adjustment.VIEW_GAIN, EffectMessage.VIEW_GAIN(), 0.0, fitted=True)
+    if joint.variation is not None:
+        varies = EffectMessage.WOOD_DENSITY(deviation_percent=100.0 * joint.variation.deviation)
+        yield FoundEffect(Adjustment.WOOD_DENSITY, varies, 0.0, fitted=True)
     if joint.angle_variance > 0.0:
         deviation = math.sqrt(joint.angle_variance)
         moved_mm = deviation * joint.model.drawing.radius_mm

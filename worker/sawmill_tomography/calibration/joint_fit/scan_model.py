@@ -10,13 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
 from sawmill_tomography.calibration.joint_fit.skins import skin
+from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom, Shape
@@ -73,8 +76,15 @@ WARPS = (Term.BOW_X, Term.BOW_Y, Term.TAPER_X, Term.TAPER_Y)
 OF_WOOD = (*WARPS, Term.THIN_SKIN, Term.THICK_SKIN)
 ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
+# Terms from here on are the shares by which the wood is denser in each patch (`wood_patches`); there are fewer patches.
+PATCH_TERMS, MOST_PATCHES = len(Term), 10_000
 # Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
-MODULE_TERMS = len(Term)
+MODULE_TERMS = PATCH_TERMS + MOST_PATCHES
+
+
+def is_of_patch(term: int | None) -> bool:
+    """Return whether a term is the density of the wood in a patch."""
+    return term is not None and PATCH_TERMS <= term < MODULE_TERMS
 
 
 def gap_term(first_cell: int) -> int:
@@ -103,7 +113,7 @@ def first_cell(term: int) -> int:
 
 
 # The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
-LARGEST = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
+LARGEST: dict[int, float] = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
@@ -123,8 +133,8 @@ class ScanModel:
     x : (7,) float64
         Unknowns of the plain model, in the order of `FitParameter`.
     gain, offset : (views, 1) float64
-    sizes : mapping of Term to float
-        Sizes of the terms after OFFSET; absent terms are 0.
+    sizes : mapping of int to float
+        Sizes of the terms after OFFSET, and of the wood's patches; absent terms are 0.
     pose : (views, 3) float64
         Changes of (psi, t_x, t_y) in each view, in radians and mm.
     view_gain : bool
@@ -138,10 +148,10 @@ class ScanModel:
     gain: FloatArray
     offset: FloatArray
     pose: FloatArray
-    sizes: Mapping[Term, float] = field(default_factory=dict)
+    sizes: Mapping[int, float] = field(default_factory=dict)
     view_gain: bool = False
 
-    def size(self, term: Term) -> float:
+    def size(self, term: int) -> float:
         """Return the size of an effect; 0 where the model does not have the effect."""
         return self.sizes.get(term, 0.0)
 
@@ -165,7 +175,32 @@ class ScanModel:
             if self.size(term)
             for shape in skin(self.drawing, depth_mm)
         ]
-        return (*rounded.shapes, *skins)
+        return (*rounded.shapes, *skins, *self._denser_patches)
+
+    @property
+    def _denser_patches(self) -> tuple[Shape, ...]:
+        """Shapes that make the wood denser in patches, before deformations."""
+        if not any(map(is_of_patch, self.sizes)):
+            return ()
+        return tuple(
+            replace(shape, density=self.size(term) * shape.density)
+            for term, shapes in zip(self.patch_terms, wood_patches(self.drawing), strict=True)
+            if self.size(term)
+            for shape in shapes
+        )
+
+    @property
+    def patch_terms(self) -> tuple[int, ...]:
+        """The terms of the wood's patches."""
+        return tuple(range(PATCH_TERMS, PATCH_TERMS + len(wood_patches(self.drawing))))
+
+    @property
+    def patch_edges(self) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Edges (edges, 5) of all patches one after another, and where each begins and the last ends (patches + 1,)."""
+        patches = wood_patches(self.drawing)
+        warped = iter(self._warped([shape for shapes in patches for shape in shapes]).shapes)
+        bodies = [replace(self.drawing, shapes=tuple(islice(warped, len(shapes)))) for shapes in patches]
+        return np.concatenate([body.edges for body in bodies]), np.cumsum([0, *(len(body.edges) for body in bodies)])
 
     def _warped(self, shapes: Sequence[Shape], more: Term | None = None, by_mm: float = 0.0) -> Phantom:
         """Return a body of these shapes with the model's deformations, one of `WARPS` being larger by `by_mm`."""
@@ -454,16 +489,15 @@ class ScanModel:
         for number, change in scalars.items():
             if is_of_module(number):
                 continue
-            term = Term(number)
-            if term < Term.GAIN:
-                x[term] += change
-            elif term is Term.GAIN:
+            if number < Term.GAIN:
+                x[number] += change
+            elif number == Term.GAIN:
                 gain = gain + change
-            elif term is Term.OFFSET:
+            elif number == Term.OFFSET:
                 offset = offset + change
             else:
-                size = self.size(term) + change
-                sizes[term] = min(max(size, 0.0), LARGEST[term]) if term in LARGEST else size
+                size = self.size(number) + change
+                sizes[number] = min(max(size, 0.0), LARGEST[number]) if number in LARGEST else size
         if any(is_of_module(term) for term in scalars):
             modules = tuple(
                 replace(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
-from sawmill_tomography.calibration.joint_fit.normal_equations import System
+from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
@@ -25,8 +25,6 @@ SINGULAR = 1e-7
 STRUCTURES = 100.0
 # The same number for an effect that stays in place on the detector, while the drawing and the wood turn.
 ON_DETECTOR = 400.0
-# At least this share of the structured residual remains: what a step explains is only known to first order.
-UNTRUSTED = 0.1
 # Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
 RIDGE = 1e-6
 
