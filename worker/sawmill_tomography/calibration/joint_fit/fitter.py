@@ -64,6 +64,8 @@ MOST_SLIPS = 2
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
+# Densities of the wood's patches are fitted where they explain more than this share of the structured residual.
+LEAST_EXPLAINED = 0.5
 # The largest number of effects that join together.
 MOST_TOGETHER = 6
 # Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
@@ -201,7 +203,12 @@ class JointFitter:
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
-        return _varies(grams.vary_densities(self._screened(grams)))
+        columns = self._screened(grams)
+        uniform, own = grams.system(columns), range(len(columns))
+        if not _varies(grams.vary_densities(columns)):
+            return False
+        explained = uniform.remaining(own) - grams.system(columns).remaining(own)
+        return explained > LEAST_EXPLAINED * uniform.structured
 
     @property
     def _screening_step(self) -> int:

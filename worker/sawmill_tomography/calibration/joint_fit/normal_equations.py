@@ -249,19 +249,18 @@ class ViewGrams:
 
     def by_cell(self, columns: Sequence[Column]) -> "CellProducts":
         """Compute each cell's part of the inner products of the derivative by u_c, without the part of the stripes."""
-        if not self._patches:
+        if not self._density_precision:
             return self._by_cell(columns)
         number, products = len(columns), self._by_cell([*columns, *self._patches])
+        of_columns, of_patches = products.with_columns[:number], products.with_columns[number:]
         whole = self._system([*columns, *self._patches])
-        normal, score = self._with_prior(whole.normal[number:, number:], whole.score[number:])
-        with_patches = products.with_columns[number:]
-        inverse = scaled_inverse(normal)
+        inverse, score = self._densities_alone(whole)
         values, vectors = np.linalg.eigh(inverse)
-        taken = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ with_patches
+        taken = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ of_patches
         return replace(
             products,
-            with_columns=products.with_columns[:number] - whole.normal[:number, number:] @ inverse @ with_patches,
-            score=products.score - inverse @ score @ with_patches,
+            with_columns=of_columns - whole.normal[:number, number:] @ inverse @ of_patches,
+            score=products.score - inverse @ score @ of_patches,
             taken=np.concatenate([products.taken, taken]),
             by_stripes=np.concatenate([products.by_stripes, np.zeros_like(taken)]),
         )
@@ -309,18 +308,18 @@ class ViewGrams:
                 products[:, :, number] += of_term if shape is None else shape[:, None] * of_term
         return products
 
-    def _with_prior(self, normal: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the normal equations of the patches' densities with their prior."""
-        precision = self._density_precision
-        return normal + precision * np.eye(len(normal)), score - precision * self._densities
+    def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
+        """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""
+        count, precision = len(self._patches), self._density_precision
+        normal = whole.normal[-count:, -count:] + precision * np.eye(count)
+        return scaled_inverse(normal), whole.score[-count:] - precision * self._densities
 
     def system(self, columns: Sequence[Column]) -> "System":
-        """Compute the normal equations of these columns, the densities of the wood's patches eliminated."""
-        if not self._patches:
+        """Compute the normal equations of these columns, the densities of patches eliminated (`vary_densities`)."""
+        if not self._density_precision:
             return self._system(columns)
         number, whole = len(columns), self._system([*columns, *self._patches])
-        normal, score = self._with_prior(whole.normal[number:, number:], whole.score[number:])
-        inverse = scaled_inverse(normal)
+        inverse, score = self._densities_alone(whole)
         taken, densities = inverse @ whole.normal[number:, :number], inverse @ score
         # The columns without what the densities take up of them, and the residual at the best densities.
         left = np.concatenate([np.eye(number), -taken])
