@@ -7,7 +7,7 @@ that scatter from view to view are a random effect too.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -403,9 +403,9 @@ class Patches:
         How much less it is for each unit of change of the system's columns.
     """
 
-    columns: tuple[Column, ...] = ()
-    change: FloatArray = field(default_factory=lambda: np.empty(0))
-    taken: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    columns: tuple[Column, ...]
+    change: FloatArray
+    taken: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,8 +422,8 @@ class System:
         Power of the residual.
     structured : float
         The part of `power` that neighbouring cells share.
-    patches : Patches
-        The wood's patches; none where the model has one density.
+    patches : Patches or None
+        The wood's patches; None where the model has one density.
     """
 
     columns: tuple[Column, ...]
@@ -434,13 +434,14 @@ class System:
     power: float
     structured: float
     samples: float
-    patches: Patches = field(default_factory=Patches)
+    patches: Patches | None = None
 
     def with_patches(self, change: FloatArray) -> tuple[tuple[Column, ...], FloatArray]:
         """Return all columns and their change, those of the patches with their best change next to this one."""
         patches = self.patches
-        of_patches = patches.change - patches.taken @ change if patches.columns else patches.change
-        return (*self.columns, *patches.columns), np.concatenate([change, of_patches])
+        if patches is None:
+            return self.columns, change
+        return (*self.columns, *patches.columns), np.concatenate([change, patches.change - patches.taken @ change])
 
     def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
         """Return, to first order, the system of a model without the columns in these places, which have these sizes."""
