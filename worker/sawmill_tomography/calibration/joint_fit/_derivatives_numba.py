@@ -256,15 +256,19 @@ def inner_products(
             _view(k, edges, discs, lines, t_x, t_y, angles, u_first, pitch, cells, rays, raw, 2, left, right)
             beta = angles[k] + lines[0, 2]
             _of_line_integrals(raw, gain[k, 0], math.cos(beta), math.sin(beta), sizes, chain, row)
-            lengths[:, PARAMETERS] = 0.0
+            lengths[:2, PARAMETERS] = 0.0
             for end in range(2):
                 at = lengths[end]
                 _view(k, edges, discs, lines, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
             _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
             at = lengths[2]
-            _view(k, corner_edges, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
-            for m in range(cells):
-                row[_CORNERS, m] = at[PARAMETERS, m] * chain[m]
+            for n in range(-1, number):
+                at[PARAMETERS] = 0.0
+                some = patch_edges[patches[n] : patches[n + 1]] if n >= 0 else corner_edges
+                _view(k, some, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
+                line = of_patches[n] if n >= 0 else row[_CORNERS]
+                for m in range(cells):
+                    line[m] = at[PARAMETERS, m] * chain[m]
             if taps.size > 0:
                 _blur_rows(exposed[k], taps, from_counts, row, intensity, soft)
             _by_blur(blurred[k], from_counts, row)
@@ -280,15 +284,9 @@ def inner_products(
             for n in range(of_modules, extra):
                 for m in range(cells):
                     row[TERMS + n, m] = by_wood[n - of_modules, k, m]
-            at = lengths[0]
             for n in range(number):
-                at[PARAMETERS] = 0.0
-                some = patch_edges[patches[n] : patches[n + 1]]
-                _view(k, some, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
                 line = of_patches[n]
-                first, last = _window(at[PARAMETERS])
-                for m in range(first, last):
-                    line[m] = at[PARAMETERS, m] * chain[m]
+                first, last = _window(line)
                 if taps.size > 0:
                     first, last = _blur_window(line, first, last, intensity, soft, taps)
                 windows[n] = first, last
