@@ -77,12 +77,11 @@ def seeded(live, first):
 
 
 @pytest.fixture(scope="module")
-def with_decisions(seeded):
-    """The live service with something to decide about as well."""
+def to_decide(seeded):
+    """An alarm and a calibration in the live service that somebody may decide about."""
     store = Store(StorageSettings(data_folder=seeded.data, database_url=None))
     add_what_is_decided(store)
     store.close()
-    return seeded
 
 
 # What deletes an example comes after what needs it. Nothing may be sent from here, so that there are no webhooks:
@@ -103,8 +102,8 @@ BY_DAY = {"ask_calibration", "upload_scan"}
     [path if path.stem in BY_DAY else pytest.param(path, marks=pytest.mark.nightly) for path in IN_ORDER],
     ids=lambda path: path.stem,
 )
-def test_the_console_can_try_every_operation(with_decisions, path):
-    seeded = with_decisions
+@pytest.mark.usefixtures("to_decide")
+def test_the_console_can_try_every_operation(seeded, path):
     example = json.loads(path.read_text())
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:

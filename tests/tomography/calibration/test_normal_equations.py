@@ -190,7 +190,6 @@ def test_the_densities_of_patches_are_eliminated_with_their_prior():
     system, best = grams.system(columns), np.linalg.solve(normal, score)
     change = system.inverse(range(number)) @ system.score
     _, found = system.with_patches(change)
-    # The largest density to be found is 0.2.
     assert np.abs(found - best).max() < 1e-6 * np.abs(best).max()
     assert np.allclose(system.inverse(range(number)), np.linalg.inv(normal)[:number, :number], rtol=1e-6)
     power = grams.power + precision * densities @ densities

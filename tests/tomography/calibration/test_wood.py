@@ -110,7 +110,7 @@ KNOTS = [
 
 @pytest.mark.parametrize("views", [20, 90])
 def test_knots_leave_the_rays_right(views):
-    """With wood of one density the bounds of such scans are 0.14 to 0.17 mm, and these scans do not pass."""
+    """With wood of one density the bounds of these scans are 0.13 and 0.11 mm, and they do not pass."""
     body = [polygon(CORNERS, WOOD), *KNOTS]
     found, uniform = calibrated(body, views), calibrated(body, views, without=frozenset({Adjustment.WOOD_DENSITY}))
     bound = found.findings.error_bars.predicted_ray_error.upper_95_mm

@@ -33,7 +33,8 @@ class PhantomError(ValueError):
 MovePoint = Callable[[tuple[float, float]], tuple[float, float]]
 
 
-def _signed_area(vertices: FloatArray) -> float:
+def signed_area(vertices: FloatArray) -> float:
+    """Return the area inside a polygon's corners (corners, 2), mm^2; negative where they go round clockwise."""
     x, y = vertices[:, 0], vertices[:, 1]
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
@@ -241,7 +242,7 @@ def _map_shape(shape: Shape, move: MovePoint) -> Shape:
 def counter_clockwise(shape: Polygon) -> FloatArray:
     """Return the polygon's corners (corners, 2), counter-clockwise whatever their order in the shape."""
     corners = np.array(shape.vertices_mm, np.float64)
-    return corners if _signed_area(corners) > 0.0 else corners[::-1]
+    return corners if signed_area(corners) > 0.0 else corners[::-1]
 
 
 def cornered(shape: Shape, corners_per_disc: int = CORNERS_PER_DISC) -> Polygon:

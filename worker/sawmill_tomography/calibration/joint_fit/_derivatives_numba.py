@@ -99,24 +99,30 @@ def _soften(line, taps, padded):
 
 
 @njit(fastmath=_FAST)
-def _blur_rows(exposed, taps, from_counts, row, intensity, soft):
-    """Blur the rows; where there are counts, blur the changes of intensity that the rows make.
+def _blur_row(line, intensity, soft, taps, padded):
+    """Blur the change of intensity that a line (cells,) makes, where the blur leaves `soft` of an intensity."""
+    for m in range(line.size):
+        line[m] *= intensity[m]
+    _soften(line, taps, padded)
+    for m in range(line.size):
+        line[m] /= soft[m]
 
-    The intensity before and after the blur, 1 where there are no counts, is filled in.
-    """
+
+@njit(fastmath=_FAST)
+def _blur_rows(exposed, taps, from_counts, row, of_patches):
+    """Blur the rows, and those of patches; where there are counts, blur the changes of intensity that they make."""
     cells = exposed.size
-    padded = np.empty(cells + taps.size)
-    for m in range(cells):
-        intensity[m] = math.exp(-exposed[m]) if from_counts else 1.0
-        soft[m] = intensity[m]
+    padded, intensity = np.empty(cells + taps.size), np.ones(cells)
+    if from_counts:
+        for m in range(cells):
+            intensity[m] = math.exp(-exposed[m])
+    soft = intensity.copy()
     _soften(soft, taps, padded)
     for p in range(_EXPOSURE + 1):
         if p not in (_OFFSET, _BLUR):
-            for m in range(cells):
-                row[p, m] *= intensity[m]
-            _soften(row[p], taps, padded)
-            for m in range(cells):
-                row[p, m] /= soft[m]
+            _blur_row(row[p], intensity, soft, taps, padded)
+    for n in range(of_patches.shape[0]):
+        _blur_row(of_patches[n], intensity, soft, taps, padded)
 
 
 @njit(fastmath=_FAST)
@@ -152,23 +158,6 @@ def _window(line):
     while last > first and line[last - 1] == 0.0:
         last -= 1
     return first, last
-
-
-@njit(fastmath=_FAST)
-def _blur_window(line, first, last, intensity, soft, taps):
-    """Blur a line (cells,) that is 0 outside a window, as `_blur_rows` does; return the wider window."""
-    reach = taps.size // 2
-    narrow = line[first:last].copy()
-    begin, end = max(first - reach, 0), min(last + reach, line.size)
-    line[begin:end] = 0.0
-    for i in range(last - first):
-        value = narrow[i] * intensity[first + i]
-        for j in range(2 * reach + 1):
-            at = (first + i + j - reach) % (2 * line.size)
-            line[min(at, 2 * line.size - 1 - at)] += taps[j] * value
-    for m in range(begin, end):
-        line[m] /= soft[m]
-    return begin, end
 
 
 @njit(fastmath=_FAST)
@@ -248,7 +237,6 @@ def inner_products(
         raw, row = np.empty((ROWS, cells)), np.zeros((TERMS + extra + ROWS_AT_ONCE, cells))
         of_rows = np.empty((count + 1, count + 1))
         lengths, chain, left, right = np.empty((3, ROWS, cells)), np.empty(cells), np.empty(8), np.empty(8)
-        intensity, soft = np.empty(cells), np.empty(cells)
         of_patches, windows = np.empty((number, cells)), np.empty((number, 2), np.int64)
         for kk in range(block * BLOCK, min((block + 1) * BLOCK, views)):
             k = np.int64(kk)
@@ -270,7 +258,7 @@ def inner_products(
                 for m in range(cells):
                     line[m] = at[PARAMETERS, m] * chain[m]
             if taps.size > 0:
-                _blur_rows(exposed[k], taps, from_counts, row, intensity, soft)
+                _blur_rows(exposed[k], taps, from_counts, row, of_patches)
             _by_blur(blurred[k], from_counts, row)
             for m in range(cells):
                 across = (m + 0.5) / cells - 0.5
@@ -286,12 +274,9 @@ def inner_products(
                     row[TERMS + n, m] = by_wood[n - of_modules, k, m]
             for n in range(number):
                 line = of_patches[n]
-                first, last = _window(line)
-                if taps.size > 0:
-                    first, last = _blur_window(line, first, last, intensity, soft, taps)
-                windows[n] = first, last
+                windows[n] = _window(line)
                 if from_counts:
-                    for m in range(first, last):
+                    for m in range(windows[n, 0], windows[n, 1]):
                         line[m] /= 1.0 + added[k, m]
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])

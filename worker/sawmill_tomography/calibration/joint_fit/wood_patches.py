@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape, cornered, counter_clockwise
+from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape, cornered, counter_clockwise, signed_area
 
 # About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
 PATCHES, SHORTEST_MM = 130, 6.0
@@ -25,7 +25,7 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
     outlines = [(counter_clockwise(cornered(shape)), shape.density) for shape in phantom.shapes]
     corners = np.concatenate([outline for outline, _ in outlines])
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
-    wood = sum(_area(outline) * density for outline, density in outlines)
+    wood = sum(signed_area(outline) * density for outline, density in outlines)
     side = max(math.sqrt(max(wood, 0.0) / PATCHES), LEAST_SHARE * float(extent.max()), SHORTEST_MM)
     counts = np.ceil(extent / side).astype(int)
     sides = extent / counts
@@ -34,8 +34,8 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
     for i, j in np.ndindex(*counts):
         corner = low + sides * [i, j]
         pieces = [(_clipped(outline, corner, corner + sides), density) for outline, density in outlines]
-        pieces = [(piece, density) for piece, density in pieces if _area(piece) > LEAST_AREA_MM2]
-        area = sum(_area(piece) * density for piece, density in pieces)
+        pieces = [(piece, density) for piece, density in pieces if signed_area(piece) > LEAST_AREA_MM2]
+        area = sum(signed_area(piece) * density for piece, density in pieces)
         if area > LEAST_AREA_MM2:
             patches[i, j] = tuple(Polygon(tuple(map(tuple, piece.tolist())), density) for piece, density in pieces)
             areas[i, j] = area
@@ -46,11 +46,6 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
             patches[most] += patches.pop((i, j))
             areas[most] += areas.pop((i, j))
     return tuple(patches.values())
-
-
-def _area(corners: FloatArray) -> float:
-    x, y = corners.T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def _clipped(corners: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
