@@ -1,9 +1,11 @@
 """Nails in simulated logs: scans in counts with ten flats, where cells average intensities."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from nailed_logs import Nail, NailedLog, views_all_round
-from scipy.ndimage import binary_dilation, label
+from scipy.ndimage import binary_dilation
 from tiers import first_by_day
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
@@ -44,7 +46,7 @@ def test_nails_are_found_and_taken_out(views):
     looking = search(lines, fan)
     assert looking.find(plain[None])[0] is None
     metal = looking.find(lines[None])[0]
-    assert label(metal.excess > 0.0)[1] == len(NAILS)
+    assert len(metal.body.rows) == len(NAILS)
     # A nail shades 5 to 7 of 288 cells, with the margin 10 to 12: two of them at most a twelfth.
     assert 0.03 < metal.trace.mean() < 1.0 / 12.0
     assert np.array_equal(metal.filled[~metal.trace], lines[~metal.trace])
@@ -58,7 +60,7 @@ def test_the_metal_is_put_back_with_its_mass_on_any_grid():
     mass = STEEL_PER_MM * np.pi * sum(nail.radius_mm**2 for nail in NAILS)
     for grid in (ImageGrid(48, 240.0), ImageGrid(200, 240.0, (10.0, -6.0))):
         # Cells average intensities, and steel shades more than its mass: a few per cent.
-        assert metal.on(grid).sum() * grid.pixel_mm**2 == pytest.approx(mass, rel=0.15)
+        assert metal.body.on(grid).sum() * grid.pixel_mm**2 == pytest.approx(mass, rel=0.15)
 
 
 def taken(log, fan, seed=1):
@@ -79,6 +81,38 @@ def test_the_rays_that_are_taken_are_those_through_the_nail(views, nail, seed):
     assert (metal.trace & through).sum() > 0.95 * through.sum()
     beside = binary_dilation(through, np.ones((1, 9)))
     assert (metal.trace & ~beside).mean() < 0.005
+
+
+@pytest.mark.parametrize("nail", [Nail(2.0, 6.0, 50.0), Nail(3.4, 75.0, 50.0)])
+def test_a_straight_nail_is_measured_to_a_tenth_of_a_millimetre(nail):
+    """Twelve views in counts, cells of 0.8 mm at the COR."""
+    log, fan = NailedLog.random(1, nail), views_all_round(12)
+    metal, _ = taken(log, fan)
+    (row,), (true,) = metal.body.rows, log.nails
+    length_mm, thickness_mm, per_mm = np.exp(row[3:])
+    # Of 32 such scans (four nails, four logs, 12 and 30 views) one missed more: the thickness, by 0.8 mm.
+    assert np.hypot(*(row[:2] - true.centre_mm)) < 0.1
+    assert (length_mm, thickness_mm) == pytest.approx((nail.length_mm, nail.diameter_mm), abs=0.2)
+    # Starved rays say less than there is, which the fit takes for a little hardening: up to 11 % too much.
+    assert length_mm * thickness_mm * per_mm == pytest.approx(nail.length_mm * nail.diameter_mm * true.per_mm, rel=0.15)
+
+
+def test_metal_that_is_not_straight_is_taken_out_as_well():
+    """Two rods at a right angle are not one rod, and from 12 views no sharp pixels."""
+    fan, straight = views_all_round(12), NailedLog.random(1, Nail(4.0, 30.0, 50.0))
+    (one,) = straight.nails
+    along = np.array([np.cos(one.direction_rad), np.sin(one.direction_rad)])
+    centre = tuple((np.array(one.centre_mm) + 15.0 * along + 15.0 * np.array([-along[1], along[0]])).tolist())
+    log = replace(straight, nails=(one, replace(one, centre_mm=centre, direction_rad=one.direction_rad + 0.5 * np.pi)))
+    metal, _ = taken(log, fan)
+    wood, wood_and_metal = (np.exp(-each.line_integrals(fan)).mean(axis=-1) for each in (log.plain, log))
+    exact = np.log(wood / wood_and_metal)
+    thin = metal.trace & (exact > 0.3) & (exact < 5.0)
+    # 0.31 here; 0.16 to 0.27 in four logs with nails that are bent by a right angle in their middle. What is missed is
+    # known: these rays count accordingly less, or not at all.
+    missed = metal.body.line_integrals(fan, thin) - exact[thin]
+    assert np.linalg.norm(missed) < 0.4 * np.linalg.norm(exact[thin])
+    assert metal.misfit > 2.0
 
 
 @pytest.mark.parametrize("nail", first_by_day(1, [Nail(3.4, 75.0, 20.0), Nail(4.2, 100.0, 50.0)]))

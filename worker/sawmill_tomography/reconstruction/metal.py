@@ -16,11 +16,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
+from sawmill_tomography.reconstruction.metal_bodies import MetalBody, Pixels, fitted_rods
 from sawmill_tomography.reconstruction.other_rays import image_of_other_rays
-from sawmill_tomography.sinograms.bridging import bridged_samples, runs_of
+from sawmill_tomography.sinograms.bridging import bridged_samples
 from sawmill_tomography.sinograms.noise import estimated_noise
 
 INTERPOLATION = (
@@ -47,19 +48,26 @@ SHARE_OF_VIEWS = 0.4
 # nail of 100 mm in a quarter of them.
 NARROW_MM, NARROW_SHARE = 40.0, 0.2
 ITERATIONS = 12
-# Metal with a shadow wider than NARROW_MM at the COR is found again in ROUNDS rounds. Each makes an image of the other
-# rays, in which no wood attenuates more than MOST_WOOD times the mean, and does LATER_ITERATIONS. These start from the
-# metal found before, and elsewhere from ALSO_SHARE of the metal's mean. A slice costs half a second of processor time.
-ROUNDS, MOST_WOOD, LATER_ITERATIONS, ALSO_SHARE = 2, 2.5, 40, 0.1
+# Metal with a misfit above GOOD_MISFIT is found again in ROUNDS[0] rounds, and in up to ROUNDS[1] until it is good. A
+# round makes an image of the other rays, in which no wood attenuates more than MOST_WOOD times the mean, and does
+# LATER_ITERATIONS, which start from the metal found before, and elsewhere from ALSO_SHARE of the metal's mean. A slice
+# costs a second of processor time.
+GOOD_MISFIT, ROUNDS, MOST_WOOD, LATER_ITERATIONS, ALSO_SHARE = 1.0, (2, 4), 2.5, 40, 0.1
 # THICK times as much is in the shadow of a body, whatever lies beside it.
 THICK = 4.0
 # Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
 # alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55. What
 # attenuates less than SHARE_OF_PEAK of a piece's largest attenuation is its blurred border.
 TIMES_WOOD, LEAST_PIECE_MM2, SHARE_OF_PEAK = 3.5, 50.0, 0.3
-# The line integrals of the metal alone are wrong by this share of them, since steel hardens the beam. A ray with an
-# error above MOST_UNCERTAIN is left out.
-UNCERTAIN, MOST_UNCERTAIN = 0.1, 0.5
+# What departs from the wood is wrong by photon noise, WOOD_ERROR_MM of wood and METAL_ERROR of the departure.
+# Above OPAQUE a line integral shows nothing.
+WOOD_ERROR_MM, METAL_ERROR, OPAQUE = 5.0, 0.05, 50.0
+# The line integrals of metal that explains the departures to these errors are wrong by this share of them and by
+# LEAST_ERROR_MM of wood; with a misfit of 2 by four times as much, as a bent nail's are. A ray with an error above
+# MOST_UNCERTAIN is left out.
+METAL_SHARE, LEAST_ERROR_MM, MOST_UNCERTAIN = 0.03, 2.0, 0.5
+# Pixels, which may be anything, are taken if their misfit is less than this share of the rods'.
+PIXELS_BETTER = 0.5
 # Cells next to the shadow of metal that are interpolated too.
 MARGIN = 1
 # A larger share of a slice's samples is not taken out.
@@ -81,27 +89,23 @@ class LogMetal:
     freed, uncertainty : (views, cells) float32
         The sinogram less the line integrals of the metal in those samples, and the standard deviation of that: 0 in
         other samples, infinite where the metal is so thick that the sample is interpolated.
-    grid : ImageGrid
-    excess : (size, size) float32
-        Attenuation above the wood's, 0 where there is no metal.
+    body : MetalBody
+        The metal itself: rods, or pixels.
+    misfit : float
+        RMS of what the metal misses in those samples, over its expected errors.
     """
 
     trace: NDArray[np.bool_]
     filled: Image
     freed: Image
     uncertainty: Image
-    grid: ImageGrid
-    excess: Image
+    body: MetalBody
+    misfit: float
 
     @property
     def is_too_much(self) -> bool:
         """True if metal crosses more samples than may be taken out (`MOST_SAMPLES`)."""
         return float(self.trace.mean()) > MOST_SAMPLES
-
-    def on(self, grid: ImageGrid) -> Image:
-        """Return the excess as the mean over each pixel of another grid, (size, size)."""
-        x, y = (_overlaps(self.grid, grid, axis) for axis in (0, 1))
-        return np.asarray(x @ self.excess @ y.T, np.float32)
 
 
 @dataclass(frozen=True)
@@ -157,37 +161,58 @@ class MetalSearch:
     def _metal(self, sinogram: Image, excess: Image) -> LogMetal | None:
         """Return the metal of a slice with this excess, which is not 0; None if the other rays show that it is wood."""
         shadows = _Shadows.of(self.fine.geometry, sinogram)
-        alone, trace = self._traced(shadows, excess)
+        trace = self._traced(shadows, excess)
         filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
-        for _ in range(ROUNDS if self._is_wide(trace) else 0):
-            image = image_of_other_rays(self.coarse, filled[:: self.step], trace[:: self.step])
+        metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
+        if metal.misfit <= GOOD_MISFIT or metal.is_too_much:
+            return metal
+        lines, error = filled, np.where(trace, np.float32(math.inf), np.float32(0.0))
+        for number in range(1, ROUNDS[1] + 1):
+            image = image_of_other_rays(self.coarse, lines[:: self.step], error[:: self.step])
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
             shadows = shadows.by_departures(sinogram - wood)
             excess = self._excess([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
             if not excess.any():
                 return None
-            alone, trace = self._traced(shadows, excess)
+            trace = self._traced(shadows, excess)
             filled = np.where(trace, wood + bridged_samples(sinogram - wood, trace), sinogram)
-        # Thin metal has less than its mass in the pixels that are dark enough.
-        mass = np.float32(max(float(np.vdot(alone, sinogram - filled)) / float(np.vdot(alone, alone)), 0.0))
-        alone *= trace * mass
-        error = np.where(trace, np.hypot(UNCERTAIN * alone, LEAST_WOOD_MM * shadows.wood_per_mm), 0.0)
-        uncertainty = np.where(error > MOST_UNCERTAIN, math.inf, error).astype(np.float32)
-        freed = np.where(np.isinf(uncertainty), filled, sinogram - alone)
-        return LogMetal(trace, filled, freed, uncertainty, self.fine.grid, excess * mass)
+            metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
+            if number >= ROUNDS[0] and metal.misfit <= GOOD_MISFIT:
+                break
+            photons = np.where(trace, _photon_noise(sinogram), np.float32(0.0))
+            lines, error = metal.freed, np.hypot(metal.uncertainty, photons)
+        return metal
 
-    def _traced(self, shadows: "_Shadows", excess: Image) -> tuple[Image, NDArray[np.bool_]]:
-        """Return the line integrals of the metal alone, and the samples that see it, each (views, cells)."""
+    def _taken_out(
+        self, sinogram: Image, filled: Image, trace: NDArray[np.bool_], excess: Image, wood_per_mm: float
+    ) -> LogMetal:
+        """Return the metal that explains best what departs from the wood's sinogram in the samples of the trace."""
+        departures = sinogram - filled
+        error = np.hypot(_photon_noise(sinogram), WOOD_ERROR_MM * wood_per_mm)
+        error = np.hypot(error, METAL_ERROR * departures)
+        some = slice(None, None, self.step)
+        rods = fitted_rods(excess, self.fine.grid, self.coarse.geometry, departures[some], error[some], trace[some])
+        pixels = Pixels(self.fine.grid, excess).fitted(self.fine.geometry, departures, error, trace)
+        bodies: tuple[MetalBody, ...] = (rods, pixels)
+        alone = np.array([body.line_integrals(self.fine.geometry, trace) for body in bodies])
+        misfits = np.sqrt(np.mean(((departures[trace] - alone) / error[trace]) ** 2, axis=1))
+        best = int(misfits[1] < PIXELS_BETTER * misfits[0])
+        misfit = float(misfits[best])
+        uncertain = np.hypot(METAL_SHARE * alone[best], LEAST_ERROR_MM * wood_per_mm) * max(misfit, 1.0) ** 2
+        is_lost = uncertain > MOST_UNCERTAIN
+        freed, uncertainty = sinogram.copy(), np.zeros_like(sinogram)
+        freed[trace] = np.where(is_lost, filled[trace], sinogram[trace] - alone[best])
+        uncertainty[trace] = np.where(is_lost, math.inf, uncertain)
+        return LogMetal(trace, filled, freed, uncertainty, bodies[best], misfit)
+
+    def _traced(self, shadows: "_Shadows", excess: Image) -> NDArray[np.bool_]:
+        """Return the samples (views, cells) that see the metal."""
         near = scipy.ndimage.binary_dilation(excess > 0.0, np.ones((3, 3), bool))
-        alone = self.fine.forward(excess)
         # Shadows of two pieces side by side are not narrow, and not dark.
-        covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | (alone > THICK * shadows.least)
-        return alone, scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
-
-    def _is_wide(self, trace: NDArray[np.bool_]) -> bool:
-        """Return whether a shadow is wide, but not too much for the slice to be treated."""
-        widest = max((length for _, _, length in runs_of(trace)), default=0)
-        return widest * _cell_mm(self.fine.geometry) > NARROW_MM and float(trace.mean()) <= MOST_SAMPLES
+        thick = self.fine.forward(excess) > THICK * shadows.least
+        covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | thick
+        trace: NDArray[np.bool_] = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
+        return trace
 
     def _excess(self, shadows: Sequence["_Shadows"], before: Image | None = None) -> Image:
         """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.
@@ -273,6 +298,12 @@ def _cell_mm(geometry: FanBeamGeometry) -> float:
     return geometry.scanner.detector_pitch_mm / geometry.frame.magnification
 
 
+def _photon_noise(sinogram: Image) -> Image:
+    """Return the standard deviation of each sample (views, cells) of counts: averaged cells would hide a nail."""
+    noise: Image = np.float32(estimated_noise(sinogram)) * np.exp(0.5 * np.clip(sinogram, 0.0, OPAQUE))
+    return noise
+
+
 def _opened(lines: Image, cells: float) -> Image:
     """Return lines (views, cells) without what is narrower than a number of cells."""
     opened: Image = scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
@@ -289,13 +320,3 @@ def _wood_per_mm(lines: Image, cell_mm: float) -> float:
     """Return the mean attenuation of a round log: over a disc's diameter D line integrals sum up to pi / 4 mu D^2."""
     width_mm = max(_width_mm(lines, cell_mm), cell_mm)
     return 4.0 / math.pi * float(np.median(lines.sum(axis=1))) * cell_mm / width_mm**2
-
-
-def _overlaps(source: ImageGrid, target: ImageGrid, axis: int) -> FloatArray:
-    """Return shares of the source's pixels in each of the target's along an axis, (target size, source size)."""
-    source_ends, target_ends = (
-        grid.low_mm[axis] + np.arange(grid.size + 1, dtype=np.float64) * grid.pixel_mm for grid in (source, target)
-    )
-    common = np.minimum(source_ends[1:], target_ends[1:, None]) - np.maximum(source_ends[:-1], target_ends[:-1, None])
-    shares: FloatArray = np.maximum(common, 0.0) / target.pixel_mm
-    return shares

@@ -12,14 +12,15 @@ from sawmill_tomography.reconstruction.total_variation import total_variation
 PIXELS_SHARE, WEIGHT = 0.005, 10.0
 
 
-def image_of_other_rays(projector: Projector, sinogram: Image, estimated: NDArray[np.bool_]) -> Image:
-    """Return the total-variation image (size, size), in 1/mm, of the rays that are not estimated.
+def image_of_other_rays(projector: Projector, sinogram: Image, uncertainty: NDArray[np.floating]) -> Image:
+    """Return the total-variation image (size, size), in 1/mm, of the rays that are known.
 
     Parameters
     ----------
     sinogram : (views, detector) float32
         Line integrals whose air is at 0, and estimates of some, from which the descent starts.
-    estimated : (views, detector) bool
+    uncertainty : (views, detector) float
+        Further standard deviation of each ray; infinite for estimates.
 
     Raises
     ------
@@ -27,5 +28,5 @@ def image_of_other_rays(projector: Projector, sinogram: Image, estimated: NDArra
         If shapes do not fit, or all rays are 0.
     """
     longest = float(sinogram.max())
-    noise = longest * np.where(estimated, np.inf, PIXELS_SHARE)
+    noise = np.hypot(longest * PIXELS_SHARE, uncertainty)
     return total_variation(projector, sinogram, noise=noise, weight=WEIGHT * projector.grid.field_mm / longest).image

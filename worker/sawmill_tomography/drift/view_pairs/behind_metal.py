@@ -134,4 +134,7 @@ def _seen(
     side_mm = 2.0 * object_radius_mm(fan, lines)
     with one_thread():
         projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
-        return projector.forward(image_of_other_rays(projector, lines, left_out)).astype(np.float64) + level
+        return (
+            projector.forward(image_of_other_rays(projector, lines, np.where(left_out, np.inf, 0.0))).astype(np.float64)
+            + level
+        )

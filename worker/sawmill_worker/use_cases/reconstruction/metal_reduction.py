@@ -50,7 +50,7 @@ class WithoutMetal:
     def put_back(self, images: Images, grid: ImageGrid) -> None:
         """Add the metal to images (slices, size, size), in place."""
         for index, metal in self.metal.items():
-            images[index] += metal.on(grid)
+            images[index] += metal.body.on(grid)
 
 
 class MetalReduction:
