@@ -162,6 +162,8 @@ class MetalSearch:
         """Return the metal of a slice with this excess, which is not 0; None if the other rays show that it is wood."""
         shadows = _Shadows.of(self.fine.geometry, sinogram)
         trace = self._traced(shadows, excess)
+        if not trace[:: self.step].any():
+            return None
         filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
         metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
         if metal.misfit <= GOOD_MISFIT or metal.is_too_much:
@@ -172,9 +174,9 @@ class MetalSearch:
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
             shadows = shadows.by_departures(sinogram - wood)
             excess = self._excess([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
-            if not excess.any():
-                return None
             trace = self._traced(shadows, excess)
+            if not trace[:: self.step].any():
+                return None
             filled = np.where(trace, wood + bridged_samples(sinogram - wood, trace), sinogram)
             metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
             if number >= ROUNDS[0] and metal.misfit <= GOOD_MISFIT:

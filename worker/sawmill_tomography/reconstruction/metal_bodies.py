@@ -79,7 +79,7 @@ class Pixels:
         """Return the pixels with the mass that explains departures (views, cells) best."""
         alone = self.line_integrals(geometry, seen)
         weighted = alone / sigma[seen] ** 2
-        mass = max(float(weighted @ departures[seen]) / float(weighted @ alone), 0.0)
+        mass = max(float(weighted @ departures[seen]), 0.0) / max(float(weighted @ alone), 1e-30)
         return Pixels(self.grid, np.float32(mass) * self.excess)
 
 
@@ -150,40 +150,45 @@ def fitted_rods(
     """
     pieces, count = scipy.ndimage.label(excess > 0.0, np.ones((3, 3)))
     masses = scipy.ndimage.sum_labels(excess, pieces, np.arange(1, count + 1))
-    rods = Rods(np.zeros((0, NUMBERS)), START_HARDENING)
+    rods, found = Rods(np.zeros((0, NUMBERS)), START_HARDENING), np.zeros((0, NUMBERS))
     for piece in np.argsort(-masses)[:MOST_RODS].tolist():
         row = _rod_of(np.where(pieces == piece + 1, excess, 0.0), grid)
         is_small = masses[piece] < LEAST_SHARE * masses.max()
         is_part = any(_inside(rod, row[0], row[1], BESIDE_MM) for rod in rods.rows)
         if not (is_small or is_part or _longest_mm(row, geometry) < math.exp(row[3])):
-            more = Rods(np.vstack([rods.rows, row]), rods.hardening)
-            rods = _fitted(more, geometry, departures[seen], sigma[seen], seen)
+            found, more = np.vstack([found, row]), Rods(np.vstack([rods.rows, row]), rods.hardening)
+            rods = _fitted(more, found, geometry, departures[seen], sigma[seen], seen)
     return rods
 
 
 def _fitted(
-    rods: Rods, geometry: FanBeamGeometry, departures: Samples, sigma: Samples, seen: NDArray[np.bool_]
+    rods: Rods,
+    found: FloatArray,
+    geometry: FanBeamGeometry,
+    departures: Samples,
+    sigma: Samples,
+    seen: NDArray[np.bool_],
 ) -> Rods:
-    """Return the rods that explain the departures (samples,) best, near the given ones."""
+    """Return the rods that explain the departures (samples,) best, from these rods, near those in the image."""
 
     def residuals(values: FloatArray) -> FloatArray:
         missed = (departures - Rods.of(values).line_integrals(geometry, seen)) / sigma
         return np.append(missed, values[-1] / USUAL_HARDENING)
 
     low, high = np.full((2, *rods.rows.shape), [[[-math.inf]], [[math.inf]]])
-    for row, least, most in zip(rods.rows, low, high, strict=True):
+    for row, least, most in zip(found, low, high, strict=True):
         least[:2], most[:2] = row[:2] - FARTHEST_MM, row[:2] + FARTHEST_MM
         least[3:5] = math.log(THINNEST_MM)
         most[3:5] = math.log(_longest_mm(row, geometry)), math.log(THICKEST_MM)
     low[:, 5], high[:, 5] = np.log(PER_MM)
-    found = scipy.optimize.least_squares(
+    best = scipy.optimize.least_squares(
         residuals,
         np.append(np.clip(rods.rows, low, high), rods.hardening),
         bounds=(np.append(low, 0.0), np.append(high, MOST_HARDENING)),
         x_scale="jac",
         max_nfev=EVALUATIONS,
     )
-    return Rods.of(found.x)
+    return Rods.of(best.x)
 
 
 def _longest_mm(row: FloatArray, geometry: FanBeamGeometry) -> float:
