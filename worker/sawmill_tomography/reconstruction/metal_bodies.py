@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
-from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.projector import Image, Projector
 
 # The constants of this file were measured with benchmarks/log_metal.py.
@@ -106,6 +105,9 @@ class Rods:
 
     def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
         """Return `MetalBody.line_integrals`."""
+        # Jobs without metal do not load these kernels: they cost a fifth of a second.
+        from sawmill_tomography.projection.analytic import DetectorCells, project  # noqa: PLC0415
+
         cells = DetectorCells.of(geometry.scanner).divided(RAYS_PER_CELL)
         if not self.rows.size:
             return np.zeros(np.count_nonzero(seen))
