@@ -16,13 +16,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.metal_bodies import MetalBody, Pixels, fitted_rods
 from sawmill_tomography.reconstruction.other_rays import image_of_other_rays
 from sawmill_tomography.sinograms.bridging import bridged_samples
-from sawmill_tomography.sinograms.noise import estimated_noise
+from sawmill_tomography.sinograms.noise import estimated_noise, photon_noise
 
 INTERPOLATION = (
     "linear interpolation of projections (Kalender, Hebel and Ebersberger 1987); of wide shadows, of what departs from "
@@ -60,8 +60,7 @@ THICK = 4.0
 # attenuates less than SHARE_OF_PEAK of a piece's largest attenuation is its blurred border.
 TIMES_WOOD, LEAST_PIECE_MM2, SHARE_OF_PEAK = 3.5, 50.0, 0.3
 # What departs from the wood is wrong by photon noise, WOOD_ERROR_MM of wood and METAL_ERROR of the departure.
-# Above OPAQUE a line integral shows nothing.
-WOOD_ERROR_MM, METAL_ERROR, OPAQUE = 5.0, 0.05, 50.0
+WOOD_ERROR_MM, METAL_ERROR = 5.0, 0.05
 # The line integrals of metal that explains the departures to these errors are wrong by this share of them and by
 # LEAST_ERROR_MM of wood; with a misfit of 2 by four times as much, as a bent nail's are. A ray with an error above
 # MOST_UNCERTAIN is left out.
@@ -165,12 +164,14 @@ class MetalSearch:
         if not trace[:: self.step].any():
             return None
         filled = np.asarray(bridged_samples(sinogram, trace), np.float32)
-        metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
+        # Averaged cells would hide a nail.
+        photons = photon_noise(sinogram, estimated_noise(sinogram) ** -2, smoothed=1)
+        metal = self._taken_out(sinogram, filled, trace, excess, photons, shadows.wood_per_mm)
         if metal.misfit <= GOOD_MISFIT or metal.is_too_much:
             return metal
-        lines, error = filled, np.where(trace, np.float32(math.inf), np.float32(0.0))
+        lines, uncertainty = filled, np.where(trace, math.inf, 0.0)
         for number in range(1, ROUNDS[1] + 1):
-            image = image_of_other_rays(self.coarse, lines[:: self.step], error[:: self.step])
+            image = image_of_other_rays(self.coarse, lines[:: self.step], uncertainty[:: self.step])
             wood = self.fine.forward(np.minimum(image, np.float32(MOST_WOOD * shadows.wood_per_mm)))
             shadows = shadows.by_departures(sinogram - wood)
             excess = self._excess([replace(shadows, excess=shadows.excess[:: self.step])], excess)[0]
@@ -178,20 +179,24 @@ class MetalSearch:
             if not trace[:: self.step].any():
                 return None
             filled = np.where(trace, wood + bridged_samples(sinogram - wood, trace), sinogram)
-            metal = self._taken_out(sinogram, filled, trace, excess, shadows.wood_per_mm)
+            metal = self._taken_out(sinogram, filled, trace, excess, photons, shadows.wood_per_mm)
             if number >= ROUNDS[0] and metal.misfit <= GOOD_MISFIT:
                 break
-            photons = np.where(trace, _photon_noise(sinogram), np.float32(0.0))
-            lines, error = metal.freed, np.hypot(metal.uncertainty, photons)
+            lines, uncertainty = metal.freed, np.hypot(metal.uncertainty, photons * trace)
         return metal
 
     def _taken_out(
-        self, sinogram: Image, filled: Image, trace: NDArray[np.bool_], excess: Image, wood_per_mm: float
+        self,
+        sinogram: Image,
+        filled: Image,
+        trace: NDArray[np.bool_],
+        excess: Image,
+        photons: FloatArray,
+        wood_per_mm: float,
     ) -> LogMetal:
         """Return the metal that explains best what departs from the wood's sinogram in the samples of the trace."""
         departures = sinogram - filled
-        error = np.hypot(_photon_noise(sinogram), WOOD_ERROR_MM * wood_per_mm)
-        error = np.hypot(error, METAL_ERROR * departures)
+        error = np.hypot(np.hypot(photons, WOOD_ERROR_MM * wood_per_mm), METAL_ERROR * departures)
         some = slice(None, None, self.step)
         rods = fitted_rods(excess, self.fine.grid, self.coarse.geometry, departures[some], error[some], trace[some])
         pixels = Pixels(self.fine.grid, excess).fitted(self.fine.geometry, departures, error, trace)
@@ -298,12 +303,6 @@ class _Shadows:
 
 def _cell_mm(geometry: FanBeamGeometry) -> float:
     return geometry.scanner.detector_pitch_mm / geometry.frame.magnification
-
-
-def _photon_noise(sinogram: Image) -> Image:
-    """Return the standard deviation of each sample (views, cells) of counts: averaged cells would hide a nail."""
-    noise: Image = np.float32(estimated_noise(sinogram)) * np.exp(0.5 * np.clip(sinogram, 0.0, OPAQUE))
-    return noise
 
 
 def _opened(lines: Image, cells: float) -> Image:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
 from sawmill_tomography.projection.projector import Image, Projector
@@ -74,7 +74,7 @@ class Pixels:
         x, y = (_overlaps(self.grid, grid, axis) for axis in (0, 1))
         return np.asarray(x @ self.excess @ y.T, np.float32)
 
-    def fitted(self, geometry: FanBeamGeometry, departures: Image, sigma: Image, seen: NDArray[np.bool_]) -> "Pixels":
+    def fitted(self, geometry: FanBeamGeometry, departures: Image, sigma: Samples, seen: NDArray[np.bool_]) -> "Pixels":
         """Return the pixels with the mass that explains departures (views, cells) best."""
         alone = self.line_integrals(geometry, seen)
         weighted = alone / sigma[seen] ** 2
@@ -105,12 +105,12 @@ class Rods:
 
     def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
         """Return `MetalBody.line_integrals`."""
+        if not self.rows.size:
+            return np.zeros(np.count_nonzero(seen))
         # Jobs without metal do not load these kernels: they cost a fifth of a second.
         from sawmill_tomography.projection.analytic import DetectorCells, project  # noqa: PLC0415
 
         cells = DetectorCells.of(geometry.scanner).divided(RAYS_PER_CELL)
-        if not self.rows.size:
-            return np.zeros(np.count_nonzero(seen))
         drawn = Phantom("rods", tuple(_rectangle(row) for row in self.rows))
         rays = project(drawn, cells, geometry.frame, geometry.angles_rad, rays_per_cell=1)
         of_cells = rays.reshape(*seen.shape, RAYS_PER_CELL)[seen]
@@ -217,20 +217,17 @@ def _rod_of(excess: FloatArray, grid: ImageGrid) -> FloatArray:
 
 
 def _rectangle(row: FloatArray) -> Polygon:
-    x, y, direction = row[:3]
-    half = 0.5 * np.exp(row[3:5])
-    along, aside = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
-    signs = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-    corners = [np.array([x, y]) + a * half[0] * along + b * half[1] * aside for a, b in signs]
-    return Polygon(tuple((float(corner[0]), float(corner[1])) for corner in corners), math.exp(row[5]))
+    length, thickness = 0.5 * np.exp(row[3:5])
+    x, y = rotate(row[2], length * np.array([-1.0, 1.0, 1.0, -1.0]), thickness * np.array([-1.0, -1.0, 1.0, 1.0]))
+    corners = np.column_stack([row[0] + x, row[1] + y])
+    return Polygon(tuple(map(tuple, corners.tolist())), math.exp(row[5]))
 
 
 def _inside(row: FloatArray, x_mm: FloatArray, y_mm: FloatArray, margin_mm: float) -> NDArray[np.bool_]:
     """Return which points are inside a rod with a margin."""
-    c, s = math.cos(row[2]), math.sin(row[2])
-    x, y = x_mm - row[0], y_mm - row[1]
+    along, aside = rotate(-row[2], x_mm - row[0], y_mm - row[1])
     length, thickness = 0.5 * np.exp(row[3:5]) + margin_mm
-    inside: NDArray[np.bool_] = (np.abs(c * x + s * y) < length) & (np.abs(c * y - s * x) < thickness)
+    inside: NDArray[np.bool_] = (np.abs(along) < length) & (np.abs(aside) < thickness)
     return inside
 
 

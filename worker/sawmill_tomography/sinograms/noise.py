@@ -38,27 +38,29 @@ def estimated_noise(sinogram: NDArray[np.float32]) -> float:
     return max(noise, LEAST_SHARE * float(np.sqrt(np.mean(np.square(sinogram, dtype=np.float64)))), 1e-30)
 
 
-def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
+def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike, *, smoothed: int = SMOOTHED) -> FloatArray:
     """Return the standard deviation of each line integral p measured with N0 counts in air: sqrt(exp(p) / N0).
 
-    It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over SMOOTHED neighbouring cells first: a ray
-    must not count more because its own noise made it brighter, which would bias the image.
+    It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over neighbouring cells first: a ray must not
+    count more because its own noise made it brighter, which would bias the image.
 
     Parameters
     ----------
     sinogram : (..., detector) float
         Line integrals, dimensionless.
     air_counts : float or array that broadcasts with the sinogram
+    smoothed : int
+        Number of neighbouring cells; 1 beside shadows that are narrower than SMOOTHED cells.
     """
     counts = np.asarray(air_counts, np.float64)
     if not (counts > 0.0).all():
         raise GeometryError(f"air_counts must be positive counts, not {counts.min():g}")
-    return np.exp(0.5 * np.clip(_smooth(sinogram), 0.0, None)) / np.sqrt(counts)
+    return np.exp(0.5 * np.clip(_smooth(sinogram, smoothed), 0.0, None)) / np.sqrt(counts)
 
 
-def _smooth(sinogram: ArrayLike) -> FloatArray:
+def _smooth(sinogram: ArrayLike, cells: int = SMOOTHED) -> FloatArray:
     values = np.asarray(sinogram, np.float64)
-    return np.asarray(scipy.ndimage.uniform_filter1d(values, SMOOTHED, axis=-1, mode="nearest"))
+    return np.asarray(scipy.ndimage.uniform_filter1d(values, cells, axis=-1, mode="nearest"))
 
 
 def noise_of_rays(

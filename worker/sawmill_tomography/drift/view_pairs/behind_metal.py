@@ -134,7 +134,5 @@ def _seen(
     side_mm = 2.0 * object_radius_mm(fan, lines)
     with one_thread():
         projector = Projector(fan, ImageGrid(min(round(side_mm / PIXEL_MM), LARGEST_SIZE), side_mm))
-        return (
-            projector.forward(image_of_other_rays(projector, lines, np.where(left_out, np.inf, 0.0))).astype(np.float64)
-            + level
-        )
+        image = image_of_other_rays(projector, lines, np.where(left_out, np.inf, 0.0))
+        return projector.forward(image).astype(np.float64) + level
