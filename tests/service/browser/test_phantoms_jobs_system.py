@@ -112,6 +112,24 @@ def test_a_plan_is_asked_for_and_answered_in_words(site, worker):
     look(page, "plan-390")
 
 
+@pytest.mark.parametrize(
+    ("path", "script"),
+    [("/phantoms/new", "new_phantom.js"), ("/phantoms/l-shape", "phantom.js"), ("/system", "system.js")],
+)
+def test_forms_wait_for_the_script_that_sends_them(site, path, script):
+    """A browser that sends such a form itself loads the page again, without what was written."""
+    page = site.open("/help")
+    held = []
+    page.route(f"**/{script}", lambda route: held.append(route))  # noqa: PLW0108 - Playwright marks what it calls
+    page.goto(path, wait_until="commit")
+    buttons = page.locator("form:not([method]) button:not([type=button])")
+    page.locator("footer").wait_for()
+    count = buttons.count()
+    assert count and buttons.and_(page.locator(":disabled")).count() == count
+    held[0].continue_()
+    expect(buttons.and_(page.locator(":enabled"))).to_have_count(count)
+
+
 def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
     page = site.open("/login", viewport=PHONE)
     page.add_init_script(STREAMS)

@@ -8,9 +8,10 @@ function say(form, sentence) {
   problem.hidden = !sentence;
 }
 
-// Runs what a form asks for; what the service refuses is said in the form.
+// Runs what a form asks for; what the service refuses is said in the form. Its button waits for this: a form that the
+// browser itself sent would lose what was written.
 function onSubmit(form, act) {
-  form?.addEventListener("submit", async (event) => {
+  form.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = form.querySelector("button");
     const [wrong] = unreadable(form);
@@ -31,6 +32,7 @@ function onSubmit(form, act) {
       button.disabled = false;
     }
   });
+  form.querySelector("button").disabled = false;
 }
 
 const text = (form, name) => form.elements[name].value.trim() || null;
@@ -108,7 +110,10 @@ const tracing = document.querySelector("#tracing");
 if (tracing) {
   follow(tracing.dataset.job, tracing).then(() => location.reload());
 }
-onSubmit(document.querySelector("form.measure"), measure);
+const measuring = document.querySelector("form.measure");
+if (measuring) {
+  onSubmit(measuring, measure);
+}
 const form = document.querySelector("form.plan");
 if (form) {
   onSubmit(form, plan);

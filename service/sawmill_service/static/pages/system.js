@@ -6,12 +6,20 @@ const keys = document.querySelector("#keys");
 const secret = document.querySelector("#secret");
 const refused = document.querySelector("#refused");
 
+// A form that the browser itself sent would lose what was written: its button waits for this.
+function enable() {
+  document.querySelectorAll("form button:disabled").forEach((button) => {
+    button.disabled = false;
+  });
+}
+
 async function showKeys() {
   const answer = await fetch("/system");
   if (answer.ok) {
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     keys.innerHTML = page.querySelector("#keys").innerHTML;
     showTimes(keys);
+    enable();
   }
 }
 
@@ -61,6 +69,7 @@ document.addEventListener("submit", async (event) => {
     refused.hidden = false;
   }
 });
+enable();
 document.querySelector("#copy").addEventListener("click", async (event) => {
   secret.querySelector("input").select();
   await navigator.clipboard?.writeText(secret.querySelector("input").value);
