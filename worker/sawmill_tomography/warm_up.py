@@ -50,7 +50,10 @@ def _slices() -> None:
 
 
 def _log_with_metal() -> None:
-    # Imported only here, as in the next parts: a command that calibrates does not wait for it.
+    # Imported only here, as in the next parts: a command that calibrates does not wait for it. Rods are fitted with
+    # `scipy.optimize`, which is otherwise imported at its first use.
+    import scipy.optimize  # noqa: F401, PLC0415
+
     from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal  # noqa: PLC0415
 
     geometry, sinogram = _scan(20)

@@ -125,7 +125,8 @@ def test_forms_wait_for_the_script_that_sends_them(site, path, script):
     buttons = page.locator("form:not([method]) button:not([type=button])")
     page.locator("footer").wait_for()
     count = buttons.count()
-    assert count and buttons.and_(page.locator(":disabled")).count() == count
+    assert count
+    expect(buttons.and_(page.locator(":disabled"))).to_have_count(count)
     held[0].continue_()
     expect(buttons.and_(page.locator(":enabled"))).to_have_count(count)
 

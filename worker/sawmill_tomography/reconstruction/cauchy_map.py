@@ -287,7 +287,7 @@ def _best_sigmas(
 def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
     """Return 1 / sigma^2 for multiples of the noise, (factors, views, detector)."""
     each = 1.0 / (factors[:, None, None] * noises) ** 2
-    return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32)
+    return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32, order="C")
 
 
 def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:

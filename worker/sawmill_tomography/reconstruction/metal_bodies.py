@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
+from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.projector import Image, Projector
 
 # The constants of this file were measured with benchmarks/log_metal.py.
@@ -32,6 +33,8 @@ START_MM = (1.0, 4.0)
 # Hardening at the start of the fit and at most, and the deviation expected of it: a thin nail does not show it.
 START_HARDENING, MOST_HARDENING, USUAL_HARDENING = 0.01, 0.3, 0.02
 EVALUATIONS = 30
+# The fit ends when a step changes the misfit, or the numbers, by less than this share.
+SETTLED = 1e-4
 NUMBERS = 6
 # A piece within this distance of a rod is a part of it.
 BESIDE_MM = 5.0
@@ -107,9 +110,6 @@ class Rods:
         """Return `MetalBody.line_integrals`."""
         if not self.rows.size:
             return np.zeros(np.count_nonzero(seen))
-        # Jobs without metal do not load these kernels: they cost a fifth of a second.
-        from sawmill_tomography.projection.analytic import DetectorCells, project  # noqa: PLC0415
-
         cells = DetectorCells.of(geometry.scanner).divided(RAYS_PER_CELL)
         drawn = Phantom("rods", tuple(_rectangle(row) for row in self.rows))
         rays = project(drawn, cells, geometry.frame, geometry.angles_rad, rays_per_cell=1)
@@ -188,6 +188,8 @@ def _fitted(
         np.append(np.clip(rods.rows, low, high), rods.hardening),
         bounds=(np.append(low, 0.0), np.append(high, MOST_HARDENING)),
         x_scale="jac",
+        ftol=SETTLED,
+        xtol=SETTLED,
         max_nfev=EVALUATIONS,
     )
     return Rods.of(best.x)

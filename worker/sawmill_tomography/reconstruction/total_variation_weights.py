@@ -81,7 +81,7 @@ def choose_weight(
     lines, noises, support = problem.lines, problem.noises, problem.support
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
-    weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
+    weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32, order="C")
     prior = smoothed_prior(np.broadcast_to(typical, candidates.shape), candidates)
     objective = Objective(support.projector, lines, weights, prior)
     phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)

@@ -181,7 +181,7 @@ def reconstruct_with_prior(
     )
     choice = None if method.choose is None else _from_middle_slice(method.choose, problem, phases.of("choose"))
     settings = method.settings(problem, choice)
-    weights = np.broadcast_to(1.0 / settings.sigmas**2, lines.shape).astype(np.float32)
+    weights = np.broadcast_to(1.0 / settings.sigmas**2, lines.shape).astype(np.float32, order="C")
     near = choice.image[None] if choice is not None and has_near_image else None
     on_descent = phases.of("descent")
     if method.convex:
