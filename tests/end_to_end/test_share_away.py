@@ -36,7 +36,8 @@ def elsewhere(tmp_path, offline, postgres_url):
             within = ["nsenter", "--target", str(worker.pid), "--user", "--preserve-credentials", "--mount"]
 
             def mount(*command: str) -> None:
-                subprocess.run([*within, *command], check=True, timeout=60)
+                # What is being written keeps a mount from becoming read-only for a moment.
+                wait_until(lambda: subprocess.run([*within, *command], check=False, timeout=60).returncode == 0)
 
             yield worker, mount
 

@@ -9,10 +9,11 @@ import re
 from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 
-from sawmill_platform.contracts.webhooks import LARGEST_PORT, Destination
+from sawmill_platform.contracts.patterns import PORT
+from sawmill_platform.contracts.webhooks import Destination
 
 SETTING = "SAWMILL_WEBHOOK_DESTINATIONS"
-_NAME = re.compile(r"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::([0-9]{1,5}))?")
+_NAME = re.compile(rf"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::({PORT}))?")
 STANDARD_PORTS = (443, 80)
 # All public addresses of IPv6 (RFC 4291, 2.4); site-local ones, NAT64 and other notations of IPv4 lie outside.
 _GLOBAL_UNICAST = IPv6Network("2000::/3")
@@ -39,7 +40,7 @@ def check_entry(text: str) -> str:
         return text
     match = _NAME.fullmatch(text)
     # A malformed IPv4 address would be taken for a name.
-    if match is None or not 0 < int(match[2] or 443) <= LARGEST_PORT or re.fullmatch(r"[0-9.]+", match[1]):
+    if match is None or re.fullmatch(r"[0-9.]+", match[1]):
         msg = (
             f"must be names or networks, as in alarms.mill.example, mes.mill.example:8443 or 10.20.0.0/16, not {text!r}"
         )

@@ -42,8 +42,10 @@ CRON = " ".join(
 TIME_ZONE = "^[A-Za-z0-9_+/-]*$"
 
 # A webhook's URL, without anything that two programs could read differently. JSON Schema has no named groups.
-_HOST, _PORT, _TARGET = r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]", "[0-9]{1,5}", r"[/?][A-Za-z0-9._~!$&'()*+,;=:@%/?-]*"
-WEBHOOK_URL = rf"(?P<scheme>https?)://(?P<host>{_HOST})(?::(?P<port>{_PORT}))?(?P<target>{_TARGET})?"
-WEBHOOK_URL_SCHEMA = rf"^https?://({_HOST})(:{_PORT})?({_TARGET})?$"
+_HOST, _TARGET = r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]", r"[/?][A-Za-z0-9._~!$&'()*+,;=:@%/?-]*"
+# A port, from 1 to 65535.
+PORT = "[1-9][0-9]{0,3}|[1-5][0-9]{4}|6[0-4][0-9]{3}|65[0-4][0-9]{2}|655[0-2][0-9]|6553[0-5]"
+WEBHOOK_URL = rf"(?P<scheme>https?)://(?P<host>{_HOST})(?::(?P<port>{PORT}))?(?P<target>{_TARGET})?"
+WEBHOOK_URL_SCHEMA = rf"^https?://({_HOST})(:({PORT}))?({_TARGET})?$"
 # The `what` of an event, or its beginning with a star.
 EVENT_NAME = r"^([a-z-]+\*?|\*)$"
