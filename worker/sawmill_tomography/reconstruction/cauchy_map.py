@@ -21,7 +21,7 @@ from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     reconstruct_with_prior,
 )
 from sawmill_tomography.reconstruction.iterative.first_image import typical_attenuation
-from sawmill_tomography.reconstruction.iterative.penalised import Objective
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, weights_of
 from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases, counting_iterations, part_of
 from sawmill_tomography.reconstruction.iterative.synthetic_tuning import ITERATIONS as TUNING_ITERATIONS
@@ -286,8 +286,7 @@ def _best_sigmas(
 
 def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
     """Return 1 / sigma^2 for multiples of the noise, (factors, views, detector)."""
-    each = 1.0 / (factors[:, None, None] * noises) ** 2
-    return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32, order="C")
+    return weights_of(factors[:, None, None] * noises, (factors.size, *lines.shape[1:]))
 
 
 def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:

@@ -15,7 +15,7 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import (
 )
 from sawmill_tomography.reconstruction.iterative.descent import Floats
 from sawmill_tomography.reconstruction.iterative.edge_preserving import PriorProblem
-from sawmill_tomography.reconstruction.iterative.penalised import Objective
+from sawmill_tomography.reconstruction.iterative.penalised import Objective, weights_of
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
 
@@ -81,7 +81,7 @@ def choose_weight(
     lines, noises, support = problem.lines, problem.noises, problem.support
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
-    weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32, order="C")
+    weights = weights_of(noises, lines.shape)
     prior = smoothed_prior(np.broadcast_to(typical, candidates.shape), candidates)
     objective = Objective(support.projector, lines, weights, prior)
     phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
@@ -149,7 +149,7 @@ def choose_coupling(
     problem = PriorProblem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
     noises = np.broadcast_to(problem.noises, problem.lines.shape)
     views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
-    training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
+    training = weights_of(np.where(views[:, None], np.inf, noises), noises.shape)
     typical = problem.typical_attenuation
     weights = {coupling: weight if weight_stays else factor * weight for coupling, factor in COUPLINGS}
     phases = Phases(on_progress, **{f"{coupling:g}": 1.0 for coupling in weights})

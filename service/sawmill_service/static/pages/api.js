@@ -50,6 +50,14 @@ export function upload(path, file, onProgress, signal) {
   });
 }
 
+// A form without a method is sent by a script. Its buttons wait for the script: the browser itself would load the page
+// again, without what was written.
+export function enableForms() {
+  document.querySelectorAll("form:not([method]) button:disabled").forEach((button) => {
+    button.disabled = false;
+  });
+}
+
 export const AGAIN_MS = 2000;
 
 // Calls onJob with the job at each change, until it has ended; answers with the ended job. A browser gives up a stream

@@ -1,5 +1,5 @@
 // Draws a phantom from rows of corners: the service draws the preview and says what is wrong.
-import { Problem, api, followJob, upload } from "./api.js";
+import { Problem, api, enableForms, followJob, upload } from "./api.js";
 import { numberOf, unreadable } from "./numbers.js";
 
 const shapes = document.querySelector("#shapes");
@@ -193,8 +193,5 @@ if (shapes) {
   document.querySelector("#picture").addEventListener("submit", send);
   addShape("polygon", BOARD);
   changed(0);
-  // Before this script was there, a browser would have sent the form itself, and forgotten the scan that waits.
-  document.querySelectorAll("button.primary:disabled").forEach((button) => {
-    button.disabled = false;
-  });
+  enableForms();
 }

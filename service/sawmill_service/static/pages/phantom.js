@@ -1,5 +1,5 @@
 // A phantom's page: follows its tracing, takes measurements, asks for plans.
-import { Problem, api, followJob } from "./api.js";
+import { Problem, api, enableForms, followJob } from "./api.js";
 import { numberOf, unreadable } from "./numbers.js";
 
 function say(form, sentence) {
@@ -8,10 +8,9 @@ function say(form, sentence) {
   problem.hidden = !sentence;
 }
 
-// Runs what a form asks for; what the service refuses is said in the form. Its button waits for this: a form that the
-// browser itself sent would lose what was written.
+// Runs what a form asks for; what the service refuses is said in the form.
 function onSubmit(form, act) {
-  form.addEventListener("submit", async (event) => {
+  form?.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = form.querySelector("button");
     const [wrong] = unreadable(form);
@@ -32,7 +31,6 @@ function onSubmit(form, act) {
       button.disabled = false;
     }
   });
-  form.querySelector("button").disabled = false;
 }
 
 const text = (form, name) => form.elements[name].value.trim() || null;
@@ -110,10 +108,7 @@ const tracing = document.querySelector("#tracing");
 if (tracing) {
   follow(tracing.dataset.job, tracing).then(() => location.reload());
 }
-const measuring = document.querySelector("form.measure");
-if (measuring) {
-  onSubmit(measuring, measure);
-}
+onSubmit(document.querySelector("form.measure"), measure);
 const form = document.querySelector("form.plan");
 if (form) {
   onSubmit(form, plan);
@@ -125,3 +120,4 @@ if (form) {
     follow(unfinished.dataset.job, form.querySelector(".waiting")).then(showPlans);
   }
 }
+enableForms();

@@ -1,17 +1,10 @@
 // Makes keys, gives them new secrets and revokes them; a secret is shown once and kept nowhere.
-import { Problem, api } from "./api.js";
+import { Problem, api, enableForms } from "./api.js";
 import { showTimes } from "./time.js";
 
 const keys = document.querySelector("#keys");
 const secret = document.querySelector("#secret");
 const refused = document.querySelector("#refused");
-
-// A form that the browser itself sent would lose what was written: its button waits for this.
-function enable() {
-  document.querySelectorAll("form button:disabled").forEach((button) => {
-    button.disabled = false;
-  });
-}
 
 async function showKeys() {
   const answer = await fetch("/system");
@@ -19,7 +12,7 @@ async function showKeys() {
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
     keys.innerHTML = page.querySelector("#keys").innerHTML;
     showTimes(keys);
-    enable();
+    enableForms();
   }
 }
 
@@ -69,7 +62,7 @@ document.addEventListener("submit", async (event) => {
     refused.hidden = false;
   }
 });
-enable();
+enableForms();
 document.querySelector("#copy").addEventListener("click", async (event) => {
   secret.querySelector("input").select();
   await navigator.clipboard?.writeText(secret.querySelector("input").value);

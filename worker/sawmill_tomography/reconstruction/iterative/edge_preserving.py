@@ -19,7 +19,12 @@ from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
 from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
-from sawmill_tomography.reconstruction.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation
+from sawmill_tomography.reconstruction.iterative.penalised import (
+    CONTINUATION_ITERATIONS,
+    Objective,
+    continuation,
+    weights_of,
+)
 from sawmill_tomography.reconstruction.iterative.priors import Prior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases, cost_of_images
 from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion, descend_from_support
@@ -181,7 +186,7 @@ def reconstruct_with_prior(
     )
     choice = None if method.choose is None else _from_middle_slice(method.choose, problem, phases.of("choose"))
     settings = method.settings(problem, choice)
-    weights = np.broadcast_to(1.0 / settings.sigmas**2, lines.shape).astype(np.float32, order="C")
+    weights = weights_of(settings.sigmas, lines.shape)
     near = choice.image[None] if choice is not None and has_near_image else None
     on_descent = phases.of("descent")
     if method.convex:

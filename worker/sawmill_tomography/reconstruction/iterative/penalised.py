@@ -146,6 +146,14 @@ def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
     return blur / blur.mean(), rough
 
 
+def weights_of(sigmas: Floats, shape: tuple[int, ...]) -> Images:
+    """Return the weights 1 / sigma^2 of rays of a shape; 0 for a ray that is left out, whose sigma is infinite.
+
+    They lie in memory as images do: kernels are compiled for that alone.
+    """
+    return np.ascontiguousarray(np.broadcast_to(1.0 / sigmas**2, shape), np.float32)
+
+
 def _of(rays: Images, which: Indices) -> Images:
     return rays if len(rays) == 1 else rays[which]
 
