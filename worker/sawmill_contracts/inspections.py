@@ -9,7 +9,7 @@ from pydantic import Field
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import AskedKind, Operation
-from sawmill_contracts.scans import AnglesText, Dataset, ScanShape, Transpose
+from sawmill_contracts.scans import AnglesText, Dataset, ReadingRemarks, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
@@ -89,7 +89,7 @@ class ViewAngles(Contract):
     )
 
 
-class InspectedReading(Contract):
+class InspectedReading(ReadingRemarks):
     """Data that would be read, as the headers state them."""
 
     data: DataKind | None = Field(
@@ -121,11 +121,6 @@ class InspectedReading(Contract):
         examples=["/entry/pixel: 1.5"],
     )
     other_files: list[str] = Field([], description="Further files that would be read.", examples=[["mill-flats.h5"]])
-    remarks: list[str] = Field(
-        [],
-        description="Changes that would be made to the data on reading.",
-        examples=[["one invalid frame would be left out"]],
-    )
 
 
 class MissingPart(Contract):

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, StringConstraints, model_validator
 from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import PositiveMm
 from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
@@ -154,7 +155,30 @@ UsableRows = Annotated[
 ]
 
 
-class ScanReading(Contract):
+class ReadingRemarks(Contract):
+    """Remarks on a file that was read as a scan."""
+
+    remarks: list[str] = Field(
+        [],
+        description="Changes that are made to the data on reading, and what the file lacks.",
+        examples=[["1 images marked invalid (image_key 3) were left out."]],
+    )
+    coded_remarks: list[CodedReason] = Field(
+        [], description="The remarks as codes and values; empty where an earlier version read the file.", examples=[[]]
+    )
+
+    @property
+    def remarks_with_codes(self) -> list[CodedReason]:
+        """The remarks with their codes; without codes where an earlier version read the file."""
+        return CodedReason.all_of(self.coded_remarks, self.remarks)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The remarks, with words in every language where this version knows their codes."""
+        return tuple(each.reason or each.sentence for each in self.remarks_with_codes)
+
+
+class ScanReading(ReadingRemarks):
     """Result of the job that read an upload."""
 
     format: str = Field(description="Format of the file.", examples=["hdf5-nxtomo"])
@@ -163,12 +187,9 @@ class ScanReading(Contract):
         description="First and last view's angle, degrees.", examples=[[0.0, 359.0]]
     )
     usable_rows: UsableRows = None
-    remarks: list[str] = Field(
-        [], description="Changes that were made to the data on reading.", examples=[["one invalid frame left out"]]
-    )
 
 
-class Scan(Stamped, ScanSpec):
+class Scan(Stamped, ScanSpec, ReadingRemarks):
     """A scan in its present state."""
 
     state: ScanState = Field(description="Whether the scan can be used.", examples=["ready"])
@@ -190,9 +211,6 @@ class Scan(Stamped, ScanSpec):
         None, description="First and last view's angle, degrees. Null: it has not been read.", examples=[[0.0, 359.0]]
     )
     usable_rows: UsableRows = None
-    remarks: list[str] = Field(
-        [], description="Changes that were made to the data on reading.", examples=[["one invalid frame left out"]]
-    )
     job_id: Identifier = Field(description="Id of the job that reads the file.", examples=["example"])
 
 

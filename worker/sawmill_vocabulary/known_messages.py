@@ -6,7 +6,17 @@ from types import MappingProxyType
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Message
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.reading_messages import PreparingMessage, ReadingMessage
 from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
 
-_ENUMS = (CalibrationMessage, ResidualMessage, MovementMessage, LogMessage, EffectMessage, AdjustmentMessage)
+_ENUMS = (
+    CalibrationMessage,
+    ResidualMessage,
+    MovementMessage,
+    LogMessage,
+    EffectMessage,
+    AdjustmentMessage,
+    ReadingMessage,
+    PreparingMessage,
+)
 MESSAGES: Mapping[str, Message] = MappingProxyType({one.value: one for enum in _ENUMS for one in enum})

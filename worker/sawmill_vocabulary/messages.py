@@ -7,7 +7,7 @@ has two decimals, `%(moved_mm).2g` two significant digits, `%(moved_mm)+.2f` a s
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, Self
@@ -131,6 +131,11 @@ class Reason(str):
     def codes(self) -> tuple[str, ...]:
         """The code, and the codes of the parts."""
         return (self.message.value, *(code for part in self.parts for code in part.codes))
+
+
+def selected(sentences: Iterable[str], *messages: Message) -> Iterator[Reason]:
+    """Select the reasons among sentences that are made of one of these messages."""
+    return (each for each in sentences if isinstance(each, Reason) and each.message in messages)
 
 
 def _in_words(message: Message, values: Mapping[str, Value], parts: Sequence[Reason], reader: Reader) -> Sentences:

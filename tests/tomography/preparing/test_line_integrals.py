@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.preparing.line_integrals import SATURATION, CountsError, Exposure, line_integrals
+from sawmill_vocabulary.messages import selected
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 VIEWS, ROWS, CELLS = 4, 3, 10
 DARK, AIR = 100.0, 40_000.0
@@ -62,7 +64,7 @@ def test_dead_cells_are_bridged_from_their_neighbours_and_reported():
     expected[:, 1, 0] = ramp[:, 1, 1]
     expected[:, 2, CELLS - 1] = ramp[:, 2, CELLS - 2]
     np.testing.assert_allclose(result.stack, expected, atol=1e-5)
-    assert "4 dead detector cells bridged from their neighbours" in result.remarks
+    assert PreparingMessage.DEAD_CELLS(cells=4) in result.remarks
     assert result.air_level[0, 4] == 0.0
 
 
@@ -73,7 +75,7 @@ def test_starved_samples_are_cut_off_and_reported():
     result = line_integrals(counts, *fields())
     assert result.stack[1, 2, 3] == pytest.approx(-math.log(1e-6), rel=1e-6)
     assert result.stack[2, 0, 7] == pytest.approx(-math.log(1e-6), rel=1e-6)
-    assert any(remark.startswith("2 samples without signal") for remark in result.remarks)
+    assert PreparingMessage.NO_SIGNAL(samples=2) in result.remarks
     assert np.isfinite(result.stack).all()
 
 
@@ -135,7 +137,7 @@ def saturated(largest, air, *, gain_spread=0.03, cells=200):
 
 
 def said_of_saturation(result):
-    return [remark for remark in result.remarks if remark.startswith(SATURATION)]
+    return list(selected(result.remarks, *SATURATION))
 
 
 @pytest.mark.parametrize("largest", [4095.0, 3000.0], ids=["12 bits", "any plateau"])
@@ -143,8 +145,8 @@ def test_few_saturated_cells_are_bridged_and_named(largest):
     # Air at 0.96 of the largest value, gains of 3 %: every tenth cell is cut off.
     result = line_integrals(*saturated(largest, 0.96), None)
     (sentence,) = said_of_saturation(result)
-    assert f"largest value, {largest:.0f}; they were bridged" in sentence
-    assert "dead" not in " ".join(result.remarks)
+    assert (sentence.message, sentence.values["largest"]) == (PreparingMessage.SATURATED_FLATS_BRIDGED, largest)
+    assert not list(selected(result.remarks, PreparingMessage.DEAD_CELLS))
     # In the shadow a cell cut off in its flat would be off by up to 5 %; noise is 1.2 %, and bridged cells have less.
     assert np.abs(result.stack[:, :, 85:115].mean(axis=0) - 1.0).max() < 0.03
 
@@ -152,8 +154,8 @@ def test_few_saturated_cells_are_bridged_and_named(largest):
 def test_many_saturated_cells_are_named_with_their_remedy():
     result = line_integrals(*saturated(4095.0, 1.05), None)
     (sentence,) = said_of_saturation(result)
-    assert "too many to be left out" in sentence
-    assert "lower the tube's current or the exposure" in sentence
+    assert sentence.message is PreparingMessage.SATURATED_FLATS
+    assert "Lower the tube's current or the exposure" in sentence
 
 
 def test_saturated_cells_are_not_taken_for_the_dead_ones():
@@ -161,15 +163,15 @@ def test_saturated_cells_are_not_taken_for_the_dead_ones():
     flats[:, :, :30], flats[:, :, 120:140] = 0.0, 4095.0
     result = line_integrals(counts, flats, None)
     (sentence,) = said_of_saturation(result)
-    assert "too many to be left out" in sentence
-    assert f"{30 * ROWS} dead detector cells bridged from their neighbours" in result.remarks
+    assert sentence.message is PreparingMessage.SATURATED_FLATS
+    assert PreparingMessage.DEAD_CELLS(cells=30 * ROWS) in result.remarks
 
 
 def test_a_scan_brighter_than_its_flats_is_named():
     counts, _ = saturated(4095.0, 1.05)
     _, flats = saturated(4095.0, 0.8)
     (sentence,) = said_of_saturation(line_integrals(counts, flats, None))
-    assert "samples of the scan have the largest value, 4095" in sentence
+    assert (sentence.message, sentence.values["largest"]) == (PreparingMessage.SATURATED_SAMPLES, 4095)
 
 
 @pytest.mark.parametrize("air", [0.02, 0.5, 0.85])

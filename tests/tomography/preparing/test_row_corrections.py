@@ -7,6 +7,8 @@ from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrect
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import AirCorrection
+from sawmill_vocabulary.messages import selected
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 VIEWS, ROWS = 60, 3
 NOISE = 0.005
@@ -45,9 +47,9 @@ def test_a_drifting_source_and_faulty_cells_are_corrected_and_reported(clean):
     # Cells that were bridged see the log's detail, not its noise.
     assert error[~np.broadcast_to(done.faulty, error.shape)].std() == pytest.approx(NOISE, rel=0.02)
     assert np.abs(error[:, 1, 300]).max() < 0.3
-    assert done.remarks[0] == "3 dead or hot detector cells in 2 rows bridged from their neighbours"
-    assert done.remarks[1].startswith("air level in ")
-    assert done.remarks[2].startswith("in 3 rows view by view, where it varied by 0.0")
+    assert done.remarks[0] == PreparingMessage.FAULTY_CELLS(cells=3, rows=2)
+    assert done.remarks[1].message is PreparingMessage.AIR_LEVEL
+    assert done.remarks[2].startswith("In 3 rows it was taken out view by view, where it varied by 0.0")
     assert done.air_cells.sum() > 200
 
 
@@ -73,7 +75,7 @@ def test_missing_rows_stay_missing_and_spoil_nothing(clean):
     assert np.isnan(stack[7, 0]).all()
     assert np.isfinite(np.delete(stack, 7, axis=0)).all()
     assert abs(float(np.nanmean(stack - clean))) < 0.001
-    assert "taken out of 3 rows: 0.05 in the mean" in done.remarks[0]
+    assert "taken out of 3 rows: 0.050 in the mean" in done.remarks[0]
 
 
 def test_a_level_that_cannot_be_air_is_kept_and_reported(clean):
@@ -81,7 +83,7 @@ def test_a_level_that_cannot_be_air_is_kept_and_reported(clean):
     before = stack.copy()
     done = corrected_rows(stack, Corrections(AirCorrection.VIEWS, largest_air_level=0.3))
     np.testing.assert_array_equal(stack, before)
-    assert done.remarks == ("3 rows without air at the detector's ends keep their level",)
+    assert done.remarks == (PreparingMessage.ROWS_WITHOUT_AIR(rows=3),)
 
 
 def test_rings_are_left_unless_asked_and_reported_where_they_show(clean):
@@ -89,11 +91,10 @@ def test_rings_are_left_unless_asked_and_reported_where_they_show(clean):
     stack = noisy(clean, 58) + unequal
     remarks = corrected_rows(stack, Corrections(AirCorrection.OFF)).remarks
     assert len(remarks) == 1
-    assert remarks[0].endswith("in 3 rows, seen as rings; rings=sorting removes them")
+    assert remarks[0].message is PreparingMessage.RINGS_VISIBLE
     done = corrected_rows(stack, Corrections(AirCorrection.OFF, remove_rings=True))
-    assert done.remarks[0].startswith(
-        "rings removed by sorting (Vo, Atwood and Drakopoulos 2018, algorithm 3, 9 cells)"
-    )
+    (remark,) = selected(done.remarks, PreparingMessage.RINGS_REMOVED)
+    assert remark.values["window"] == 9
     assert (stack - clean).std() < 0.6 * (unequal.std() + NOISE)
 
 

@@ -183,7 +183,7 @@ def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload,
     result = run(reading)
     assert result["shape"]["rows"] == ROWS
     assert result["usable_rows"] == [0, ROWS]
-    assert "rows 0:44 of 44 are in enough views, 43 of them in all; 0 of 36 views moved" in result["remarks"][-1]
+    assert "rows 0:44 of 44 are in enough views, 43 of them in all. 0 of 36 views moved" in result["remarks"][-1]
     with h5py.File(reading.output / "scan.h5") as file:
         np.testing.assert_array_equal(file["entry/provenance/row_shifts"], np.zeros(VIEWS))
         assert np.argwhere(file["entry/instrument/detector/rows_present"][()] == 0).tolist() == [[3, 0]]

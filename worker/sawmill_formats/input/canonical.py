@@ -22,6 +22,7 @@ from sawmill_formats.input.plausible import (
     range_of_counts,
 )
 from sawmill_vocabulary import DetectorModule
+from sawmill_vocabulary.messages import Reason
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
 SAME_DIRECTION_RAD = np.deg2rad(1e-6)
@@ -45,8 +46,8 @@ class CanonicalScan:
         Distances between cells and between rows, where the file has them.
     format : str
         Format of the file.
-    remarks : tuple of str
-        Changes that were made to the data on reading, one sentence each.
+    remarks : tuple of Reason
+        Changes that were made to the data on reading, and what the file lacks.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell.
     unused : str or None
@@ -72,7 +73,7 @@ class CanonicalScan:
     detector_pitch_mm: float | None
     row_pitch_mm: float | None
     format: str
-    remarks: tuple[str, ...]
+    remarks: tuple[Reason, ...]
     rows_missing: bool = False
     unused: str | None = None
     others: tuple[Path, ...] = ()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_vocabulary import DetectorModule
+from sawmill_vocabulary.messages import Reason
 
 ReadBlock = Callable[[slice, slice], NDArray[np.float32]]
 
@@ -65,13 +66,13 @@ class FileAngles:
         None where there are none, or they cannot be used.
     unit : str or None
         Unit in the file.
-    unusable : str or None
+    unusable : Reason or None
         Why they cannot be used, where there are some.
     """
 
     deg: NDArray[np.float64] | None = None
     unit: str | None = None
-    unusable: str | None = None
+    unusable: Reason | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ class FileContents:
     angles_deg : (views,) float64, degrees
     angles_unit : str or None
         Unit of the angles in the file.
-    angles_unusable : str or None
+    angles_unusable : Reason or None
         Reason why the angles in the file cannot be used, where it has some.
     angles_of_last_axis : str or None
         Array that could be angles by its name and has the length of the last axis, not of the first.
@@ -102,8 +103,8 @@ class FileContents:
         Modules of the detector after the first.
     unused : str or None
         Values that could serve as pitch or distance, where the file does not state what they are.
-    remarks : tuple of str
-        Changes that were made to the data, one sentence each.
+    remarks : tuple of Reason
+        Changes that were made to the data, and what the file lacks.
     others : tuple of Path
         Further files that were read: of the fields, in a folder, behind links.
     """
@@ -115,12 +116,12 @@ class FileContents:
     deviations: NDArray[np.float32] | None = None
     angles_deg: NDArray[np.float64] | None = None
     angles_unit: str | None = None
-    angles_unusable: str | None = None
+    angles_unusable: Reason | None = None
     angles_of_last_axis: str | None = None
     transposed: bool = False
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
     unused: str | None = None
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Reason, ...] = ()
     others: tuple[Path, ...] = ()

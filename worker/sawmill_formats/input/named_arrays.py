@@ -15,6 +15,8 @@ from sawmill_formats.input.arrays import as_float32, check_scan_dimensions
 from sawmill_formats.input.contents import FileAngles, FileContents, Projections
 from sawmill_formats.input.units import to_degrees
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
@@ -62,7 +64,7 @@ class NamedArrays:
     text: Callable[[str], str | None] = lambda _: None
 
 
-def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
+def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Reason, ...] = ()) -> FileContents:
     """Read the projections (the one named, or the only candidate) and related arrays by their names.
 
     Raises
@@ -95,10 +97,10 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[str
         deviations=_optional(arrays, DEVIATIONS) if selection.deviations else None,
         angles_deg=angles.deg,
         angles_unit=angles.unit,
-        angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
+        angles_unusable=ReadingMessage.ANGLES_UNNAMED(arrays=", ".join(lists)) if lists else None,
         angles_of_last_axis=", ".join(possible_angles) if possible_angles else None,
         unused=unused,
-        remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
+        remarks=remarks if unused is None else (*remarks, ReadingMessage.UNUSED_VALUES(arrays=unused)),
     )
 
 

@@ -18,6 +18,8 @@ from sawmill_formats.input.given_fields import with_fields
 from sawmill_formats.input.hdf5.links import LinkedFiles
 from sawmill_formats.input.recognising import recognise
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
@@ -171,8 +173,8 @@ def canonical_scan(
     dimensions = len(projections.shape)
     angles, remarks = agree_on_angles(contents, angles_deg)
     if counts and (contents.darks is None or not contents.darks.any()):
-        lacking = "There are no dark fields" if contents.darks is None else "All dark fields are 0"
-        remarks = (*remarks, f"{lacking}: the detector's offset was taken as zero.")
+        lacking = ReadingMessage.NO_DARKS if contents.darks is None else ReadingMessage.DARKS_ZERO
+        remarks = (*remarks, lacking())
     return CanonicalScan(
         projections=projections,
         angles_rad=np.deg2rad(angles),
@@ -202,7 +204,7 @@ def _transposed(contents: FileContents) -> FileContents:
         darks=_reversed(contents.darks),
         deviations=_reversed(contents.deviations),
         transposed=True,
-        remarks=(*contents.remarks, "The axes were put into the reverse order, as was asked for."),
+        remarks=(*contents.remarks, ReadingMessage.AXES_REVERSED()),
     )
 
 
@@ -232,7 +234,7 @@ def _translated(projections: Projections, what: str) -> Projections:
 
 def agree_on_angles(
     contents: FileContents, angles_given: AnglesGiven | None
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+) -> tuple[NDArray[np.float64], tuple[Reason, ...]]:
     """Return the views' angles (views,) in degrees, from the file or as given, and remarks.
 
     Raises
@@ -258,8 +260,8 @@ def agree_on_angles(
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
     if contents.angles_unusable is not None:
-        return angles, (f"The angles given were used: {contents.angles_unusable}.",)
-    return angles, () if hint is None else (f"The angles given were used, but {hint}.",)
+        return angles, (ReadingMessage.ANGLES_GIVEN(contents.angles_unusable),)
+    return angles, () if hint is None else (ReadingMessage.ANGLES_GIVEN_BUT(why=hint),)
 
 
 def _check_axis(who: str, number: int | None, contents: FileContents) -> None:

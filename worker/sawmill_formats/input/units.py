@@ -3,6 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
+
 LENGTHS_MM = {
     "nm": 1e-6,
     "um": 1e-3,
@@ -41,18 +44,16 @@ def to_degrees(values: NDArray[np.float64], unit: str) -> NDArray[np.float64] | 
         return np.rad2deg(values) if name in RADIANS else None
 
 
-def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, str | None]:
+def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, Reason | None]:
     """Return one length in mm, or None and the reason why it cannot be used."""
     if values.size != 1:
-        return None, f"it has {values.size} values instead of one"
+        return None, ReadingMessage.LENGTH_OF_SEVERAL(values=values.size)
     if unit is None:
-        return None, "it has no units attribute"
+        return None, ReadingMessage.LENGTH_WITHOUT_UNIT()
     length_mm = to_mm(float(values.reshape(-1)[0]), unit)
     if length_mm is None:
-        return None, f"its unit {unit!r} is not a known unit of length"
+        return None, ReadingMessage.LENGTH_OF_OTHER_UNIT(unit=unit)
     if length_mm == 0.0 or np.isnan(length_mm):
-        return (
-            None,
-            f"it is {length_mm:g} mm, which states no distance",
-        )  # as exporters write a size that they do not know
+        # Exporters write such a size where they do not know it.
+        return None, ReadingMessage.LENGTH_STATES_NOTHING(length_mm=f"{length_mm:g}")
     return length_mm, None

@@ -17,6 +17,7 @@ from sawmill_formats.input.npy import read_npz
 from sawmill_formats.input.tiff.pages import TiffPages, open_pages
 from sawmill_formats.input.tiff.several_files import TiffFile, checked_files, image_kind, is_tiff, natural_key, stacked
 from sawmill_formats.input.wanted import FieldKind, Wanted
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 WHAT = "the archive"
 KINDS = {"flat": FieldKind.FLATS, "dark": FieldKind.DARKS}
@@ -65,11 +66,11 @@ def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, bound
         )
     checked = checked_files(WHAT, views, bounds, rows_missing=True)
     ignored = len(infos) - len(images)
-    remarks = [f"{ignored} files that are no TIFFs were ignored."] if ignored else []
+    remarks = [ReadingMessage.OTHER_FILES(files=ignored)] if ignored else []
     rows = max(member.shape[1] for member in checked)
     if any(member.shape[1] < rows for member in checked):
         rows = max(rows, 0 if flats is None else flats.shape[1])
-        remarks.append(f"Views of fewer than {rows} rows were read as lacking rows at their end.")
+        remarks.append(ReadingMessage.FEWER_ROWS(rows=rows))
     return FileContents("zip-of-tiffs", stacked(checked, rows, bounds), flats, darks, remarks=tuple(remarks))
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.sinograms.bridging import bridge
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 Stack = NDArray[np.float32]
 
@@ -25,8 +27,12 @@ PLATEAU, PILED_UP, FEWEST = 0.01, 3.0, 20
 # A cell is saturated if more than this share of its flats has the largest value: with a smaller share the mean is too
 # small by no more than a twentieth of the flats' noise.
 SATURATED = 0.1
-# Prefix of remarks on saturation, by which a calibration recognises and repeats them.
-SATURATION = "saturation: "
+# Remarks that a calibration repeats.
+SATURATION = (
+    PreparingMessage.SATURATED_FLATS,
+    PreparingMessage.SATURATED_FLATS_BRIDGED,
+    PreparingMessage.SATURATED_SAMPLES,
+)
 
 
 class CountsError(ValueError):
@@ -160,33 +166,23 @@ class Exposure:
                 f"{MOST_STARVED:.0%} may: check that the data are counts, and which fields belong to them"
             )
 
-    def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
+    def remarks(self, starved: int, saturated: int = 0) -> tuple[Reason, ...]:
         """Return the corrections made, with the numbers of samples without signal and with the largest count."""
-        remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
+        remarks = [PreparingMessage.LINE_INTEGRALS()]
         if starved:
-            remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
+            remarks.append(PreparingMessage.NO_SIGNAL(samples=starved))
         dead = int(self.dead.sum()) - (self.saturated if self.bridges_saturated else 0)
         if dead:
-            remarks.append(f"{dead} dead detector cells bridged from their neighbours")
+            remarks.append(PreparingMessage.DEAD_CELLS(cells=dead))
         return (*remarks, *self._of_saturation(saturated))
 
-    def _of_saturation(self, samples: int) -> Iterator[str]:
-        remedy = "lower the tube's current or the exposure until air stays below it, and take flats and scan again"
+    def _of_saturation(self, samples: int) -> Iterator[Reason]:
         if self.saturated:
-            effect = (
-                "they were bridged from their neighbours"
-                if self.bridges_saturated
-                else "too many to be left out: their line integrals are too small"
-            )
-            yield (
-                f"{SATURATION}the flat fields of {self.saturated} of {self.dead.size} detector cells have the largest "
-                f"value, {self.largest:.0f}; {effect}: {remedy}"
-            )
+            bridged, left = PreparingMessage.SATURATED_FLATS_BRIDGED, PreparingMessage.SATURATED_FLATS
+            message = bridged if self.bridges_saturated else left
+            yield message(saturated=self.saturated, cells=self.dead.size, largest=self.largest)
         elif samples:
-            yield (
-                f"{SATURATION}{samples} samples of the scan have the largest value, {self.largest:.0f}; their line "
-                f"integrals are too large: {remedy}"
-            )
+            yield PreparingMessage.SATURATED_SAMPLES(samples=samples, largest=self.largest)
 
 
 def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
@@ -211,13 +207,13 @@ class LineIntegrals:
         Line integrals, dimensionless.
     air_level : (rows, detector) float32
         Air level in counts (`Exposure.air_level`).
-    remarks : tuple of str
+    remarks : tuple of Reason
         Corrections made.
     """
 
     stack: Stack
     air_level: Stack
-    remarks: tuple[str, ...]
+    remarks: tuple[Reason, ...]
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:

@@ -13,6 +13,8 @@ from sawmill_tomography.sinograms.faulty_cells import faulty_cells, median_of_vi
 from sawmill_tomography.sinograms.present_rows import present_rows
 from sawmill_tomography.statistics.robust import noise_of_differences
 from sawmill_vocabulary import AirCorrection
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 Sinogram = NDArray[np.float32]
 Stack = NDArray[np.float32]
@@ -57,13 +59,13 @@ class CorrectedRows:
         Cells that were bridged.
     air_cells : (cells,) bool
         Air in every view of every row.
-    remarks : tuple of str
+    remarks : tuple of Reason
         One sentence for each correction that changed something, or could not be made.
     """
 
     faulty: NDArray[np.bool_]
     air_cells: NDArray[np.bool_]
-    remarks: tuple[str, ...]
+    remarks: tuple[Reason, ...]
 
 
 @dataclass
@@ -136,44 +138,40 @@ def _visible(deviation: float, sinogram: Sinogram) -> bool:
     return deviation > max(VISIBLE_STRIPES * float(high - low), 3.0 * noise_of_median)
 
 
-def _remarks(results: _Findings, corrections: Corrections) -> tuple[str, ...]:
+def _remarks(results: _Findings, corrections: Corrections) -> tuple[Reason, ...]:
     return (*_of_cells(results), *_of_air(results, corrections), *_of_rings(results, corrections))
 
 
-def _of_cells(results: _Findings) -> list[str]:
+def _of_cells(results: _Findings) -> list[Reason]:
     if not results.faulty.any():
         return []
     rows = int(results.faulty.any(axis=1).sum())
-    return [f"{int(results.faulty.sum())} dead or hot detector cells in {rows} rows bridged from their neighbours"]
+    return [PreparingMessage.FAULTY_CELLS(cells=int(results.faulty.sum()), rows=rows)]
 
 
-def _of_air(results: _Findings, corrections: Corrections) -> list[str]:
-    remarks = []
+def _of_air(results: _Findings, corrections: Corrections) -> list[Reason]:
+    remarks: list[Reason] = []
     if results.with_air:
         levels = np.array([air.background for air in results.with_air])
         drifts = [air for air in results.with_air if air.drifts and corrections.air is AirCorrection.VIEWS]
         fewest = min(int(air.cells.sum()) for air in results.with_air)
-        remarks.append(
-            f"air level in at least {fewest} cells at the detector's ends taken out of {len(levels)} rows: "
-            f"{levels.mean():.2g} in the mean"
-        )
+        level = float(levels.mean())
+        remarks.append(PreparingMessage.AIR_LEVEL(cells=fewest, rows=len(levels), level=level))
         if drifts:
             spread = math.sqrt(np.mean([air.level.var() for air in drifts]))
-            remarks.append(f"in {len(drifts)} rows view by view, where it varied by {spread:.2g} (standard deviation)")
+            remarks.append(PreparingMessage.AIR_OF_VIEWS(rows=len(drifts), deviation=spread))
     if results.without_air:
-        remarks.append(f"{results.without_air} rows without air at the detector's ends keep their level")
+        remarks.append(PreparingMessage.ROWS_WITHOUT_AIR(rows=results.without_air))
     return remarks
 
 
-def _of_rings(results: _Findings, corrections: Corrections) -> list[str]:
+def _of_rings(results: _Findings, corrections: Corrections) -> list[Reason]:
     if not results.stripes:
         return []
     before, after = (float(np.median([row[side] for row in results.stripes])) for side in (0, 1))
     if corrections.remove_rings:
-        method = f"Vo, Atwood and Drakopoulos 2018, algorithm 3, {WINDOW} cells"
-        effect = f"stripes were {before:.2g} and are {after:.2g} (median of the rows)"
-        return [f"rings removed by sorting ({method}): {effect}"]
+        return [PreparingMessage.RINGS_REMOVED(before=before, after=after, window=WINDOW)]
     visible = sum(row[2] for row in results.stripes)
     if 2 * visible <= len(results.stripes):
         return []
-    return [f"unequal cells leave stripes of {before:.2g} in {visible} rows, seen as rings; rings=sorting removes them"]
+    return [PreparingMessage.RINGS_VISIBLE(before=before, rows=visible)]

@@ -131,7 +131,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
         limits=CalibrationLimits.of(scanner.tolerances, scanner.log_radius_mm),
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
-        remarks=of_saturation(scan.remarks),
+        remarks=of_saturation(scan.reasons),
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return calibration_input, stored.line_integrals, named

@@ -51,7 +51,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         tolerance_mm=scanner.tolerances.ray_change_mm,
         tolerance_scale_percent=scanner.tolerances.scale_percent,
         averaged_rows=scan.averaged_rows,
-        preparation=tuple(scan.remarks),
+        preparation=scan.reasons,
         baselines=attempt.given.baselines,
     )
     return run_drift(drift_input).model_dump(mode="json")

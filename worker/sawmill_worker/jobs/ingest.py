@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.input.angles import parse_angles
@@ -53,6 +54,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
         usable_rows=prepared.usable_rows,
         remarks=list(prepared.remarks),
+        coded_remarks=[CodedReason.of(each) for each in prepared.remarks],
     ).model_dump(mode="json")
 
 

@@ -52,7 +52,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
             handedness=handedness,
             input_sha256=scan.sha256,
             counts=scan.data is DataKind.COUNTS,
-            preparation=tuple(scan.remarks),
+            preparation=scan.reasons,
             beam=beam,
         )
         keeper = _keeper(attempt, reconstruction_input, options)

@@ -24,6 +24,7 @@ from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
     from sawmill_formats.input.hdf5.links import LinkedFiles
@@ -83,7 +84,7 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         projections=partial(_projections, by_name, bounds),
         text=partial(_text, by_name, bounds.whole),
     )
-    remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
+    remarks = (ReadingMessage.MATLAB_AXES(),) if matlab else ()
     return read_named_arrays(arrays, selection, remarks)
 
 

@@ -10,6 +10,8 @@ from sawmill_formats.input.contents import FileAngles
 from sawmill_formats.input.hdf5.guard import Node, numbers, read_values
 from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
 def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | None) -> FileAngles:
@@ -20,15 +22,14 @@ def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | N
     values = _read_vector(dataset, path)
     unit = attribute_text(dataset, "units") or default_unit
     if unit is None:
-        return FileAngles(unusable=f"the angles in {path} have no units attribute")
+        return FileAngles(unusable=ReadingMessage.ANGLES_WITHOUT_UNIT(path=path))
     angles_deg = to_degrees(values, unit)
     if angles_deg is None:
-        why = f"the unit {quoted(unit)!r} of the angles in {path} is not a known unit of angle"
-        return FileAngles(unusable=why)
+        return FileAngles(unusable=ReadingMessage.ANGLES_OF_OTHER_UNIT(unit=quoted(unit), path=path))
     return FileAngles(angles_deg, quoted(unit))
 
 
-def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
+def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[Reason, ...]]:
     """Read a pixel size in mm or None, and the remark why it was ignored.
 
     Raises
@@ -47,7 +48,7 @@ def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tu
             f"{path} is {length_mm:g} mm; a distance between cells must be between {LEAST_PITCH_MM:g} and "
             f"{LARGEST_PITCH_MM:g} mm: correct it, or leave it out",
         )
-    return length_mm, () if problem is None else (f"{path} was ignored: {problem}.",)
+    return length_mm, () if problem is None else (ReadingMessage.LENGTH_IGNORED(problem, path=path),)
 
 
 def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:

@@ -22,11 +22,13 @@ from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.units import to_mm
 from sawmill_formats.nxtomo import DETECTOR
 from sawmill_vocabulary import DetectorModule
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
 def read_modules(
     entry: h5py.Group, cells: int, pitch_mm: float | None, bounds: Bounds
-) -> tuple[tuple[DetectorModule, ...], tuple[str, ...]]:
+) -> tuple[tuple[DetectorModule, ...], tuple[Reason, ...]]:
     """Read the modules after the first, and the remark why they were ignored."""
     detector = find(entry, DETECTOR, bounds.linked)
     if not isinstance(detector, h5py.Group):
@@ -40,7 +42,7 @@ def read_modules(
     try:
         return modules_after_first([_placed(group, bounds) for group in groups], cells, pitch_mm), ()
     except ModulesUnusable as why:
-        return (), (f"The detector's modules in {DETECTOR} were ignored: {why}.",)
+        return (), (ReadingMessage.MODULES_IGNORED(path=DETECTOR, why=str(why)),)
 
 
 def _placed(group: h5py.Group, bounds: Bounds) -> PlacedModule:

@@ -27,6 +27,8 @@ from sawmill_formats.nxtomo import (
     PROJECTION,
     ROW_PITCH,
 )
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
     from sawmill_formats.input.hdf5.links import LinkedFiles
@@ -83,13 +85,13 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
 @dataclass(frozen=True)
 class _ImageKeys:
     values: NDArray[np.int64]
-    remarks: tuple[str, ...]
+    remarks: tuple[Reason, ...]
 
 
 def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKeys:
     dataset = numbers(entry, IMAGE_KEY, bounds)
     if dataset is None:
-        return _ImageKeys(np.zeros(images, dtype=np.int64), (f"{IMAGE_KEY} is missing: every image is a view.",))
+        return _ImageKeys(np.zeros(images, dtype=np.int64), (ReadingMessage.NO_IMAGE_KEY(path=IMAGE_KEY),))
     if dataset.shape != (images,):
         raise UnreadableScan(
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
@@ -104,7 +106,7 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
             "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
         )
     invalid = int(np.count_nonzero(raw == INVALID))
-    remarks = (f"{invalid} images marked invalid (image_key 3) were left out.",) if invalid else ()
+    remarks = (ReadingMessage.INVALID_IMAGES(images=invalid),) if invalid else ()
     return _ImageKeys(raw.astype(np.int64), remarks)
 
 

@@ -22,6 +22,8 @@ from sawmill_formats.input.tiff.several_files import (
     stacked,
 )
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 MOST_FILES = 100_000
 MOST_QUOTED = 10
@@ -118,23 +120,23 @@ def _check_kinds(paths: Sequence[Path]) -> None:
         )
 
 
-def _ignored(members: Sequence[Path], images: Sequence[Path]) -> Iterator[str]:
+def _ignored(members: Sequence[Path], images: Sequence[Path]) -> Iterator[Reason]:
     rest = set(members) - set(images)
     folders = sum(each.is_dir() for each in rest)
     if folders:
-        yield f"{folders} subfolders were not looked into."
+        yield ReadingMessage.SUBFOLDERS(folders=folders)
     if len(rest) > folders:
-        yield f"{len(rest) - folders} files that are no TIFFs were ignored."
+        yield ReadingMessage.OTHER_FILES(files=len(rest) - folders)
 
 
-def _forms(names: Sequence[str]) -> Iterator[str]:
+def _forms(names: Sequence[str]) -> Iterator[Reason]:
     forms = list(dict.fromkeys(map(form_of, names)))
     if len(forms) > 1:
         shown = ", ".join(quoted(form) for form in forms[:MOST_QUOTED])
-        yield f"The files' names have {len(forms)} forms ({shown}): all were taken as views, in natural order."
+        yield ReadingMessage.NAMES_OF_SEVERAL_FORMS(forms=len(forms), names=shown)
 
 
-def _gaps(names: Sequence[str]) -> Iterator[str]:
+def _gaps(names: Sequence[str]) -> Iterator[Reason]:
     """Find the missing numbers where one number alone distinguishes the names of a sequence."""
     columns = list(zip(*(map(int, re.findall(r"\d+", name)) for name in names), strict=False))
     varying = [sorted(set(column)) for column in columns if len(set(column)) > 1]
@@ -147,7 +149,5 @@ def _gaps(names: Sequence[str]) -> Iterator[str]:
         held = set(numbers)
         absent = islice((n for n in range(numbers[0], numbers[-1], step) if n not in held), MOST_QUOTED)
         more = ", ..." if there - len(numbers) > MOST_QUOTED else ""
-        yield (
-            f"The numbers in the files' names leave out {', '.join(map(str, absent))}{more} ({there - len(numbers)} of "
-            f"{there}): each file was taken as the next view, and angles as START:STEP do not fit from there on."
-        )
+        left_out = ", ".join(map(str, absent)) + more
+        yield ReadingMessage.NUMBERS_LEFT_OUT(numbers=left_out, missing=there - len(numbers), total=there)

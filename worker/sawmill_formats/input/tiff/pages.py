@@ -24,6 +24,7 @@ from sawmill_formats.input.contents import FileContents, Projections, held
 from sawmill_formats.input.tiff.page_chain import check_chain
 from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
     import tifffile
@@ -77,7 +78,7 @@ def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -
     count, rows, _ = pages.shape
     if count == 1:
         sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
-        return FileContents("tiff", sinogram, remarks=("The single page was read as the sinogram of one row.",))
+        return FileContents("tiff", sinogram, remarks=(ReadingMessage.SINGLE_PAGE(),))
     return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)))
 
 

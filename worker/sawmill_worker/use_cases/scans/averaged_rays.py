@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from sawmill_formats.input.averaged import AveragedRows
 from sawmill_tomography.sinograms.masked_rays import bridge_masked
-
-MASKED = "rays were masked"
+from sawmill_vocabulary.messages import Reason, selected
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 
 class AveragedRays:
@@ -50,16 +50,18 @@ class AveragedRays:
         for deviations, misses, gaps in zip(self.deviations[first_view:], missed, masked, strict=False):
             deviations[gaps] = np.maximum(misses[gaps], np.median(deviations[~gaps]))
 
-    def remarks(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[Reason, ...]:
         """Report what was sent, and how it was changed."""
-        precision = "with their" if self._averaged.deviations is not None else "without"
-        rows = self._averaged.rows
-        came = f"It came as the mean of the line integrals of {rows} rows, {precision} standard deviations."
-        if not self._masked:
-            return came, "No ray of it was masked."
-        return came, f"{self._masked} of {self._samples} {MASKED}, and interpolated along the detector."
+        alone = self._averaged.deviations is None
+        came = PreparingMessage.MEAN_OF_ROWS if alone else PreparingMessage.MEAN_WITH_DEVIATIONS
+        masked = (
+            PreparingMessage.RAYS_MASKED(masked=self._masked, samples=self._samples)
+            if self._masked
+            else PreparingMessage.NO_RAY_MASKED()
+        )
+        return came(rows=self._averaged.rows), masked
 
 
 def of_masked_rays(remarks: Collection[str]) -> str | None:
     """Select the remark on a prepared scan that reports masked rays; None if no ray was masked."""
-    return next((remark for remark in remarks if MASKED in remark), None)
+    return next(selected(remarks, PreparingMessage.RAYS_MASKED), None)

@@ -18,6 +18,7 @@ from sawmill_contracts.inspections import (
     ScanPicture,
     ViewAngles,
 )
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
@@ -256,6 +257,7 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         None if fields is None else len(fields) if fields.ndim == len(contents.projections.shape) else 1
         for fields in (contents.flats, contents.darks)
     ]
+    remarks = contents.remarks if scan is None else scan.remarks
     return InspectedReading(
         data=source.data,
         shape=ScanShape(views=views, rows=rows[0] if rows else 1, detector=detector),
@@ -267,7 +269,8 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         detector_modules=list(contents.detector_modules),
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
-        remarks=list(contents.remarks if scan is None else scan.remarks),
+        remarks=list(remarks),
+        coded_remarks=[CodedReason.of(each) for each in remarks],
     )
 
 

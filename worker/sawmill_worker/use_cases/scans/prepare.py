@@ -18,6 +18,7 @@ from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrect
 from sawmill_tomography.sinograms.air import DecidedAirCorrection
 from sawmill_tomography.sinograms.present_rows import present_rows
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
+from sawmill_vocabulary.messages import Reason, selected
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
 from sawmill_worker.use_cases.scans.averaged_rays import AveragedRays
 from sawmill_worker.use_cases.scans.row_alignment import AlignedRows, Views, align_rows
@@ -38,14 +39,14 @@ class PreparedScan:
     Attributes
     ----------
     shape : (views, rows, detector)
-    remarks : tuple of str
+    remarks : tuple of Reason
         Steps that were applied to the data, including reading.
     usable_rows : (first, one after the last) or None
         The rows that enough views have; None if no view lacks rows.
     """
 
     shape: tuple[int, int, int]
-    remarks: tuple[str, ...]
+    remarks: tuple[Reason, ...]
     usable_rows: tuple[int, int] | None = None
 
 
@@ -121,7 +122,7 @@ def prepare_scan(
         came_as = () if averaged is None else averaged.remarks()
         remarks = (*read.remarks, *came_as, *preparation.remarks())
         if aligned is not None:
-            remarks = (*remarks, aligned.remark(options.align_rows))
+            remarks = (*remarks, *aligned.remarks(options.align_rows))
         lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
         written.note(
             air_level=_air_level(preparation, aligned),
@@ -136,7 +137,7 @@ def prepare_scan(
 
 def of_saturation(remarks: Collection[str]) -> tuple[str, ...]:
     """Select the remarks on a prepared scan that a calibration must repeat."""
-    return tuple(remark for remark in remarks if remark.startswith(SATURATION))
+    return tuple(selected(remarks, *SATURATION))
 
 
 def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> Stack | None:
@@ -176,7 +177,7 @@ class _RowPreparation:
         if self._exposure is not None:
             self._exposure.check_signal(self._starved, self._samples)
 
-    def remarks(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[Reason, ...]:
         """Describe the steps that were applied."""
         of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, self._saturated)
         return of_counts if self._corrections.none else (*of_counts, *self._corrector.result().remarks)

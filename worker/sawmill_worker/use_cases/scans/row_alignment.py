@@ -14,6 +14,8 @@ from sawmill_tomography.preparing.shifts_by_mass import RowMoments, shifts_by_ma
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import Rows, present_rows, usable_rows
 from sawmill_vocabulary import RowAlignment
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import PreparingMessage
 
 Stack = NDArray[np.float32]
 
@@ -41,18 +43,24 @@ class AlignedRows:
     usable: tuple[int, int]
     mixed: bool
 
-    def remark(self, method: RowAlignment) -> str:
-        """Describe the alignment in a sentence."""
+    def remarks(self, method: RowAlignment) -> tuple[Reason, ...]:
+        """Describe the alignment."""
         rows, (first, last) = self.shifts.rows, self.usable
-        moved, resampled = int((rows != 0.0).sum()), int((rows != np.rint(rows)).sum())
-        complete = int(self.present[:, first:last].all(axis=0).sum())
-        deviation = float(np.median(self.shifts.standard_deviation))
-        return (
-            f"views aligned by their {method.value}: rows {first}:{last} of {self.present.shape[1]} are in enough "
-            f"views, {complete} of them in all; {moved} of {rows.size} views moved by {rows.min():.3g} to "
-            f"{rows.max():.3g} {'whole ' if self.shifts.whole else ''}rows, standard deviation {deviation:.2g}"
-            + (f"; {resampled} views resampled by cubic convolution" if resampled else "")
+        resampled = int((rows != np.rint(rows)).sum())
+        message = PreparingMessage.ROWS_ALIGNED_WHOLE if self.shifts.whole else PreparingMessage.ROWS_ALIGNED
+        aligned = message(
+            method=method.value,
+            first=first,
+            last=last,
+            rows=self.present.shape[1],
+            complete=int(self.present[:, first:last].all(axis=0).sum()),
+            moved=int((rows != 0.0).sum()),
+            views=rows.size,
+            least=float(rows.min()),
+            most=float(rows.max()),
+            deviation=float(np.median(self.shifts.standard_deviation)),
         )
+        return (aligned, PreparingMessage.VIEWS_RESAMPLED(views=resampled)) if resampled else (aligned,)
 
 
 @dataclass(frozen=True, eq=False)
