@@ -81,6 +81,15 @@ def test_a_page_or_a_form_is_not_stored_whatever_it_is_called(seeded, store, pag
     assert incoming(store) == []
 
 
+@pytest.mark.parametrize(("content", "status"), [(bytes(5000), 415), (bytes(5000) + b"\n", 202), (b"short", 202)])
+def test_a_file_without_the_ends_of_its_lines_is_refused_with_the_option_of_curl(seeded, store, content, status):
+    answer = seeded.post(SCANS, content=content, headers={"Content-Type": "application/x-www-form-urlencoded"})
+    assert answer.status_code == status
+    if status == 415:
+        assert "--data-binary @FILE" in answer.json()["detail"]
+        assert incoming(store) == []
+
+
 def test_a_page_is_known_however_it_is_cut(seeded, store):
     page = b"\xef\xbb\xbf <!doctype html>" + bytes(2000)
     packed = b"".join(gzip.compress(page[begin : begin + 1]) for begin in range(20)) + gzip.compress(page[20:])

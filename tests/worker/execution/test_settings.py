@@ -103,3 +103,15 @@ def test_every_variable_that_the_product_names_is_known():
     }
     assert named <= KNOWN
     check_variables(dict.fromkeys(KNOWN, ""))
+
+
+@pytest.mark.parametrize("url", ["redis://:a[b@host/0", "redis://:a#b@host/0", "redis://:a/b@host:6379/0", "host"])
+def test_an_address_of_the_broker_that_cannot_be_read_is_refused_without_the_password(url):
+    with pytest.raises(ValidationError, match="write # as %23") as refusal:
+        ExecutionSettings(broker_url=url)
+    assert "a#b" not in refusal.value.errors()[0]["msg"]
+
+
+@pytest.mark.parametrize("url", ["redis://host", "rediss://user:a%23b@[::1]:6379/0", "redis+socket:///run/redis.sock"])
+def test_an_address_of_the_broker_that_can_be_read_is_kept(url):
+    assert ExecutionSettings(broker_url=url).broker_url == url

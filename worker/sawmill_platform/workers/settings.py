@@ -1,8 +1,9 @@
 """Settings of the execution of jobs."""
 
 from typing import Annotated, Literal, Self
+from urllib.parse import urlsplit
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
@@ -49,6 +50,22 @@ class WorkerSettings(BaseSettings):
         description="For a template or a fresh process that uses no processor time before it has imported the science; "
         "the first import compiles, which may take minutes, and is not ended for that.",
     )
+
+    @field_validator("broker_url")
+    @classmethod
+    def _can_be_read(cls, url: str | None) -> str | None:
+        """Refuse an address that is cut in the wrong place, as by a password with # or [; it is not printed."""
+        try:
+            parts = urlsplit(url or "redis://")
+            whole = bool(parts.scheme) and not parts.fragment and parts.port != 0
+        except ValueError:
+            whole = False
+        if not whole:
+            raise ValueError(
+                "it cannot be read as an address, such as redis://:PASSWORD@HOST:6379/0: in the user and the password "
+                "write # as %23, / as %2F, ? as %3F, @ as %40, [ as %5B and ] as %5D"
+            )
+        return url
 
 
 class JobLimitSettings(BaseSettings):
