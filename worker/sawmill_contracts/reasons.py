@@ -44,6 +44,11 @@ class CodedReason(Contract):
         return list(coded) or [cls.of(each) for each in sentences]
 
     @property
+    def text(self) -> str:
+        """The reason, or the sentence alone where this version does not know the code."""
+        return self.reason or self.sentence
+
+    @property
     def reason(self) -> Reason | None:
         """The reason, which has words in every language; None without a code that this version knows."""
         message, parts = MESSAGES.get(self.code or ""), [part.reason for part in self.parts]

@@ -11,6 +11,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
@@ -403,6 +404,16 @@ class MethodReport(Contract):
     remarks: list[str] = Field(
         [], description="Remarks on the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
     )
+    coded_remarks: list[CodedReason] = Field(
+        [],
+        description="The remarks as codes and values; empty where an earlier version reconstructed the log.",
+        examples=[[]],
+    )
+
+    @property
+    def remarks_with_codes(self) -> list[CodedReason]:
+        """The remarks with their codes; without codes where an earlier version reconstructed the log."""
+        return CodedReason.all_of(self.coded_remarks, self.remarks)
 
 
 class ReconstructionResult(Contract):
@@ -443,6 +454,11 @@ class ReconstructionResult(Contract):
     preparation: list[str] = Field(
         [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
     )
+    coded_preparation: list[CodedReason] = Field(
+        [],
+        description="The steps as codes and values; empty where an earlier version reconstructed the log.",
+        examples=[[]],
+    )
     method: MethodReport | None = Field(
         None, description="Report of the method. Null for a result of an earlier version, whose method was fbp."
     )
@@ -451,6 +467,11 @@ class ReconstructionResult(Contract):
         description="Whether each pixel's standard deviation is in the volume, as in results of an earlier version.",
         examples=[False],
     )
+
+    @property
+    def preparation_with_codes(self) -> list[CodedReason]:
+        """The steps with their codes; without codes where an earlier version reconstructed the log."""
+        return CodedReason.all_of(self.coded_preparation, self.preparation)
 
 
 class ReconstructionName(Given):

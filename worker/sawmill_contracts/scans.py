@@ -175,7 +175,7 @@ class ReadingRemarks(Contract):
     @property
     def reasons(self) -> tuple[str, ...]:
         """The remarks, with words in every language where this version knows their codes."""
-        return tuple(each.reason or each.sentence for each in self.remarks_with_codes)
+        return tuple(each.text for each in self.remarks_with_codes)
 
 
 class ScanReading(ReadingRemarks):

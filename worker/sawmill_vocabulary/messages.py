@@ -133,6 +133,17 @@ class Reason(str):
         return (self.message.value, *(code for part in self.parts for code in part.codes))
 
 
+def numbered(numbers: Iterable[int]) -> str:
+    """Write numbers in increasing order, runs by their first and last: 3, 87-89."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1][1:] = [number]
+        else:
+            runs.append([number])
+    return ", ".join("-".join(map(str, run)) for run in runs)
+
+
 def selected(sentences: Iterable[str], *messages: Message) -> Iterator[Reason]:
     """Select the reasons among sentences that are made of one of these messages."""
     return (each for each in sentences if isinstance(each, Reason) and each.message in messages)

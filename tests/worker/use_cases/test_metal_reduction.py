@@ -9,6 +9,7 @@ from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, 
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.simulate import simulate_rows
 from sawmill_tomography.reconstruction import metal
+from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_worker.use_cases.reconstruction.reconstruct import reconstruct_in_memory
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=160, detector_pitch_mm=3.0)
@@ -85,5 +86,5 @@ def test_a_slice_full_of_metal_is_left_as_it_is(monkeypatch):
     found, report = images([NAILED, WOOD], method="fbp")
     assert np.array_equal(found, images([NAILED, WOOD], method="fbp", metal="none")[0])
     assert (report.metal.slices, report.metal.untreated_slices, report.metal.share_of_samples) == (0, 1, 0.0)
-    (remark,) = report.remarks
-    assert remark.startswith("metal covers more than")
+    (remark,) = report.coded_remarks
+    assert remark.code == ImageMessage.METAL_LEFT

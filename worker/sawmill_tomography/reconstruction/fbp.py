@@ -17,8 +17,9 @@ from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.filters import RowFilter
 from sawmill_tomography.reconstruction.method import DirectMethod
-from sawmill_tomography.sinograms.noise import displaced_share, likely_cause
+from sawmill_tomography.sinograms.noise import misfit_cause
 from sawmill_vocabulary import FilterName, Weighting
+from sawmill_vocabulary.image_messages import ImageMessage
 
 Block = Image
 
@@ -222,9 +223,5 @@ class FilteredBackProjection(DirectMethod):
         residual, size = misfit * noise, float(np.sqrt(np.mean(np.square(line, dtype=np.float64))))
         if len(line) < REMARK_VIEWS or misfit < REMARK_NOISE or residual < REMARK_SHARE * size:
             return None
-        missed = (
-            f"the image misses the data by more than {REMARK_SHARE:.0%} of them and {REMARK_NOISE:.0f} times their "
-            "noise, which filtering alone does not"
-        )
-        share = displaced_share(projector, image, line, np.full(line.shape, noise))
-        return missed + likely_cause(displaced=share > DISPLACED)
+        cause = misfit_cause(projector, image, line, np.full(line.shape, noise), displaced=DISPLACED)
+        return ImageMessage.FILTERED_MISSES_DATA(cause, percent=100.0 * REMARK_SHARE, times=REMARK_NOISE)

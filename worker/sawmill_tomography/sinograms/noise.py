@@ -12,6 +12,8 @@ from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.hardening import STEEPEST, measured_and_slope
 from sawmill_tomography.sinograms.scattered_radiation import with_scatter
 from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_vocabulary.image_messages import ImageMessage
+from sawmill_vocabulary.messages import Reason, numbered
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # Lower bound of the noise as a share of the data's RMS, for noise-free data: pixels approximate a log no better.
@@ -25,6 +27,9 @@ MISFIT_OF_A_GOOD_FIT = 2.0
 # moved, and less than a third where hardening, scatter or blur alone are the cause
 # (tests/worker/use_cases/test_misfit.py).
 DISPLACED = 0.4
+# Views are to blame where this share of them holds most of the residual's power, each with this multiple of the median
+# view's (tests/worker/use_cases/test_misfit.py).
+FEW_VIEWS, MOST_POWER, ALL_OVER = 0.1, 0.5, 4.0
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
@@ -135,56 +140,50 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
     return misfit
 
 
-def displaced_share(projector: Projector, image: Image, line: Image, noise: FloatArray) -> float:
-    """Compute the share of an image's residual beyond noise that a shift of each view along the detector explains.
+def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatArray, *, displaced: float) -> Reason:
+    """Name what a large misfit comes from: few views, shifts of the views, or neither; with the share they explain.
 
     A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
-    change every view in its place.
+    change every view in its place. A wrong order of the views need not.
 
     Parameters
     ----------
     image : (size, size) float32
     line, noise : (views, detector)
+    displaced
+        Share of the residual beyond noise above which shifts of the views are the cause.
     """
     counted = np.isfinite(noise) & projector.crossing
     weight = np.where(counted, 1.0 / noise, 0.0)
     model = projector.forward(image[None])[0].astype(np.float64)
     missed, shift = (line - model) * weight, np.gradient(model, axis=1) * weight
-    power, of_shift = float(np.sum(missed**2)), np.sum(shift**2, axis=1)
+    samples, of_view, of_shift = int(counted.sum()), np.sum(missed**2, axis=1), np.sum(shift**2, axis=1)
+    power = float(of_view.sum())
+    worst = np.sort(np.argsort(of_view)[::-1][: max(1, int(FEW_VIEWS * len(of_view)))])
+    worst = worst[of_view[worst] > ALL_OVER * max(np.median(of_view), of_view.max() / ALL_OVER**2)]
+    share = float(of_view[worst].sum()) / power
+    if share > MOST_POWER:
+        return ImageMessage.IN_FEW_VIEWS(percent=100.0 * share, views=numbered(worst.tolist()))
     seen = of_shift > 0.0
-    explained = np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen]
-    samples = int(counted.sum())
-    by_chance = seen.sum() * power / samples
-    return float(explained.sum() - by_chance) / max(power - samples, 1e-30)
-
-
-def likely_cause(*, displaced: bool) -> str:
-    """Return the end of a remark on a large misfit; `displaced` if shifts of the views explain much of the misfit."""
-    if displaced:
-        return (
-            ", and its edges lie beside those of the views: check the geometry, or whether the object moved during the "
-            "scan or lies partly outside the field"
-        )
-    return (
-        ", and its edges lie where the views have them: the likely causes are metal, beam hardening, scattered "
-        "radiation, blur, or rows far from the middle of the beam, not the geometry"
-    )
+    explained = float(np.sum(np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen])) - seen.sum() * power / samples
+    share = explained / max(power - samples, 1e-30)
+    message = ImageMessage.DISPLACED if share > displaced else ImageMessage.NOT_DISPLACED
+    return message(percent=100.0 * max(share, 0.0))
 
 
 def remarks_on(
     projector: Projector, images: Image, misfit: FloatArray, lines: Image, noise: FloatArray
-) -> tuple[str, ...]:
+) -> tuple[Reason, ...]:
     """Return remarks on the data and the fit for the user."""
-    remarks = []
+    remarks: list[Reason] = []
     worst = int(misfit.argmax())
     if misfit[worst] > MISFIT_OF_A_GOOD_FIT:
-        missed = f"the image misses the data by {misfit[worst]:.2g} times their noise"
         of_worst = np.broadcast_to(noise, lines.shape)[worst]
-        share = displaced_share(projector, images[worst], lines[worst], of_worst)
-        remarks.append(missed + likely_cause(displaced=share > DISPLACED))
+        cause = misfit_cause(projector, images[worst], lines[worst], of_worst, displaced=DISPLACED)
+        remarks.append(ImageMessage.MISSES_DATA(cause, times=float(misfit[worst])))
     air = find_air(lines[len(lines) // 2])
     if air is not None:
         level, scatter = air.background, rms_noise(noise)
         if abs(level) > 0.5 * scatter and abs(level) > 5.0 * scatter / math.sqrt(air.level.size * int(air.cells.sum())):
-            remarks.append(f"the air stands at {level:.3g}, not at 0: take the background out first")
+            remarks.append(ImageMessage.AIR_NOT_AT_ZERO(level=level))
     return tuple(remarks)

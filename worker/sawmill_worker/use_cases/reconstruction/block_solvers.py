@@ -33,6 +33,7 @@ from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.noise import data_misfit, estimated_noise, noise_of_rays
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_vocabulary import MetalHandling, ReconstructionMethod
+from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.scattered_radiation import BeamCorrection
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
@@ -237,9 +238,7 @@ class _DirectSolver:
         lines = np.ascontiguousarray(line)[None]
         noise = estimated_noise(lines[0])
         if _backgrounds(lines).any():
-            findings.remark(
-                "the air does not stand at 0, and that is in the slices: prepare the scan with air=background"
-            )
+            findings.remark(ImageMessage.AIR_IN_SLICES())
         if not self._holds_all:
             findings.add_checked(noise)
             return

@@ -1,7 +1,7 @@
 """Finished blocks of a volume, kept in stored form and written unchanged into the next attempt's file."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from threading import Lock
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_contracts.reasons import CodedReason
 from sawmill_formats.output.volume_writer import NewVolume, PackedSlices
 from sawmill_worker.use_cases.checkpoints import Keeper
 from sawmill_worker.use_cases.reconstruction.block_solvers import BlockSolver, Images, Settings
@@ -76,7 +77,7 @@ class KeptVolume:
                 self._kept_settings = settings
         summary: dict[str, NDArray[Any]] = {
             "sample": block.sample,
-            "findings": _text(asdict(block.findings)),
+            "findings": _text({**asdict(block.findings), "remarks": _coded(block.findings.remarks)}),
             "fewest_views": np.array(block.fewest_views),
         }
         self._keeper.keep(_name(first), {**slices.arrays(), **summary}, settings)
@@ -97,4 +98,10 @@ def _parsed(text: NDArray[np.uint8]) -> dict[str, Any]:
 
 def _findings(parsed: dict[str, Any]) -> BlockFindings:
     metal, curve = MetalCount(**parsed.pop("metal")), parsed.pop("curve")
-    return BlockFindings(**parsed, metal=metal, curve=None if curve is None else CurvePoints(**curve))
+    remarks = [CodedReason.model_validate(each).text for each in parsed.pop("remarks")]
+    points = None if curve is None else CurvePoints(**curve)
+    return BlockFindings(**parsed, remarks=remarks, metal=metal, curve=points)
+
+
+def _coded(remarks: Iterable[str]) -> list[dict[str, Any]]:
+    return [CodedReason.of(each).model_dump(mode="json") for each in remarks]

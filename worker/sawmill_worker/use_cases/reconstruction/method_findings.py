@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import MetalReport, MethodReport
 from sawmill_tomography.reconstruction.choosing import Recommendation
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.metal import MOST_SAMPLES
 from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.image_messages import ImageMessage
 
 
 @dataclass
@@ -114,10 +116,7 @@ def report_of(
 ) -> MethodReport:
     """Summarise the findings: medians over the slices, the worst misfit, and the metal."""
     if metal is not None and metal.untreated_slices:
-        findings.remark(
-            f"metal covers more than {MOST_SAMPLES:.0%} of the rays of {metal.untreated_slices} slices: they were "
-            "reconstructed from all rays, and streaks are to be expected"
-        )
+        findings.remark(ImageMessage.METAL_LEFT(percent=100.0 * MOST_SAMPLES, slices=metal.untreated_slices))
     return MethodReport(
         name=method,
         reason=None if recommended is None else recommended.reason,
@@ -129,5 +128,6 @@ def report_of(
         metal=metal,
         unconverged_slices=findings.unconverged,
         remarks=findings.remarks,
+        coded_remarks=[CodedReason.of(each) for each in findings.remarks],
         **{name: float(np.median(values)) for name, values in findings.parameters.items()},
     )

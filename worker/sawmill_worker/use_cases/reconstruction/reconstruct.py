@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
@@ -393,6 +394,7 @@ class _Run:
             software_version=VERSION,
             input_sha256=source.input_sha256,
             preparation=list(source.preparation),
+            coded_preparation=[CodedReason.of(each) for each in source.preparation],
             method=solver.report(merged),
         )
         return result, merged.curve
