@@ -155,6 +155,12 @@ UsableRows = Annotated[
 ]
 
 
+ViewsLeftOut = Annotated[
+    tuple[int, ...],
+    Field(description="Numbers of the views, from 0, that are corrupt: they are not used.", examples=[[]]),
+]
+
+
 class ReadingRemarks(Contract):
     """Remarks on a file that was read as a scan."""
 
@@ -187,6 +193,7 @@ class ScanReading(ReadingRemarks):
         description="First and last view's angle, degrees.", examples=[[0.0, 359.0]]
     )
     usable_rows: UsableRows = None
+    views_left_out: ViewsLeftOut = ()
 
 
 class Scan(Stamped, ScanSpec, ReadingRemarks):
@@ -211,6 +218,7 @@ class Scan(Stamped, ScanSpec, ReadingRemarks):
         None, description="First and last view's angle, degrees. Null: it has not been read.", examples=[[0.0, 359.0]]
     )
     usable_rows: UsableRows = None
+    views_left_out: ViewsLeftOut = ()
     job_id: Identifier = Field(description="Id of the job that reads the file.", examples=["example"])
 
 

@@ -81,6 +81,14 @@ class PreparingMessage(Message):
         ),
         _LOWER,
     )
+    VIEWS_LEFT_OUT = (
+        "views-left-out-of-scan",
+        N_(
+            "%(number)d of %(total)d views were left out: views %(views)s have no signal, or a signal that no other "
+            "view has."
+        ),
+        N_("Check whether the detector sent all views."),
+    )
     AIR_LEVEL = (
         "air-level",
         N_(

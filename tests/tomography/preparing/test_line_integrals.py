@@ -106,7 +106,7 @@ def test_counts_are_overwritten_some_rows_at_a_time():
     flats, darks = fields()
     flats[:, 1, 4] = DARK
     whole, exposure = line_integrals(counts, flats, darks), Exposure.of(flats, darks)
-    starved = sum(exposure.to_line_integrals(counts[:, row : row + 1], row) for row in range(ROWS))
+    starved = sum(int(exposure.to_line_integrals(counts[:, row : row + 1], row).sum()) for row in range(ROWS))
     assert exposure.remarks(starved) == whole.remarks
     np.testing.assert_array_equal(counts, whole.stack)
 

@@ -26,6 +26,7 @@ from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.preparing.row_shifts import RowsError
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.reading_messages import PreparingMessage
 from sawmill_worker.jobs.running import run
 from sawmill_worker.use_cases.scans import prepare as preparing
 from sawmill_worker.use_cases.scans.prepare import prepare_scan
@@ -43,6 +44,7 @@ class Prepared:
     air_level: np.ndarray | None
     remarks: tuple[str, ...]
     row_shifts: np.ndarray | None
+    views_left_out: tuple[int, ...]
 
 
 @pytest.fixture
@@ -82,9 +84,8 @@ def prepare(turn, tmp_path):
         assert done.shape == stored.line_integrals.shape
         with h5py.File(output) as file:
             shifts = file.get("entry/provenance/row_shifts")
-            return Prepared(
-                stored.line_integrals, stored.air_level, done.remarks, None if shifts is None else shifts[()]
-            )
+            shifts_rows = None if shifts is None else shifts[()]
+            return Prepared(stored.line_integrals, stored.air_level, done.remarks, shifts_rows, done.views_left_out)
 
     return of
 
@@ -107,6 +108,31 @@ def test_a_bridged_cell_has_no_counts_of_its_own(prepare, exposed):
     prepared = prepare(exposed)
     assert np.argwhere(prepared.air_level == 0.0).tolist() == [[3, 64]]
     assert prepared.stack[:, 3, 64].min() > 0.5
+
+
+@pytest.mark.parametrize("value", [0.0, 65_535.0])
+@pytest.mark.parametrize("window", [2**20, 30_000])
+def test_views_that_were_never_filled_are_left_out_everywhere(prepare, exposed, value, window):
+    """The file ends with views of one value; a small window is read in blocks of a few rows."""
+    counts, flats, darks = exposed
+    counts[:, :, 3] = DARK
+    filled = counts.copy()
+    filled[-3:] = value
+    whole, part = prepare([counts, flats, darks]), prepare([filled, flats, darks], window)
+    assert part.views_left_out == (VIEWS - 3, VIEWS - 2, VIEWS - 1)
+    # Of the cells the same one is dead; of the rows none lacks air.
+    assert {each.message for each in part.remarks} - {each.message for each in whole.remarks} == {
+        PreparingMessage.VIEWS_LEFT_OUT
+    }
+    # The air of a row is measured over other views: a constant of the size of its noise.
+    assert np.abs(part.stack[:-3] - whole.stack[:-3]).max() < 0.02
+
+
+def test_a_scan_of_line_integrals_leaves_out_the_same_views(prepare, exposed):
+    stack = prepare(exposed).stack
+    stack[20] = 13.8
+    (remark,) = prepare([stack]).remarks
+    assert (remark.message, remark.values["views"]) == (PreparingMessage.VIEWS_LEFT_OUT, "20")
 
 
 def lose_rows(counts):

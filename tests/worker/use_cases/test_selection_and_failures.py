@@ -38,6 +38,10 @@ def test_views_are_spread_evenly_and_start_with_the_first(views, available):
 
 def test_all_views_are_used_by_default():
     assert np.array_equal(chosen_views(None, 4), [0, 1, 2, 3])
+    assert np.array_equal(chosen_views(None, 6, [0, 4]), [1, 2, 3, 5])
+    assert np.array_equal(chosen_views(2, 6, [0, 4]), [1, 3])
+    with pytest.raises(JobFailure, match="6 of which 2 are corrupt"):
+        chosen_views(5, 6, [0, 4])
 
 
 def test_more_views_than_there_are_are_refused():

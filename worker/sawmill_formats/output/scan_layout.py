@@ -9,6 +9,8 @@ ROW_PITCH = f"{ENTRY}/{nxtomo.ROW_PITCH}"
 ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 # (rows, detector), counts: mean flat less mean dark field.
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
+# Numbers of the views that are corrupt; only where there are some.
+VIEWS_LEFT_OUT = f"{ENTRY}/{nxtomo.DETECTOR}/views_left_out"
 # (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
 # first row that enough views have, and the one after the last.
 ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"

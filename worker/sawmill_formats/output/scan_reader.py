@@ -51,6 +51,7 @@ from sawmill_formats.output.scan_layout import (
     ROW_PITCH,
     ROWS_PRESENT,
     USABLE,
+    VIEWS_LEFT_OUT,
 )
 from sawmill_vocabulary import DetectorModule
 
@@ -106,6 +107,8 @@ class OpenScan:
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first, where the scan came with them.
+    views_left_out : tuple of int
+        Numbers of the views that are corrupt.
     """
 
     shape: tuple[int, int, int]
@@ -118,6 +121,7 @@ class OpenScan:
     usable_rows: tuple[int, int] | None = None
     deviations: h5py.Dataset | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
+    views_left_out: tuple[int, ...] = ()
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -194,7 +198,17 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
         usable_rows=usable_rows,
         deviations=dataset_at(file, DEVIATIONS, shape),
         detector_modules=_modules(file, detector, pitch_mm),
+        views_left_out=_views_left_out(file, views),
     )
+
+
+def _views_left_out(file: h5py.File, views: int) -> tuple[int, ...]:
+    numbers = values_at(file, VIEWS_LEFT_OUT)
+    if numbers is None:
+        return ()
+    if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or not ((numbers >= 0) & (numbers < views)).all():
+        raise NotAsWritten(f"its views that are left out are no numbers of its {views} views")
+    return tuple(numbers.tolist())
 
 
 def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModule, ...]:
@@ -292,10 +306,11 @@ def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
         for first in range(0, views, scan.chunks[0]):
             check_chunk(scan, (first, row, 0))
         data, angles_deg = scan[:, row, :], values_of(file, ANGLES, (views,)).astype(np.float64)
+        there = np.ones(views, bool)
         present = values_at(file, ROWS_PRESENT, (views, rows))
         if present is not None:
             there = present[:, row].astype(bool)
             if not there.any():
                 raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
-            data, angles_deg = data[there], angles_deg[there]
-        return Sinogram(data=data, angles_deg=angles_deg, pitch_mm=float(values_of(file, CELL_PITCH, ())))
+        there[list(_views_left_out(file, views))] = False
+        return Sinogram(data=data[there], angles_deg=angles_deg[there], pitch_mm=float(values_of(file, CELL_PITCH, ())))

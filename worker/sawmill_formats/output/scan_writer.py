@@ -25,6 +25,7 @@ from sawmill_formats.output.scan_layout import (
     ROW_SHIFTS,
     ROWS_PRESENT,
     USABLE,
+    VIEWS_LEFT_OUT,
 )
 from sawmill_vocabulary import DetectorModule
 
@@ -66,6 +67,7 @@ class NewScan:
         row_shift_deviations: NDArray[np.float64] | None = None,
         rows_present: RowsPresent | None = None,
         deviations: NDArray[np.float32] | None = None,
+        views_left_out: Sequence[int] = (),
     ) -> None:
         """Write properties that are known when all line integrals are there.
 
@@ -79,7 +81,11 @@ class NewScan:
             None where every view has all rows.
         deviations : (views, detector) float32, or None
             Standard deviations of the line integrals of the one row; None where they are not known.
+        views_left_out : sequence of int
+            Numbers of the views that are corrupt.
         """
+        if views_left_out:
+            self.data.file[VIEWS_LEFT_OUT] = np.array(views_left_out, np.int32)
         if rows_present is not None:
             self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
             self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable

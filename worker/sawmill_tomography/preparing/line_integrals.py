@@ -112,11 +112,11 @@ class Exposure:
         """Air level (rows, detector) float32, in counts; 0 in dead cells. The counts can be recovered from it."""
         return np.where(self.dead, np.float32(0.0), self.level)
 
-    def saturated_samples(self, counts: Stack) -> int:
-        """Count the samples that have the detector's largest value."""
-        return 0 if math.isinf(self.largest) else int(np.count_nonzero(counts == np.float32(self.largest)))
+    def saturated_samples(self, counts: Stack) -> NDArray[np.intp]:
+        """Count the samples of each view (views,) that have the detector's largest value."""
+        return np.asarray(np.count_nonzero(counts == np.float32(self.largest), axis=(1, 2)))
 
-    def to_line_integrals(self, counts: Stack, first_row: int = 0) -> int:
+    def to_line_integrals(self, counts: Stack, first_row: int = 0) -> NDArray[np.intp]:
         """Convert counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
 
         Dead cells are bridged from their neighbours along the detector; starved samples (counts at or below the dark)
@@ -129,8 +129,8 @@ class Exposure:
 
         Returns
         -------
-        int
-            Number of starved samples.
+        (views,) int
+            Number of starved samples of each view.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class Exposure:
         dead = self.dead[rows]
         counts -= self.dark[rows]
         counts /= self.level[rows]
-        starved = int(np.count_nonzero((counts < LEAST_TRANSMISSION) & ~dead))
+        starved: NDArray[np.intp] = np.count_nonzero((counts < LEAST_TRANSMISSION) & ~dead, axis=(1, 2))
         np.maximum(counts, LEAST_TRANSMISSION, out=counts)
         np.log(counts, out=counts)
         np.negative(counts, out=counts)
@@ -225,7 +225,7 @@ def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineInte
         Error of `Exposure.of`, `to_line_integrals` or `check_signal`.
     """
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
-    saturated = exposure.saturated_samples(stack)
-    starved = exposure.to_line_integrals(stack)
+    saturated = int(exposure.saturated_samples(stack).sum())
+    starved = int(exposure.to_line_integrals(stack).sum())
     exposure.check_signal(starved, stack.size)
     return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved, saturated))

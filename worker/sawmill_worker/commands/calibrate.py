@@ -10,7 +10,7 @@ from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
-from sawmill_worker.use_cases.scans.prepare import of_saturation
+from sawmill_worker.use_cases.scans.prepare import repeated
 from sawmill_worker.use_cases.scans.scan_rows import open_rows
 from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
@@ -42,7 +42,7 @@ def calibrate_scan(
             limits=CalibrationLimits(scale_tolerance_percent=scale_tolerance_percent, log_radius_mm=log_radius_mm),
             from_counts=used.counts,
             views=mean.views,
-            remarks=of_saturation(used.remarks),
+            remarks=repeated(used.remarks),
         )
         named = scan.rows is not None
         calibration_input, calibration = run_calibration(

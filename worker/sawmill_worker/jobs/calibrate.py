@@ -30,7 +30,7 @@ from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, lo
 from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
-from sawmill_worker.use_cases.scans.prepare import Stack, of_saturation
+from sawmill_worker.use_cases.scans.prepare import Stack, repeated
 from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
@@ -114,7 +114,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
     """Load the input, the stack of its rows, and whether somebody named the rows that show the phantom."""
     shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
-    views = chosen_views(options.views, shape.views)
+    views = chosen_views(options.views, shape.views, scan.views_left_out)
     stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
     active = _active(attempt)
@@ -131,7 +131,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
         limits=CalibrationLimits.of(scanner.tolerances, scanner.log_radius_mm),
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
-        remarks=of_saturation(scan.reasons),
+        remarks=repeated(scan.reasons),
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return calibration_input, stored.line_integrals, named
@@ -170,7 +170,7 @@ def _active(attempt: MillAttempt) -> CalibrationSucceeded | None:
 
 def _row_reader(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
     """Return a function that reads any row of the scan, (views, detector); NaN in views that lack the row."""
-    views = chosen_views(options.views, shape_of(scan).views)
+    views = chosen_views(options.views, shape_of(scan).views, scan.views_left_out)
 
     def read(row: int) -> NDArray[np.float32]:
         return read_stored_scan(attempt.file, slice(row, row + 1), views).line_integrals[:, 0]

@@ -39,7 +39,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         )
     rows = chosen_rows(request.options.rows, shape.rows, scan.usable_rows)
     attempt.report_stage(0.1, "read")
-    stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views))
+    stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views, scan.views_left_out))
     attempt.report_stage(0.5, "pair rays")
     drift_input = DriftInput(
         mean=mean_of_common_rows(stored.line_integrals, rows.start, deviations=stored.deviations),

@@ -53,6 +53,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         shape=ScanShape(views=views, rows=rows, detector=detector),
         angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
         usable_rows=prepared.usable_rows,
+        views_left_out=prepared.views_left_out,
         remarks=list(prepared.remarks),
         coded_remarks=[CodedReason.of(each) for each in prepared.remarks],
     ).model_dump(mode="json")

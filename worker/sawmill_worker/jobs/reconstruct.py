@@ -38,7 +38,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     scan = usable_scan(attempt)
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
-    views = chosen_views(options.views, shape.views)
+    views = chosen_views(options.views, shape.views, scan.views_left_out)
     with open_scan(attempt.file) as stored:
         theta, rotation, handedness, beam, modules = _geometry_of(attempt, options, stored.detector_modules)
         reconstruction_input = ReconstructionInput(

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
+from sawmill_tomography.sinograms.corrupt_views import usable_views
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
-
-# A view is corrupt when this share of the view's samples is outside the range of the median view.
-VIEW_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -68,23 +66,11 @@ class Screening:
 
 def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
     """Check the cells, the views, or both, of a sinogram (views, detector) before the sinogram is used."""
-    usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
-    if usable_views.sum() < 3:
-        usable_views[:] = True
-    usable_cells = ~_faulty_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
+    kept_views = usable_views(sinogram) if views else np.ones(len(sinogram), bool)
+    usable_cells = ~_faulty_cells(sinogram[kept_views]) if cells else np.ones(sinogram.shape[1], bool)
     if usable_cells.sum() < 8:
         usable_cells[:] = True
-    return Screening(usable_cells, usable_views)
-
-
-def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
-    # Hot cells occur in every view: the highest hundredth of the samples is left out for them.
-    low, high = np.median(np.quantile(sinogram, [0.02, 0.99], axis=1), axis=1).tolist()
-    span = high - low
-    outside = ((sinogram < low - 0.3 * span) | (sinogram > high + span)).mean(axis=1)
-    flat = np.ptp(sinogram, axis=1) < 0.02 * span
-    corrupt: NDArray[np.bool_] = (outside > np.median(outside) + VIEW_SHARE) | flat
-    return corrupt
+    return Screening(usable_cells, kept_views)
 
 
 def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:

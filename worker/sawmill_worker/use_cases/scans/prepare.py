@@ -16,9 +16,11 @@ from sawmill_formats.output.scan_writer import RowsPresent, new_scan
 from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure
 from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_tomography.sinograms.air import DecidedAirCorrection
+from sawmill_tomography.sinograms.corrupt_views import usable_views
 from sawmill_tomography.sinograms.present_rows import present_rows
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
-from sawmill_vocabulary.messages import Reason, selected
+from sawmill_vocabulary.messages import Reason, numbered, selected
+from sawmill_vocabulary.reading_messages import PreparingMessage
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
 from sawmill_worker.use_cases.scans.averaged_rays import AveragedRays
 from sawmill_worker.use_cases.scans.row_alignment import AlignedRows, Views, align_rows
@@ -43,11 +45,14 @@ class PreparedScan:
         Steps that were applied to the data, including reading.
     usable_rows : (first, one after the last) or None
         The rows that enough views have; None if no view lacks rows.
+    views_left_out : tuple of int
+        Numbers of the views that are corrupt.
     """
 
     shape: tuple[int, int, int]
     remarks: tuple[Reason, ...]
     usable_rows: tuple[int, int] | None = None
+    views_left_out: tuple[int, ...] = ()
 
 
 def prepare_scan(
@@ -120,7 +125,9 @@ def prepare_scan(
             prepare()
         preparation.check_signal()
         came_as = () if averaged is None else averaged.remarks()
-        remarks = (*read.remarks, *came_as, *preparation.remarks())
+        left_out = preparation.views_left_out
+        of_views = PreparingMessage.VIEWS_LEFT_OUT(number=len(left_out), total=read.shape[0], views=numbered(left_out))
+        remarks = (*read.remarks, *came_as, *preparation.remarks(), *([of_views] if left_out else []))
         if aligned is not None:
             remarks = (*remarks, *aligned.remarks(options.align_rows))
         lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
@@ -131,13 +138,14 @@ def prepare_scan(
             row_shift_deviations=None if aligned is None else aligned.shifts.standard_deviation,
             rows_present=lacking,
             deviations=None if averaged is None else averaged.deviations,
+            views_left_out=left_out,
         )
-        return PreparedScan(written.data.shape, remarks, None if lacking is None else lacking.usable)
+        return PreparedScan(written.data.shape, remarks, None if lacking is None else lacking.usable, left_out)
 
 
-def of_saturation(remarks: Collection[str]) -> tuple[str, ...]:
+def repeated(remarks: Collection[str]) -> tuple[str, ...]:
     """Select the remarks on a prepared scan that a calibration must repeat."""
-    return tuple(selected(remarks, *SATURATION))
+    return tuple(selected(remarks, *SATURATION, PreparingMessage.VIEWS_LEFT_OUT))
 
 
 def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> Stack | None:
@@ -157,20 +165,41 @@ class _RowPreparation:
         self._corrections = _corrections(options, counts=read.counts)
         self._corrector = RowCorrector(self._corrections, rows, self._cells)
         self._starved = self._saturated = self._samples = 0
+        self._sums, self._numbers = np.zeros((read.shape[0], self._cells)), np.zeros((read.shape[0], 1), np.intp)
 
     @property
     def needed(self) -> bool:
         """True if the scan needs any preparation."""
         return self._exposure is not None or not self._corrections.none
 
-    def apply(self, stack: Stack, first_row: int) -> None:
-        """Prepare rows (views, rows, detector), of which the first is `first_row`, in place."""
+    def apply(self, stack: Stack, first_view: int, first_row: int) -> None:
+        """Prepare rows (views, rows, detector) in place: all views of some rows where something is to be prepared."""
         if self._exposure is not None:
-            self._saturated += self._exposure.saturated_samples(stack)
-            self._starved += self._exposure.to_line_integrals(stack, first_row)
-            self._samples += stack.size
+            saturated = self._exposure.saturated_samples(stack)
+            starved = self._exposure.to_line_integrals(stack, first_row)
+        there = present_rows(stack)
+        sums = np.sum(stack, axis=1, dtype=np.float64, where=there[:, :, np.newaxis])
+        numbers = there.sum(axis=1)[:, np.newaxis]
+        self._sums[first_view : first_view + len(stack)] += sums
+        self._numbers[first_view : first_view + len(stack)] += numbers
+        if not self.needed:
+            return
+        # Corrupt views would spoil what is learnt from all views of a row.
+        usable = usable_views(sums / np.maximum(numbers, 1))
+        part = stack if usable.all() else stack[usable]
+        if self._exposure is not None:
+            self._saturated += int(saturated[usable].sum())
+            self._starved += int(starved[usable].sum())
+            self._samples += part.size
         if not self._corrections.none:
-            self._corrector.correct(stack, first_row)
+            self._corrector.correct(part, first_row)
+        if part is not stack:
+            stack[usable] = part
+
+    @property
+    def views_left_out(self) -> tuple[int, ...]:
+        """Numbers of the views that are corrupt in the mean over the rows."""
+        return tuple(np.flatnonzero(~usable_views(self._sums / np.maximum(self._numbers, 1))).tolist())
 
     def check_signal(self) -> None:
         """Refuse counts without signal, after all counts were prepared."""
@@ -251,7 +280,7 @@ def _copy(
             averaged.bridge(block.samples, block.views.start)
         present[block.views, block.rows] = present_rows(block.samples)
         if preparation is not None:
-            preparation.apply(block.samples, block.rows.start)
+            preparation.apply(block.samples, block.views.start, block.rows.start)
         data[block.views, block.rows] = block.samples
         progress.add(block.samples.size, "read")
         del block  # before the next block is read
@@ -263,7 +292,7 @@ def _prepare_rows(data: h5py.Dataset, preparation: _RowPreparation, window_bytes
     step = _within(window_bytes, (views, cells))
     for first in range(0, rows, step):
         block = data[:, first : first + step]
-        preparation.apply(block, first)
+        preparation.apply(block, 0, first)
         data[:, first : first + step] = block
         progress.add(block.size, "prepare")
         del block  # before the next block is read

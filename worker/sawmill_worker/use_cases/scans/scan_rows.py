@@ -194,7 +194,7 @@ def _rows_of(
 ) -> ScanRows:
     all_views, all_rows, _ = scan.shape
     rows = range(all_rows)[chosen_rows(source.rows, all_rows, scan.usable_rows)]
-    views = chosen_views(source.views, all_views)
+    views = chosen_views(source.views, all_views, scan.views_left_out)
     lacking = None if scan.present is None else ~scan.present[views]
 
     def read(start: int, stop: int) -> Stack:

@@ -1,5 +1,7 @@
 """Selection of rows and views of a scan."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,10 +31,18 @@ def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None
     return selected
 
 
-def chosen_views(views: int | None, available: int) -> NDArray[np.intp]:
-    """Return indices of every (available / views)-th view, or of all views; refuse more views than available."""
+def chosen_views(views: int | None, available: int, left_out: Sequence[int] = ()) -> NDArray[np.intp]:
+    """Return indices of every (usable / views)-th usable view, or of all of them; refuse more views than usable.
+
+    Parameters
+    ----------
+    left_out
+        Views that the preparation of the scan found to be corrupt.
+    """
+    usable = np.setdiff1d(np.arange(available), left_out)
     if views is None:
-        return np.arange(available)
-    if views > available:
-        raise refused("views-too-many", f"{views} views were asked for, but the scan has {available}")
-    return np.arange(views) * available // views
+        return usable
+    if views > usable.size:
+        corrupt = f" of which {len(left_out)} are corrupt" if left_out else ""
+        raise refused("views-too-many", f"{views} views were asked for, but the scan has {available}{corrupt}")
+    return usable[np.arange(views) * usable.size // views]
