@@ -63,6 +63,7 @@ class ScannerState:
     """The facts about one scanner that decide its next step (`next_step.py`).
 
     `newest` is the newest calibration that succeeded, `active_id` the one in use, `failure` why a newer one failed.
+    `red` is the newest one that nobody has accepted, passed over or discarded and that shows the scanner red.
     `last_check` is the newest drift check that ended, `seen` the newest one that could tell whether the scanner has
     moved since the active calibration. `alarms` are the open ones.
     """
@@ -75,6 +76,7 @@ class ScannerState:
     seen: Checked | None = None
     scanned: bool = True
     alarms: tuple[AlarmKind, ...] = ()
+    red: Calibrated | None = None
 
     @property
     def allowed_mm(self) -> float:
