@@ -59,9 +59,9 @@ def compared(moved_mm=0.05, *reasons, **changes):
     return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, comparison=comparison, **changes)))
 
 
-def checked(moved_mm=0.05, *, within=True, at=LATER):
+def checked(moved_mm=0.05, *, within=True, at=LATER, message=LogMessage.MOVED):
     cause = LogMessage.DETECTOR_SLID(column_mm=-2.12)
-    reason = LogMessage.MOVED(cause, moved_mm=moved_mm, allowed_mm=0.5)
+    reason = message(cause, moved_mm=moved_mm, allowed_mm=0.5, limit_mm=0.1)
     return Checked(at, "active", within, moved_mm, 0.5, CodedReason.of(reason))
 
 
@@ -94,6 +94,8 @@ OLD = {"verdict": "watch", "limits": None}
         (compared(0.05, scale_uncertainty_percent=0.6), "watch", "Watch", "accept"),
         (replace(ACTIVE, seen=checked()), "good", "Fine", "none"),
         (replace(ACTIVE, seen=checked(0.43)), "watch", "Watch", "calibrate"),
+        (replace(ACTIVE, seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "calibrate"),
+        (replace(compared(), seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "accept"),
         (replace(ACTIVE, seen=checked(0.8, within=False)), "bad", "Out of tolerance", "calibrate"),
         (replace(ACTIVE, seen=checked(0.8, within=False, at=NOON - timedelta(hours=1))), "good", "Fine", "none"),
     ],

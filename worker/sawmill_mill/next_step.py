@@ -75,6 +75,7 @@ class StepMessage(Message):
         N_("Go back to an earlier one. %(action)s"),
     )
     LOG_SHOWS_MOVED = ("moved-since",)
+    LOG_SHOWS_OFF = ("beyond-calibration",)
     SLIPPED = ("slipped",)
     MOVED = (
         "moved",
@@ -190,6 +191,7 @@ _STEPS = {
     StepMessage.WRONG: (Button.SCAN_AGAIN, "bad", N_("Calibration failed")),
     StepMessage.WRONG_IN_USE: (Button.SCAN_AGAIN, "bad", N_("Calibration failed")),
     StepMessage.LOG_SHOWS_MOVED: (Button.CALIBRATE, "bad", N_("Out of tolerance")),
+    StepMessage.LOG_SHOWS_OFF: (Button.CALIBRATE, "watch", N_("Watch")),
     StepMessage.SLIPPED: (Button.SCAN_AGAIN, "watch", N_("Watch")),
     StepMessage.MOVED: (Button.SCAN_AGAIN, "bad", N_("Out of tolerance")),
     StepMessage.STILL_RED: (Button.ACCEPT, "bad", N_("Out of tolerance")),
@@ -319,6 +321,9 @@ def _of_scanner(state: ScannerState) -> NextStep | None:
             message(moved_mm=moved.ray_change_mm, allowed_mm=moved.tolerance_mm),
             *_STEPS[message],
         )
+    if state.beyond_calibration is not None:
+        step = _because(StepMessage.LOG_SHOWS_OFF, state.beyond_calibration.explanation)
+        return step if active else replace(step, button=Button.ACCEPT)
     return None
 
 

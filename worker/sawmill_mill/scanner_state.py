@@ -8,6 +8,7 @@ from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult, Comparison
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary.movement_messages import LogMessage
 
 # From this share on a scanner is watched, though it may move by more: the next check may find it out of tolerance.
 NEARLY = 0.7
@@ -93,6 +94,13 @@ class ScannerState:
         """The newest check that could tell, if it is later than the newest calibration and out of tolerance."""
         check = self._since_newest(self.seen)
         return check if check is not None and check.within_tolerance is False else None
+
+    @property
+    def beyond_calibration(self) -> Checked | None:
+        """The newest check that could tell, if by its reason a calibration that far off would not pass."""
+        check = self._since_newest(self.seen)
+        reason = None if check is None or check.explanation is None else check.explanation.reason
+        return check if reason is not None and LogMessage.BEYOND_CALIBRATION in reason.codes else None
 
     @property
     def unseen(self) -> bool:
