@@ -186,6 +186,8 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
     page = f"/calibrate?calibration={good}"
     assert (step()["tone"], step()["button"]) == ("bad", "accept")
     assert 'primary large">Accept<' in seeded.get(page).text
+    assert f'href="/calibrate?calibration={first}">Look at the earlier result<' in seeded.get("/scanners/example").text
+    assert ">Discard<" in seeded.get(f"/calibrate?calibration={first}").text
     assert step(f"calibrations/{second}")["headline"] == "This calibration was discarded."
     discard(first)
     assert (step()["tone"], step(f"calibrations/{good}")["word"]) == ("good", "Fine")
