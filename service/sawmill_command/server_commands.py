@@ -50,6 +50,8 @@ def serve(
     except WrongVariableError as error:
         raise typer.BadParameter(str(error)) from error
     seed = seed_apart if examples else None
+    # The database has the secrets of webhooks in clear.
+    os.umask(0o077)
     try:
         serve_until_stopped(settings, storage, execution, workers=workers != 0, seed=seed)
     except (ListenError, StorageError, OSError) as error:

@@ -3,11 +3,14 @@
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
+from itertools import chain
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
+from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.alarms import is_acknowledged
 from sawmill_mill.next_step import NextStep, next_step, other_step
@@ -24,14 +27,16 @@ SHOWN_SCANNERS = 200  # more than any mill has
 class ScannerCondition:
     """Condition of one scanner, as pages show it.
 
-    `newest` is the newest calibration that succeeded and was neither discarded nor passed over by a later decision,
-    else the one in use; `failed` is a newer one that failed since the last decision; `active` is in use; `drift` is
-    the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
-    `active`. `alarms` are those that are open. `step` is what a person does next.
+    `newest` is the newest calibration that succeeded, ended after the last acceptance and was not discarded, else the
+    one in use; `red` is the newest of these that shows the scanner red; `failed` is a newer one that failed; `active`
+    is in use; `drift` is the newest drift check that succeeded or failed, `seen` the newest that could tell whether it
+    has moved since `active`. `alarms` are those that are open. `discarded_at` is when a calibration was last discarded
+    since the last acceptance. `step` is what a person does next.
     """
 
     scanner: StoredScanner
     newest: CalibrationSucceeded | None
+    red: CalibrationSucceeded | None
     active: CalibrationSucceeded | None
     failed: CalibrationUnfinished | None
     drift: Drift | None
@@ -40,6 +45,7 @@ class ScannerCondition:
     calibrating: bool
     alarms: tuple[Alarm, ...]
     acknowledged: frozenset[AlarmKind]
+    discarded_at: datetime | None
 
     @property
     def failure(self) -> Failure | None:
@@ -49,11 +55,9 @@ class ScannerCondition:
     @cached_property
     def state(self) -> ScannerState:
         """The facts that decide the next step."""
-        newest, failure, last = self.newest, self.failure, None
-        if newest is not None:
-            last = Calibrated(newest.id, newest.created_at, newest)
+        failure = self.failure
         return ScannerState(
-            newest=last,
+            newest=_calibrated(self.newest),
             active_id=self.scanner.active_calibration_id,
             tolerances=self.scanner.tolerances,
             failure=None if failure is None else failure.detail,
@@ -61,6 +65,7 @@ class ScannerCondition:
             seen=_checked(self.seen),
             scanned=self.scanned,
             alarms=tuple(alarm.what for alarm in self.alarms if alarm.what not in self.acknowledged),
+            red=_calibrated(self.red),
         )
 
     @cached_property
@@ -68,12 +73,17 @@ class ScannerCondition:
         """The next step with the scanner, and with its newest calibration."""
         return next_step(self.state)
 
-    def step_with(self, calibration: CalibrationSucceeded) -> NextStep:
+    def step_with(self, calibration: CalibrationSucceeded, *, discarded: bool) -> NextStep:
         """Return the next step with one of the scanner's calibrations."""
         newest, active = self.newest, self.scanner.active_calibration_id == calibration.id
-        if newest is not None and newest.id != calibration.id:
-            return other_step(calibration.created_at, newest.created_at, active=active)
-        return self.step
+        if newest is not None and newest.id == calibration.id:
+            return self.step
+        newest_at = calibration.created_at if newest is None else newest.created_at
+        return other_step(calibration.created_at, newest_at, active=active, discarded=discarded)
+
+
+def _calibrated(calibration: CalibrationSucceeded | None) -> Calibrated | None:
+    return None if calibration is None else Calibrated(calibration.id, calibration.created_at, calibration)
 
 
 def _checked(check: Drift | None) -> Checked | None:
@@ -101,13 +111,15 @@ def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
 
 def step_with(store: Store, calibration: CalibrationSucceeded) -> NextStep:
     """Return the next step with a calibration, by the state of its scanner now."""
-    return condition_of(store, store.scanners.get(calibration.scanner_id)).step_with(calibration)
+    discard = store.history.newest(calibration.scanner_id, HistoryKind.DISCARD, calibration.id)
+    condition = condition_of(store, store.scanners.get(calibration.scanner_id))
+    return condition.step_with(calibration, discarded=discard is not None)
 
 
 def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Alarm]) -> list[ScannerCondition]:
     overviews = list(overviews)
-    ids = {one for each in overviews for one in (each.ended_id, each.succeeded_id, each.scanner.active_calibration_id)}
-    calibrations = store.calibrations.several([one for one in ids if one is not None])
+    shown = ((each.ended_id, each.succeeded_id, each.red_id, each.scanner.active_calibration_id) for each in overviews)
+    calibrations = store.calibrations.several([one for one in {*chain.from_iterable(shown)} if one is not None])
     check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
     checks = store.drifts.several([one for one in check_ids if one is not None])
     now = store.now()
@@ -121,20 +133,20 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
 
     def condition(of: Overview) -> ScannerCondition:
         last = None if of.ended_id is None else calibrations.get(of.ended_id)
-        if not isinstance(last, CalibrationUnfinished) or not of.decisions.leave_failure_open(of.ended_at):
-            last = None
-        active, mine = succeeded(of.scanner.active_calibration_id), alarms[of.scanner.id]
+        mine = alarms[of.scanner.id]
         return ScannerCondition(
             scanner=of.scanner,
-            newest=succeeded(of.succeeded_id) if of.decisions.leave_result_open(of.succeeded_at) else active,
-            active=active,
-            failed=last,
+            newest=succeeded(of.succeeded_id),
+            red=succeeded(of.red_id),
+            active=succeeded(of.scanner.active_calibration_id),
+            failed=last if isinstance(last, CalibrationUnfinished) else None,
             drift=None if of.drift_id is None else checks.get(of.drift_id),
             seen=None if of.seen_id is None else checks.get(of.seen_id),
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
             alarms=tuple(mine),
             acknowledged=frozenset(alarm.what for alarm in mine if is_acknowledged(alarm, now)),
+            discarded_at=of.discarded_at,
         )
 
     return [condition(each) for each in overviews]

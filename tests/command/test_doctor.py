@@ -316,6 +316,12 @@ def test_a_folder_that_others_may_write_to(found, data):
     assert found("data folder")["cure"] == f"chmod go-w {data}"
 
 
+def test_a_folder_that_all_users_may_read(found, data):
+    assert data.stat().st_mode & 0o777 == 0o700, "as the service makes it"
+    data.chmod(0o755)
+    assert found("data folder", code=0)["cure"] == f"chmod o-rwx {data}"
+
+
 def test_a_port_that_is_taken(found, monkeypatch):
     with machine.listen("127.0.0.1", 0, guarded=True) as taken:
         monkeypatch.setenv("SAWMILL_PORT", str(taken.getsockname()[1]))

@@ -8,7 +8,7 @@ import pytest
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.scanner_drift import DriftFinding
 from sawmill_contracts.scanners import AlarmLimits
-from sawmill_mill.alarms import ALARMS, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
+from sawmill_mill.alarms import ALARMS, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence, shift_end
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 NEW = ScannerFacts(scanner_id="line", added_at=START, limits=AlarmLimits())
@@ -110,3 +110,11 @@ def test_each_alarm_has_its_fields_and_its_words():
         "scanner-quiet": "no scan came after 2026-03-02 05:00 UTC for 24 hours",
         "drift": "the logs show no change of the geometry",
     }
+
+
+@pytest.mark.parametrize(("hour", "end"), [(5, 6), (6, 14), (13, 14), (14, 22), (22, 30), (23, 30)])
+def test_a_shift_ends_at_six_two_and_ten(hour, end):
+    noon = datetime(2026, 3, 2, 12, tzinfo=UTC)
+    assert shift_end(noon.replace(hour=hour, minute=20 if hour in {5, 13, 23} else 0)) == noon.replace(
+        hour=0
+    ) + timedelta(hours=end)

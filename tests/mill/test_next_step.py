@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from itertools import product
 
 import pytest
@@ -19,7 +20,8 @@ from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
-LATER = NOON + timedelta(hours=1)
+HOUR = timedelta(hours=1)
+LATER = NOON + HOUR
 SLIP = CalibrationMessage.EFFECT_FITTED(EffectMessage.SLIP(view=17, slip_mm=2.5, slip_deg=0.3), off_mm=0.26)
 IMPRECISE = CalibrationMessage.IMPRECISE(rms_mm=0.05, upper_mm=0.19, allowed_mm=0.1)
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
@@ -57,9 +59,9 @@ def compared(moved_mm=0.05, *reasons, **changes):
     return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, comparison=comparison, **changes)))
 
 
-def checked(moved_mm=0.05, *, within=True, at=LATER):
+def checked(moved_mm=0.05, *, within=True, at=LATER, message=LogMessage.MOVED):
     cause = LogMessage.DETECTOR_SLID(column_mm=-2.12)
-    reason = LogMessage.MOVED(cause, moved_mm=moved_mm, allowed_mm=0.5)
+    reason = message(cause, moved_mm=moved_mm, allowed_mm=0.5, limit_mm=0.1)
     return Checked(at, "active", within, moved_mm, 0.5, CodedReason.of(reason))
 
 
@@ -92,6 +94,8 @@ OLD = {"verdict": "watch", "limits": None}
         (compared(0.05, scale_uncertainty_percent=0.6), "watch", "Watch", "accept"),
         (replace(ACTIVE, seen=checked()), "good", "Fine", "none"),
         (replace(ACTIVE, seen=checked(0.43)), "watch", "Watch", "calibrate"),
+        (replace(ACTIVE, seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "calibrate"),
+        (replace(compared(), seen=checked(0.16, message=LogMessage.BEYOND_CALIBRATION)), "watch", "Watch", "accept"),
         (replace(ACTIVE, seen=checked(0.8, within=False)), "bad", "Out of tolerance", "calibrate"),
         (replace(ACTIVE, seen=checked(0.8, within=False, at=NOON - timedelta(hours=1))), "good", "Fine", "none"),
     ],
@@ -173,3 +177,81 @@ def test_no_state_contradicts_itself():
 def test_an_older_calibration_leads_to_the_newest_and_a_rejected_one_to_the_chosen_one():
     assert {other_step(NOON, LATER, active=active).button for active in (True, False)} == {Button.NEWEST}
     assert other_step(LATER, NOON, active=False).button is Button.CHOSEN
+    assert other_step(LATER, NOON, active=False, discarded=True).word == "Discarded"
+
+
+def test_an_earlier_red_result_keeps_the_colour_and_its_number_until_somebody_decides():
+    red, headline = compared(0.66).newest, "Something has moved: 0.66 mm, and 0.50 mm is allowed."
+    step = next_step(replace(compared(), red=red))
+    assert (step.tone, step.word, step.button) == ("bad", "Out of tolerance", Button.ACCEPT)
+    assert step.reason.in_words().headline == f"{headline} The newest calibration does not show it."
+    step = next_step(replace(compared(0.05, SLIP), red=red))
+    assert (step.tone, step.word, step.button) == ("bad", "Out of tolerance", Button.SCAN_AGAIN)
+    log = next_step(replace(compared(), seen=checked(0.8, within=False, at=NOON - timedelta(hours=1))))
+    assert (log.tone, log.button) == ("bad", Button.ACCEPT)
+    assert log.reason.in_words().headline.startswith("A log shows that something has moved: 0.80 mm")
+
+
+RESULTS = list(product(VERDICTS, ("within", "beyond")))
+CHECKS = ("log within", "log beyond")
+
+
+@cache
+def result_of(result, at, *, active=False, against="active"):
+    verdict, movement = result
+    comparison = None if against is None else moved(MOVEMENTS[movement], against=against)
+    identifier = "active" if active else f"at {at}"
+    return Calibrated(identifier, NOON + at * HOUR, answer(*VERDICTS[verdict], comparison=comparison, verdict=verdict))
+
+
+@cache
+def step_after(accepted, newest, red, log, log_is_newer):
+    """The product's step with the results that are neither discarded nor older than the last acceptance."""
+    against = None if accepted is None else "active"
+    within, at = log == "log within", NOON + (3 if log_is_newer else 1) * HOUR
+    in_use = accepted and result_of(accepted, 0, active=True, against="another")
+    return next_step(
+        ScannerState(
+            newest=in_use if newest is None else result_of(newest, 2, against=against),
+            active_id=in_use and in_use.id,
+            red=red and result_of(red, 1, against=against),
+            seen=log and checked(0.05 if within else 0.8, within=within, at=at),
+        )
+    )
+
+
+def tone_and_accept(accepted, events):
+    """A plain model: red while a red result or the last log's remains, else by the newest result; who may accept it."""
+    results, logs = [each for each in events if each not in CHECKS], [each for each in events if each in CHECKS]
+    reds = [verdict == "fail" or (accepted is not None and movement == "beyond") for verdict, movement in results]
+    log_is_red = logs[-1:] == ["log beyond"]
+    verdict = results[-1][0] if results else accepted and accepted[0]
+    unaccepted = bool(results) and accepted is None
+    tone = {None: "idle", "pass": "watch" if unaccepted else "good", "watch": "watch", "fail": "bad"}[verdict]
+    log_since = bool(events) and events[-1] in CHECKS
+    acceptable = bool(results) and verdict == "pass" and not reds[-1] and not (log_since and log_is_red)
+    return "bad" if any(reds) or log_is_red else tone, acceptable
+
+
+def successors(accepted, events):
+    """The history after each thing that can happen next: the last acceptance, and what counts since."""
+    for each in (*RESULTS, *(CHECKS if accepted else ())):
+        yield accepted, (*events, each)
+    results = [place for place, each in enumerate(events) if each not in CHECKS]
+    if results:
+        yield events[results[-1]], ()
+    for place in results:
+        yield accepted, events[:place] + events[place + 1 :]
+
+
+def test_every_sequence_of_six_leaves_the_colour_of_a_plain_model():
+    histories = reached = {(None, ())}
+    for _ in range(6):
+        reached = {after for history in reached for after in successors(*history)} - histories
+        histories = histories | reached
+    for accepted, events in histories:
+        results, logs = [each for each in events if each not in CHECKS], [each for each in events if each in CHECKS]
+        reds = [each for each in results if each[0] == "fail" or (accepted and each[1] == "beyond")]
+        newest = (each[-1] if each else None for each in (results, reds, logs))
+        step = step_after(accepted, *newest, events[-1:] == tuple(logs[-1:]))
+        assert (step.tone, step.button is Button.ACCEPT) == tone_and_accept(accepted, events), (accepted, events)

@@ -56,6 +56,9 @@ def test_one_log_is_made_with_both_and_only_once(seeded, store, pair):
     assert seeded.post(PAGE, data=fields).headers["Location"] == made.headers["Location"]
     reading = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS)
     another = store.scans.accept(reading, store.files.receive([b"file"], max_bytes=100)).id
+    for wrong in ({"first": ""}, {"second": "another one"}, {"scan_id": ""}, {"scan_id": "no such scan"}):
+        assert seeded.post(PAGE, data=fields | wrong).status_code == 404, wrong
+    assert seeded.post("/scanners/example-spare/compare", data=fields).status_code == 404, "another scanner's"
     refused = seeded.post(PAGE, data=fields | {"scan_id": another})
     assert refused.status_code == 409
     assert 'class="problem"' in refused.text

@@ -100,6 +100,14 @@ def test_a_page_behind_a_proxy_that_speaks_tls_is_our_own(client, store, origin,
     assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == status
 
 
+@pytest.mark.parametrize(
+    "path", ["/v1/keys", "/v1/keys/own", "/v1/audit", "/v1/audit.jsonl", "/v1/jobs", "/v1/nothing"]
+)
+def test_no_browser_writes_json_to_its_disk(client, path):
+    assert "no-store" in client.get(path).headers["Cache-Control"]
+    assert client.get("/static/console.js").headers["Cache-Control"] == "no-cache"
+
+
 @pytest.mark.parametrize("path", ["/", "/docs", "/v1/scanners", "/nothing", "/static/console.js"])
 def test_every_answer_is_protected(client, path):
     headers = client.get(path).headers

@@ -150,7 +150,8 @@ def test_a_folder_is_served_once_and_by_the_next_as_soon_as_its_service_was_kill
     assert f"is served by process {first.pid} already: stop that one" in second.stderr
     assert "Traceback" not in second.stderr
     with serving(tmp_path):
-        pass
+        modes = {path.name: path.stat().st_mode & 0o777 for path in (tmp_path / "data", tmp_path / "data/sawmill.db")}
+        assert modes == {"data": 0o700, "sawmill.db": 0o600}, "nobody else reads the secrets of webhooks"
 
 
 def missing_a_proxy(log: Path) -> list[str]:

@@ -140,7 +140,11 @@ def test_a_page_leads_to_the_login_and_from_there_on(browser):
 
 
 @pytest.mark.parametrize(
-    "onward", ["//evil.example", "https://evil.example", "/\\evil.example", "/\t/evil.example", "javascript:x", "", "x"]
+    "onward",
+    [
+        *("//evil.example", "https://evil.example", "/\\evil.example", "/\t/evil.example", "javascript:x", "", "x"),
+        *("/..//evil.example", "/.//evil.example", "/a//b?next=/c"),
+    ],
 )
 def test_a_login_leads_to_no_other_site(browser, onward):
     assert log_in(browser, TOKEN, next=onward).headers["Location"] == "/"

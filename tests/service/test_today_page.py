@@ -164,6 +164,44 @@ def test_what_was_decided_colours_no_longer_and_what_was_rejected_is_not_called_
     assert "wrong phantom" in seeded.get("/scanners/example/history").text
 
 
+def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
+    def step(of="scanners/example"):
+        return seeded.get(f"/v1/{of}/next-step").json()
+
+    def discard(identifier):
+        seeded.post(f"/v1/calibrations/{identifier}/discard", json={"reason": "the scan was disturbed"})
+
+    untouched = step()
+    first = newest(comparison=comparison(within=False, moved_mm=1.31))
+    with_first = step()
+    second = newest(comparison=comparison(within=False, moved_mm=1.02))
+    with_second = step()
+    old = newest(verdict="fail", reasons=["the residual is too large"])
+    discard(old)
+    assert step() == with_second
+    discard(second)
+    assert step() == with_first
+    assert with_first["tone"] == "bad"
+    good = newest(comparison=comparison())
+    page = f"/calibrate?calibration={good}"
+    assert (step()["tone"], step()["button"]) == ("bad", "accept")
+    assert 'primary large">Accept<' in seeded.get(page).text
+    assert f'href="/calibrate?calibration={first}">Look at the earlier result<' in seeded.get("/scanners/example").text
+    assert ">Discard<" in seeded.get(f"/calibrate?calibration={first}").text
+    assert step(f"calibrations/{second}")["headline"] == "This calibration was discarded."
+    discard(first)
+    assert (step()["tone"], step(f"calibrations/{good}")["word"]) == ("good", "Fine")
+    assert 'primary large">Accept<' in seeded.get(page).text
+    discard(good)
+    assert step() == untouched
+    for path in ("/", "/scanners/example"):
+        assert "A calibration was discarded <time" in seeded.get(path).text
+    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    drifted = step()
+    discard(newest(comparison=comparison()))
+    assert step() == drifted
+
+
 def test_a_passing_calibration_that_nobody_accepted_wants_a_review(seeded, worker, scanned):
     scanned()
     worker.finish_calibration()

@@ -123,7 +123,7 @@ def modules_after_first(
         The modules are not all of the detector, their cells have another pitch, or they are out of line.
     """
     if len(placed) > MOST_MODULES:
-        raise ModulesUnusable(f"there are {len(placed)} of them, and at most {MOST_MODULES} are used")
+        raise ModulesUnusable(f"there are more than {MOST_MODULES}")
     ordered = sorted(placed, key=lambda one: one.first)
     _check_cells(ordered, cells, pitch_mm)
     middle = ordered[_middle([one.first for one in ordered], cells)]

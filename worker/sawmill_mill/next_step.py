@@ -75,11 +75,17 @@ class StepMessage(Message):
         N_("Go back to an earlier one. %(action)s"),
     )
     LOG_SHOWS_MOVED = ("moved-since",)
+    LOG_SHOWS_OFF = ("beyond-calibration",)
     SLIPPED = ("slipped",)
     MOVED = (
         "moved",
         "",
         N_("%(action)s Then scan the phantom again. If the scanner was changed on purpose, accept this calibration."),
+    )
+    STILL_RED = (
+        "still-red",
+        N_("%(headline)s The newest calibration does not show it."),
+        N_("Check the scanner, and accept the newest calibration. If an earlier scan was disturbed, discard it."),
     )
     LOOK = ("look",)
     WITHOUT_ERROR_BARS = (
@@ -113,6 +119,11 @@ class StepMessage(Message):
         "older",
         N_("A newer calibration of this scanner exists."),
         N_("Look at the newest one."),
+    )
+    DISCARDED = (
+        "discarded",
+        N_("This calibration was discarded."),
+        N_("Look at the newest one, or calibrate."),
     )
     DECIDED_AGAINST = (
         "decided-against",
@@ -180,8 +191,10 @@ _STEPS = {
     StepMessage.WRONG: (Button.SCAN_AGAIN, "bad", N_("Calibration failed")),
     StepMessage.WRONG_IN_USE: (Button.SCAN_AGAIN, "bad", N_("Calibration failed")),
     StepMessage.LOG_SHOWS_MOVED: (Button.CALIBRATE, "bad", N_("Out of tolerance")),
+    StepMessage.LOG_SHOWS_OFF: (Button.CALIBRATE, "watch", N_("Watch")),
     StepMessage.SLIPPED: (Button.SCAN_AGAIN, "watch", N_("Watch")),
     StepMessage.MOVED: (Button.SCAN_AGAIN, "bad", N_("Out of tolerance")),
+    StepMessage.STILL_RED: (Button.ACCEPT, "bad", N_("Out of tolerance")),
     StepMessage.LOOK: (Button.SCAN_AGAIN, "watch", N_("Watch")),
     StepMessage.WITHOUT_ERROR_BARS: (Button.LOOK, "watch", N_("Watch")),
     StepMessage.SCALE: (Button.ACCEPT, "watch", N_("Watch")),
@@ -195,6 +208,7 @@ _STEPS = {
     StepMessage.FINE_SINCE_CALIBRATED: (Button.NONE, "good", N_("Fine")),
     StepMessage.FINE_AND_NEWER: (Button.ACCEPT, "good", N_("Fine")),
     StepMessage.OLDER: (Button.NEWEST, "idle", N_("Not the newest")),
+    StepMessage.DISCARDED: (Button.NEWEST, "idle", N_("Discarded")),
     StepMessage.DECIDED_AGAINST: (Button.CHOSEN, "idle", N_("Not chosen")),
     StepMessage.OLDER_IN_USE: (Button.NEWEST, "watch", N_("Not the newest")),
 }
@@ -213,8 +227,9 @@ def next_step(state: ScannerState) -> NextStep:
     if newest is None:
         never = StepMessage.NEVER if state.scanned else StepMessage.NEW
         return _step(never if state.failure is None else StepMessage.FAILED)
-    first = _out_of_tolerance(state, newest) or _failed_since(state) or _of_quality(state, newest)
-    return first or _of_scanner(state) or _alarmed(state) or _fine(state)
+    red = _out_of_tolerance(state, newest)
+    step = red or _failed_since(state) or _of_quality(state, newest) or _of_scanner(state) or _alarmed(state)
+    return _still_red(state, step or _fine(state))
 
 
 def step_alone(result: CalibrationResult, tolerances: Tolerances | None = None, *, active: bool = False) -> NextStep:
@@ -229,8 +244,10 @@ def step_of_check(check: DriftResult) -> NextStep | None:
     return _log_shows_moved(check) if check.within_tolerance is False else None
 
 
-def other_step(shown_at: datetime, newest_at: datetime, *, active: bool) -> NextStep:
+def other_step(shown_at: datetime, newest_at: datetime, *, active: bool, discarded: bool = False) -> NextStep:
     """Return the next step with a calibration that is not the one by which its scanner is judged, by their times."""
+    if discarded and not active:
+        return _step(StepMessage.DISCARDED)
     if shown_at > newest_at:
         return _step(StepMessage.DECIDED_AGAINST)
     return _step(StepMessage.OLDER_IN_USE if active else StepMessage.OLDER)
@@ -252,6 +269,21 @@ def _out_of_tolerance(state: ScannerState, newest: Calibrated) -> NextStep | Non
     if moved_since is not None and state.compared is not None:
         return _because(StepMessage.MOVED, state.compared.explanation, moved_since)
     return None
+
+
+def _still_red(state: ScannerState, step: NextStep) -> NextStep:
+    """Return the step in red where an earlier result is red that nobody has decided about since."""
+    if step.tone == "bad" or state.newest_is_active:
+        return step
+    red = None if state.red is None else _out_of_tolerance(replace(state, newest=state.red, seen=None), state.red)
+    if red is None and state.seen is not None and state.seen.within_tolerance is False:
+        red = _log_shows_moved(state.seen)
+    if red is None:
+        return step
+    if step.button is Button.ACCEPT or step.tone == "good":
+        still = StepMessage.STILL_RED(*red.reason.parts)
+        return NextStep(still, Button.ACCEPT, red.tone, red.word, red.english)
+    return replace(step, tone=red.tone, word=red.word)
 
 
 def _log_shows_moved(check: Checked | DriftResult) -> NextStep:
@@ -289,6 +321,9 @@ def _of_scanner(state: ScannerState) -> NextStep | None:
             message(moved_mm=moved.ray_change_mm, allowed_mm=moved.tolerance_mm),
             *_STEPS[message],
         )
+    if state.beyond_calibration is not None:
+        step = _because(StepMessage.LOG_SHOWS_OFF, state.beyond_calibration.explanation)
+        return step if active else replace(step, button=Button.ACCEPT)
     return None
 
 

@@ -8,6 +8,7 @@ from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult, Comparison
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary.movement_messages import LogMessage
 
 # From this share on a scanner is watched, though it may move by more: the next check may find it out of tolerance.
 NEARLY = 0.7
@@ -63,6 +64,7 @@ class ScannerState:
     """The facts about one scanner that decide its next step (`next_step.py`).
 
     `newest` is the newest calibration that succeeded, `active_id` the one in use, `failure` why a newer one failed.
+    `red` is the newest one that nobody has accepted, passed over or discarded and that shows the scanner red.
     `last_check` is the newest drift check that ended, `seen` the newest one that could tell whether the scanner has
     moved since the active calibration. `alarms` are the open ones.
     """
@@ -75,6 +77,7 @@ class ScannerState:
     seen: Checked | None = None
     scanned: bool = True
     alarms: tuple[AlarmKind, ...] = ()
+    red: Calibrated | None = None
 
     @property
     def allowed_mm(self) -> float:
@@ -91,6 +94,13 @@ class ScannerState:
         """The newest check that could tell, if it is later than the newest calibration and out of tolerance."""
         check = self._since_newest(self.seen)
         return check if check is not None and check.within_tolerance is False else None
+
+    @property
+    def beyond_calibration(self) -> Checked | None:
+        """The newest check that could tell, if by its reason a calibration that far off would not pass."""
+        check = self._since_newest(self.seen)
+        reason = None if check is None or check.explanation is None else check.explanation.reason
+        return check if reason is not None and LogMessage.BEYOND_CALIBRATION in reason.codes else None
 
     @property
     def unseen(self) -> bool:

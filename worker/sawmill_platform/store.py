@@ -138,7 +138,7 @@ class JobServiceStore:
                 "start sawmill serve first"
             )
         if file is not None:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if folder.exists():
             refuse_read_only(folder)
 

@@ -52,8 +52,8 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
 
 
 def discard(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
-    """Put a calibration aside, with an entry in history and audit; do nothing where it was the last one put aside."""
-    if calibration_id == session.scalar(last_discarded(EventRow.subject_id, scanner_id)):
+    """Put a calibration aside, with an entry in history and audit; do nothing where it was put aside before."""
+    if calibration_id in session.scalars(discards(EventRow.subject_id, scanner_id)):
         return
     _announce(session, mill_events.CALIBRATION_DISCARDED, scanner_id, calibration_id, reason, now)
 
@@ -66,7 +66,8 @@ def _announce(
     announce(session, now, what, "calibration", calibration_id, group_id=scanner_id, detail=detail, decided=decided)
 
 
-def last_discarded(column: InstrumentedAttribute[Any], scanner_id: ScannerId) -> Select[Any]:
-    """Select a column of the event by which a scanner's calibration was last discarded."""
-    mine = text(IN_HISTORY), EventRow.group_id == scanner_id, EventRow.topic == HistoryKind.DISCARD
-    return select(column).where(*mine).order_by(EventRow.at.desc(), EventRow.number.desc()).limit(1)
+def discards(column: Any, scanner_id: ScannerId) -> Select[Any]:  # noqa: ANN401 - functions of columns too
+    """Select a column of the events by which a scanner's calibrations were discarded."""
+    return select(column).where(
+        text(IN_HISTORY), EventRow.group_id == scanner_id, EventRow.topic == HistoryKind.DISCARD
+    )

@@ -1,42 +1,43 @@
 """Overviews of scanners: the newest results of all scanners, read at once for pages and metrics."""
 
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
-from sqlalchemy import ScalarSelect, Select, select
-from sqlalchemy.orm import InstrumentedAttribute, aliased
+from sqlalchemy import ColumnElement, ScalarSelect, Select, and_, func, or_, select
+from sqlalchemy.orm import aliased
 
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_mill.decisions import Decisions
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow
-from sawmill_store.activations import active_calibration, last_discarded
+from sawmill_store.activations import active_calibration, discards
 from sawmill_store.scanners import scanner_with
-from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, ScannerRow, ScanRow
+from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
+_NEVER = datetime.min.replace(tzinfo=UTC)
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
 
 
 class Overview(NamedTuple):
     """Ids of the newest results and the newest scan of one scanner; None where there is none.
 
-    `ended_id` is the newest calibration that succeeded or failed, `succeeded_id` the newest that succeeded, `drift_id`
-    the newest drift check that succeeded or failed, `seen_id` the newest that decided whether the scanner has moved
-    since the active calibration. `scan_id` is the newest scan. `calibrating` is true while the newest calibration has
-    not ended. `ended_at` and `succeeded_at` are when the two calibrations ended.
+    A calibration is undecided if it ended after the last acceptance and was not discarded. `ended_id` is the newest
+    undecided one that succeeded or failed, `succeeded_id` the newest that succeeded, else the active one, `red_id` the
+    newest whose rays fail or have moved since the active calibration. `drift_id` is the newest drift check that
+    succeeded or failed, `seen_id` the newest that decided whether the scanner has moved since the active calibration.
+    `scan_id` is the newest scan. `calibrating` is true while the newest calibration has not ended. `discarded_at` is
+    when a calibration was last discarded since the last acceptance.
     """
 
     scanner: StoredScanner
     ended_id: str | None
     succeeded_id: str | None
+    red_id: str | None
     drift_id: str | None
     seen_id: str | None
     scan_id: str | None
     calibrating: bool
-    ended_at: datetime | None
-    succeeded_at: datetime | None
-    decisions: Decisions
+    discarded_at: datetime | None
 
 
 class Overviews:
@@ -47,24 +48,17 @@ class Overviews:
 
     def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
         """Return the overviews of the newest scanners, or of one scanner."""
-        discarded = last_discarded(EventRow.at, ScannerRow.id)
-        with_result = discarded.join(CalibrationRow, CalibrationRow.id == EventRow.subject_id).where(
-            CalibrationRow.result.is_not(None)
-        )
         statement = select(
             ScannerRow,
             _active_calibration().label("active_id"),
-            _newest(CalibrationRow.id, CalibrationRow, *_WITH_A_FATE).label("ended_id"),
-            _newest(CalibrationRow.id, CalibrationRow, JobState.SUCCEEDED).label("succeeded_id"),
-            _newest(DriftRow.id, DriftRow, *_WITH_A_FATE).label("drift_id"),
+            _undecided(*_WITH_A_FATE).label("ended_id"),
+            func.coalesce(_undecided(JobState.SUCCEEDED), _active_calibration()).label("succeeded_id"),
+            _undecided(JobState.SUCCEEDED, only_red=True).label("red_id"),
+            _newest_check().label("drift_id"),
             _newest_that_saw().label("seen_id"),
             _of_scanner(select(ScanRow.id), ScanRow, ScanRow.created_at).label("scan_id"),
             _state_of_newest_calibration().label("state"),
-            _newest(JobRow.finished_at, CalibrationRow, *_WITH_A_FATE).label("ended_at"),
-            _newest(JobRow.finished_at, CalibrationRow, JobState.SUCCEEDED).label("succeeded_at"),
-            _of_scanner(select(ActivationRow.activated_at), ActivationRow, ActivationRow.number).label("activated_at"),
-            discarded.correlate(ScannerRow).scalar_subquery().label("discarded_at"),
-            with_result.correlate(ScannerRow).scalar_subquery().label("result_discarded_at"),
+            _last_discarded_at().label("discarded_at"),
         )
         newest_first = statement.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
         if scanner_id is not None:
@@ -77,6 +71,40 @@ def _active_calibration() -> ScalarSelect[Any]:
     return active_calibration(ScannerRow.id).correlate(ScannerRow).scalar_subquery()
 
 
+def _accepted_at() -> ColumnElement[datetime]:
+    """Select when the active calibration was accepted, or a time before all others."""
+    accepted = select(ActivationRow.activated_at)
+    return func.coalesce(_of_scanner(accepted, ActivationRow, ActivationRow.number), _NEVER)
+
+
+def _undecided(*states: JobState, only_red: bool = False) -> ScalarSelect[Any]:
+    """Select the newest calibration that ended since the last acceptance and was not discarded."""
+    active = aliased(CalibrationRow)
+    # Calibrations before the active one are left out first, by the index.
+    requested = select(active.created_at).where(active.id == _active_calibration()).scalar_subquery()
+    undecided = (
+        select(CalibrationRow.id)
+        .join(JobRow, JobRow.id == CalibrationRow.job_id)
+        .where(
+            CalibrationRow.created_at >= func.coalesce(requested, _NEVER),
+            JobRow.state.in_(states),
+            JobRow.finished_at >= _accepted_at(),
+            CalibrationRow.id.not_in(discards(EventRow.subject_id, ScannerRow.id).correlate(ScannerRow)),
+        )
+    )
+    if only_red:
+        moved = and_(MeasurementRow.within_tolerance.is_(False), MeasurementRow.against_id == _active_calibration())
+        fails = func.coalesce(MeasurementRow.rays_verdict, MeasurementRow.verdict) == "fail"
+        measured = MeasurementRow.subject_id == CalibrationRow.id
+        undecided = undecided.join(MeasurementRow, measured).where(or_(fails, moved))
+    return _of_scanner(undecided, CalibrationRow, CalibrationRow.created_at)
+
+
+def _last_discarded_at() -> ScalarSelect[Any]:
+    since = discards(func.max(EventRow.at), ScannerRow.id).where(EventRow.at >= _accepted_at())
+    return since.correlate(ScannerRow).scalar_subquery()
+
+
 def _newest_that_saw() -> ScalarSelect[Any]:
     """Select the newest check against the active calibration that decided; failed or uncertain ones are left out."""
     of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
@@ -84,11 +112,9 @@ def _newest_that_saw() -> ScalarSelect[Any]:
     return _of_scanner(saw, DriftRow, DriftRow.created_at)
 
 
-def _newest(
-    column: InstrumentedAttribute[Any], table: type[CalibrationRow | DriftRow], *states: JobState
-) -> ScalarSelect[Any]:
-    in_state = select(column).join_from(table, JobRow, JobRow.id == table.job_id).where(JobRow.state.in_(states))
-    return _of_scanner(in_state, table, table.created_at)
+def _newest_check() -> ScalarSelect[Any]:
+    ended = select(DriftRow.id).join(JobRow, JobRow.id == DriftRow.job_id).where(JobRow.state.in_(_WITH_A_FATE))
+    return _of_scanner(ended, DriftRow, DriftRow.created_at)
 
 
 def _state_of_newest_calibration() -> ScalarSelect[Any]:
@@ -108,14 +134,12 @@ def _read(
     active_id: str | None,
     ended_id: str | None,
     succeeded_id: str | None,
+    red_id: str | None,
     drift_id: str | None,
     seen_id: str | None,
     scan_id: str | None,
     state: JobState | None,
-    ended_at: datetime | None,
-    succeeded_at: datetime | None,
-    *decided: datetime | None,
+    discarded_at: datetime | None,
 ) -> Overview:
-    calibrating, decisions = state is not None and not state.ended, Decisions(*decided)
-    newest = ended_id, succeeded_id, drift_id, seen_id, scan_id
-    return Overview(scanner_with(row, active_id), *newest, calibrating, ended_at, succeeded_at, decisions)
+    newest = ended_id, succeeded_id, red_id, drift_id, seen_id, scan_id
+    return Overview(scanner_with(row, active_id), *newest, state is not None and not state.ended, discarded_at)

@@ -128,6 +128,14 @@ class LogMessage(Message):
         N_("A log shows: %(moved_mm).2f mm moved, and %(allowed_mm).2f mm is allowed."),
         N_("Nothing needs to be done."),
     )
+    BEYOND_CALIBRATION = (
+        "log-shows-beyond-calibration",
+        N_(
+            "A log shows that the rays are off by %(moved_mm).2f mm: %(allowed_mm).2f mm is allowed, but a calibration "
+            "passes only up to %(limit_mm).2f mm."
+        ),
+        N_("%(action)s Scan the phantom when the line stops next, and calibrate."),
+    )
     NOTHING_MOVED = (
         "log-shows-nothing-moved",
         N_("A log shows that nothing has moved."),

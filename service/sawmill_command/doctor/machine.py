@@ -27,7 +27,7 @@ PACKAGE = "sawmill-calibration"
 # File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
 _MOUNTS = Path("/proc/self/mountinfo")
-_OTHERS_MAY_WRITE = 0o022
+_OTHERS_MAY_WRITE, _ANYBODY_MAY_READ = 0o022, 0o007
 _OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a disk
 
 
@@ -171,13 +171,13 @@ def _writable(folder: Path) -> DoctorFinding:
             f"{stray} belongs to user {_owner(stray)}, and the folder to {_owner(folder)}",
             f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
         )
-    if folder.stat().st_mode & _OTHERS_MAY_WRITE:
-        return DoctorFinding(
-            "data folder",
-            State.BAD,
-            f"others on this machine may write to {folder} ({folder.stat().st_mode & 0o777:o})",
-            f"chmod go-w {folder}",
+    mode = folder.stat().st_mode & 0o777
+    if mode & (_OTHERS_MAY_WRITE | _ANYBODY_MAY_READ):
+        state, do, taken = (
+            (State.BAD, "write to", "go-w") if mode & _OTHERS_MAY_WRITE else (State.WATCH, "read", "o-rwx")
         )
+        sentence = f"others on this machine may {do} {folder} ({mode:o})"
+        return DoctorFinding("data folder", state, sentence, f"chmod {taken} {folder}")
     return DoctorFinding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
 
 

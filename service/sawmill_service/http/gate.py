@@ -43,7 +43,6 @@ PROTECTION = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-cache",
 }
 
 log = structlog.get_logger(__name__)
@@ -63,6 +62,9 @@ class ProtectiveHeaders:
                 headers = MutableHeaders(scope=message)
                 for name, value in PROTECTION.items():
                     headers.setdefault(name, value)
+                # JSON has who did what, and keys: no browser writes it to its disk.
+                is_json = "json" in headers.get("Content-Type", "")
+                headers.setdefault("Cache-Control", "private, no-store" if is_json else "no-cache")
             await send(message)
 
         await self.app(scope, receive, send_protected)

@@ -13,7 +13,7 @@ from sawmill_service.dependencies import TheAudit
 from sawmill_service.http.document.described_answers import SAVED
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.responses.answers import NumberedPaging
-from sawmill_service.http.responses.conditional import CACHING, check_conditions
+from sawmill_service.http.responses.conditional import check_conditions
 from sawmill_service.http.route_rules import Router
 
 router = Router(tags=["keys"], reading=Scope.ADMIN)
@@ -43,7 +43,7 @@ def get_audit_file(request: Request, audit: TheAudit) -> Response:
     tag = 'W/"{}-{}"'.format(*audit.extent())
     if held := check_conditions(request.headers, tag):
         return held
-    headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag, "Cache-Control": CACHING}
+    headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag}
     return JsonLines(_lines(audit), headers=headers)
 
 

@@ -17,8 +17,9 @@ _NAME = re.compile(rf"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::({PORT}))?")
 STANDARD_PORTS = (443, 80)
 # All public addresses of IPv6 (RFC 4291, 2.4); site-local ones, NAT64 and other notations of IPv4 lie outside.
 _GLOBAL_UNICAST = IPv6Network("2000::/3")
-# Networks within it that embed an IPv4 address behind an unknown gateway: 6to4, Teredo (RFC 3056, 4380).
-_TRANSLATED = (IPv6Network("2002::/16"), IPv6Network("2001::/32"))
+# Networks that some versions of `is_global` take for public: IPv6 that embeds an IPv4 address behind an unknown gateway
+# (6to4, its relays, Teredo: RFC 3056, 7526, 4380), protocol assignments (6890), documentation (9637).
+_NOT_PUBLIC = tuple(map(ip_network, ("2002::/16", "192.88.99.0/24", "2001::/32", "192.0.0.0/24", "3fff::/20")))
 
 Address = IPv4Address | IPv6Address
 Network = IPv4Network | IPv6Network
@@ -145,8 +146,8 @@ def _address(text: str) -> Address | None:
 def _is_public(address: Address) -> bool:
     if isinstance(address, IPv6Address) and address not in _GLOBAL_UNICAST:
         return False
-    translated = any(address in network for network in _TRANSLATED)
-    return address.is_global and not address.is_multicast and not translated
+    reserved = any(address in network for network in _NOT_PUBLIC)
+    return address.is_global and not address.is_multicast and not reserved
 
 
 def _example(destination: Destination) -> str:

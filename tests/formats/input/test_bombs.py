@@ -256,6 +256,10 @@ class TestTiff:
         pages_of(file, deflated(b"", 98 * MEBIBYTE), (20, 5120), 600)
         refused(file, "too-large", "pages 0 to ", "share their data")
 
+    def test_many_pages_that_share_one_small_strip(self, file):
+        pages_of(file, bytes(80), (1, 40), 2_000, compression=1)
+        refused(file, "too-large", "pages 0 to 1 of the file", "share their data")
+
     def test_a_strip_stored_in_what_it_declares_that_inflates_to_4_gib(self, file):
         pages_of(file, deflated(b"", 2**32), (2048, 2100), 1)
         refused(file, "too-large", "a strip or tile of page 0 declares 4300800 bytes of data and unpacks to more")

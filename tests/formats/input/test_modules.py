@@ -85,6 +85,11 @@ def coarser(detector):
     detector["some name 2/fast_pixel_direction"][()] *= 2
 
 
+def too_many(detector):
+    for number in range(1_000):
+        detector.copy("some name 0", f"another name {number}")
+
+
 def without_unit(detector):
     del detector["some name 0/module_offset"].attrs["units"]
 
@@ -111,6 +116,7 @@ def of_fractions(detector):
     ("change", "said"),
     [
         (shifted, "at cell 9 they are"),
+        (too_many, "there are more than 64"),
         (shorter, "they have 39 cells, and the images have 40"),
         (coarser, "their cells are 3 mm apart by fast_pixel_direction, and x_pixel_size is 1.5 mm"),
         (without_unit, "the module_offset of one is no length with a unit, along a vector"),

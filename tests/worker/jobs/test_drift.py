@@ -43,10 +43,10 @@ TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
 def log_scan(turn):
     """A log with 1 % noise, (views, detector)."""
 
-    def of(theta=THETA, *, views=120, reverse=False, seed=4):
+    def of(theta=THETA, *, views=120, reverse=False, seed=4, noise=0.01):
         angles = -turn(views) if reverse else turn(views)
         log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
-        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=0.01, seed=seed)
+        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=noise, seed=seed)
 
     return of
 
@@ -105,6 +105,26 @@ def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
     reported = look(log_scan(), tolerance_mm=1e-4)
     assert reported.within_tolerance is None
     assert "Average more rows" in reported.reason
+
+
+@pytest.mark.parametrize(
+    ("detector_shift_mm", "noise", "within", "code", "action"),
+    [
+        # u_c moved by 0.1 mm on the detector, with a standard deviation of 0.25 mm: 0.1 mm of the rays is not seen.
+        (30.1, 0.05, None, "log-cannot-tell", "Average more rows"),
+        # The rays moved by 0.16 mm: the scanner may, and a calibration that is off by it would not pass.
+        (30.25, 0.01, True, "log-shows-beyond-calibration", "Scan the phantom when the line stops next"),
+        (30.05, 0.01, True, "log-shows-within", "Nothing needs to be done"),
+    ],
+)
+def test_a_log_says_that_nothing_needs_to_be_done_only_where_a_calibration_that_far_off_would_pass(
+    look, log_scan, detector_shift_mm, noise, within, code, action
+):
+    scan = log_scan(replace(THETA, detector_shift_mm=detector_shift_mm), noise=noise, seed=3 if within is None else 4)
+    reported = look(scan)
+    assert (reported.within_tolerance, action in reported.reason) == (within, True)
+    assert reported.coded_reason.code == code
+    assert ("Nothing needs to be done" in reported.reason) == (code == "log-shows-within")
 
 
 @pytest.mark.slow

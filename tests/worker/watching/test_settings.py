@@ -106,6 +106,12 @@ def test_a_folder_stands_there_once_and_is_known_to_be_whole_somehow(tmp_path):
         read(tmp_path, never)
 
 
+@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a" + ".a" * 4_000 + " = 1"], ids=["brackets", "a key"])
+def test_many_levels_are_refused_in_a_sentence(tmp_path, text):
+    with pytest.raises(WrongFileError, match=r"watch\.toml has too many levels: [^\n]+$"):
+        read(tmp_path, text)
+
+
 @pytest.mark.parametrize("suffix", ["yaml", "yml"])
 def test_yaml_is_refused_with_the_name_of_the_toml_file(tmp_path, suffix):
     (tmp_path / f"line2.{suffix}").write_text("service: http://127.0.0.1:8000\n")

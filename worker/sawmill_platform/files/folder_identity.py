@@ -83,7 +83,7 @@ def settle_identity(
         )
     if is_new:
         refuse_used(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     # A process that was killed before its commit has left a file.
     write_identity(connection, folder, read_identity(folder) or uuid4().hex)
 

@@ -24,7 +24,7 @@ def sole_service(settings: StorageSettings) -> Iterator[None]:
     if not settings.is_one_file:
         yield
         return
-    settings.data_folder.mkdir(parents=True, exist_ok=True)
+    settings.data_folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
         with kernel_lock(settings.data_folder / LOCK):
             yield

@@ -187,15 +187,17 @@ def read_settings(path: Path) -> Watching:
         raise WrongFileError(f"{path}: write {toml} instead, in TOML as docs/do/watched-folder.md shows")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
+        # JSON has no dates and times, and a text must be in quotes.
+        sent = json.dumps(document, default=lambda moment: {"date or time": str(moment)})
     except OSError as error:
         raise WrongFileError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise WrongFileError(f"{path} is no text in UTF-8: byte {error.start}") from error
     except tomllib.TOMLDecodeError as error:
         raise WrongFileError(f"{path} is no TOML: {error}") from error
+    except RecursionError as error:
+        raise WrongFileError(f"{path} has too many levels: write it as docs/do/watched-folder.md shows") from error
     try:
-        # JSON has no dates and times, and a text must be in quotes.
-        sent = json.dumps(document, default=lambda moment: {"date or time": str(moment)})
         return Watching.model_validate_json(sent, strict=True)
     except ValidationError as error:
         raise WrongFileError("\n".join(f"{path}: {_sentence(fault)}" for fault in error.errors())) from error

@@ -256,7 +256,7 @@ def _of_calibration(
             discarded=discarded,
             scanner=scanner,
             scan=scan,
-            step=condition.step_with(calibration),
+            step=condition.step_with(calibration, discarded=discarded is not None),
             newest=condition.newest,
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),

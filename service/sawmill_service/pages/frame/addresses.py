@@ -4,5 +4,5 @@ import re
 
 
 def local_path(path: str) -> str:
-    r"""Return the path if it is one of this service, else Today's: `//` and `/\` would lead to another site."""
-    return path if re.fullmatch(r"/(?!/)[!-\[\]-~]*", path) else "/"
+    r"""Return the path if it is one of this service, else Today's: `//` and `/\` may lead to another site."""
+    return path if re.fullmatch(r"(?![^?]*//)/[!-\[\]-~]*", path) else "/"

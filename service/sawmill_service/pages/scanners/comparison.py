@@ -44,7 +44,9 @@ def reconstruct_with_both(
     scanner_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm
 ) -> Response:
     """Request the same log with both calibrations, unless it is there, and go to the second with the first beside."""
-    chosen, scan_id = (fields.get("first", ""), fields.get("second", "")), fields.get("scan_id", "")
+    chosen, scan_id = (fields.get("first", ""), fields.get("second", "")), store.scans.get(fields.get("scan_id", "")).id
+    for calibration_id in chosen:
+        _calibration(store, scanner_id, calibration_id)
     logs = [log for log in store.reconstructions.page(scan_id=scan_id, limit=_MOST).items if log.state in _KEPT]
     made = []
     try:

@@ -1,11 +1,14 @@
 """Reading of the modules of a line detector from NXtomo (`sawmill_formats.detector_modules` has the layout)."""
 
+from itertools import islice
+
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.detector_modules import (
     CLASS,
+    MOST_MODULES,
     OFFSET,
     ORIGIN,
     SIZE,
@@ -36,7 +39,8 @@ def read_modules(
     # Of links elsewhere none is followed here: the detector's group may have any, to what is not read.
     hard = (text_of(key) for key, kind in members(detector) if kind == h5py.h5l.TYPE_HARD)
     nodes = (find(detector, name, bounds.linked) for name in hard)
-    groups = [node for node in nodes if isinstance(node, h5py.Group) and attribute_text(node, "NX_class") == CLASS]
+    modules = (node for node in nodes if isinstance(node, h5py.Group) and attribute_text(node, "NX_class") == CLASS)
+    groups = list(islice(modules, MOST_MODULES + 1))
     if not groups:
         return (), ()
     try:

@@ -122,10 +122,13 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
         ):
             check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
         claimed = unpacked = 0
+        offsets: set[int] = set()
         for index, page in enumerate(tiff.pages):
             _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
             claimed += sum(page.databytecounts)
-            if claimed > size_bytes:
+            is_shared = not offsets.isdisjoint(page.dataoffsets)
+            offsets.update(page.dataoffsets)
+            if is_shared or claimed > size_bytes:
                 raise UnreadableScan(
                     "too-large",
                     f"pages 0 to {index} of {name} claim to be stored in {claimed} bytes of its {size_bytes}: they "

@@ -12,6 +12,7 @@ from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometr
 from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
 from sawmill_contracts.drifts import DriftResult, TurnDisturbance
 from sawmill_contracts.reasons import CodedReason
+from sawmill_contracts.scanners import Tolerances
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.drift.change import (
     DISTANCE_NOT_SEEN,
@@ -210,9 +211,22 @@ def _within(
     allowed = max(drift_input.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
     if turned_over or _is_far(zero, drift_input) or abs(changed.scale_change) > allowed:
         return False
-    if changed.ray_change_mm > drift_input.tolerance_mm:
+    limit_mm, error_mm = _limit_mm(drift_input, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
+    if changed.ray_change_mm > limit_mm:
         return False if changed.moved else None
-    return True if changed.ray_change_uncertainty_mm <= drift_input.tolerance_mm else None
+    return True if error_mm <= limit_mm else None
+
+
+def _limit_mm(drift_input: DriftInput, changed: DriftChange) -> float:
+    """Return the distance in mm that a log must see: without a movement that of a calibration that passes."""
+    if changed.moved:
+        return drift_input.tolerance_mm
+    return min(drift_input.tolerance_mm, _calibration_limit_mm(drift_input.calibration))
+
+
+def _calibration_limit_mm(calibration: CalibrationResult | GivenGeometry) -> float:
+    limits = None if isinstance(calibration, GivenGeometry) else calibration.limits
+    return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
 
 
 def _is_far(zero: DriftBaseline | None, drift_input: DriftInput) -> bool:
@@ -249,7 +263,8 @@ def _of_the_detector(
         return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
     moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
     if within is None:
-        return LogMessage.UNCERTAIN(**moved, error_mm=changed.ray_change_uncertainty_mm)
+        known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(drift_input, changed)}
+        return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
     cause = likely_cause(drift_input.calibration.source_frame, changed)
     if not within and changed.ray_change_mm > allowed_mm:
         cause = LogMessage.MOVED(cause, **moved)
@@ -257,6 +272,8 @@ def _of_the_detector(
         scale_percent = 100.0 * changed.scale_change
         allowed_percent = drift_input.tolerance_scale_percent
         cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
+    elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(drift_input.calibration)):
+        cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
     elif changed.moved:
         cause = LogMessage.WITHIN(cause, **moved)
     return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.looks)
