@@ -9,6 +9,8 @@ ROW_PITCH = f"{ENTRY}/{nxtomo.ROW_PITCH}"
 ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 # (rows, detector), counts: mean flat less mean dark field.
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
+# The share of the cells that are saturated in the flats or in the views, of counts.
+SATURATED_SHARE = f"{ENTRY}/{nxtomo.DETECTOR}/saturated_share"
 # (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
 # first row that enough views have, and the one after the last.
 ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"

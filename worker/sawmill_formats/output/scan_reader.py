@@ -50,6 +50,7 @@ from sawmill_formats.output.scan_layout import (
     MODULE,
     ROW_PITCH,
     ROWS_PRESENT,
+    SATURATED_SHARE,
     USABLE,
 )
 from sawmill_vocabulary import DetectorModule
@@ -74,6 +75,8 @@ class StoredScan:
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first, where the scan came with them.
+    saturated_share : float
+        Share of the cells that are saturated; 0 where it is not known.
     """
 
     line_integrals: NDArray[np.float32]
@@ -83,6 +86,7 @@ class StoredScan:
     row_pitch_mm: float | None
     deviations: NDArray[np.float32] | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
+    saturated_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +110,8 @@ class OpenScan:
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first, where the scan came with them.
+    saturated_share : float
+        Share of the cells that are saturated; 0 where it is not known.
     """
 
     shape: tuple[int, int, int]
@@ -118,6 +124,7 @@ class OpenScan:
     usable_rows: tuple[int, int] | None = None
     deviations: h5py.Dataset | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
+    saturated_share: float = 0.0
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -194,6 +201,7 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
         usable_rows=usable_rows,
         deviations=dataset_at(file, DEVIATIONS, shape),
         detector_modules=_modules(file, detector, pitch_mm),
+        saturated_share=float(values_at(file, SATURATED_SHARE, ()) or 0.0),
     )
 
 
@@ -248,6 +256,7 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
             row_pitch_mm=scan.row_pitch_mm,
             deviations=scan.deviations_of(selected, views),
             detector_modules=scan.detector_modules,
+            saturated_share=scan.saturated_share,
         )
 
 

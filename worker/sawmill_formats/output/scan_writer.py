@@ -24,6 +24,7 @@ from sawmill_formats.output.scan_layout import (
     ROW_SHIFT_DEVIATIONS,
     ROW_SHIFTS,
     ROWS_PRESENT,
+    SATURATED_SHARE,
     USABLE,
 )
 from sawmill_vocabulary import DetectorModule
@@ -66,6 +67,7 @@ class NewScan:
         row_shift_deviations: NDArray[np.float64] | None = None,
         rows_present: RowsPresent | None = None,
         deviations: NDArray[np.float32] | None = None,
+        saturated_share: float | None = None,
     ) -> None:
         """Write properties that are known when all line integrals are there.
 
@@ -79,6 +81,8 @@ class NewScan:
             None where every view has all rows.
         deviations : (views, detector) float32, or None
             Standard deviations of the line integrals of the one row; None where they are not known.
+        saturated_share : float or None
+            The share of the cells that are saturated; None where the scan was given as line integrals.
         """
         if rows_present is not None:
             self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
@@ -87,6 +91,8 @@ class NewScan:
             write_scalar(self.data.file, DEVIATIONS, deviations[:, np.newaxis], "1")
         if air_level is not None:
             write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
+        if saturated_share is not None:
+            write_scalar(self.data.file, SATURATED_SHARE, saturated_share, "1")
         group = new_group(self.data.file, PROVENANCE, "NXcollection")
         for name, text in provenance.items():
             group[name] = text

@@ -125,6 +125,7 @@ def prepare_scan(
         lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
         written.note(
             air_level=_air_level(preparation, aligned),
+            saturated_share=preparation.saturated_share(),
             provenance={**(provenance or {}), "remarks": "\n".join(remarks)},
             row_shifts=None if aligned is None else aligned.shifts.rows,
             row_shift_deviations=None if aligned is None else aligned.shifts.standard_deviation,
@@ -151,11 +152,12 @@ class _RowPreparation:
     """Preparation of any rows of a scan: conversion of counts to line integrals, then corrections."""
 
     def __init__(self, read: CanonicalScan, options: PrepareOptions) -> None:
-        _, rows, self._cells = read.shape
+        self._views, rows, self._cells = read.shape
         self._exposure = None if read.flats is None else Exposure.of(read.flats, read.darks)
         self._corrections = _corrections(options, counts=read.counts)
         self._corrector = RowCorrector(self._corrections, rows, self._cells)
-        self._starved = self._saturated = self._samples = 0
+        self._starved = self._samples = 0
+        self._saturated = np.zeros((rows, self._cells), np.intp)
 
     @property
     def needed(self) -> bool:
@@ -165,7 +167,7 @@ class _RowPreparation:
     def apply(self, stack: Stack, first_row: int) -> None:
         """Prepare rows (views, rows, detector), of which the first is `first_row`, in place."""
         if self._exposure is not None:
-            self._saturated += self._exposure.saturated_samples(stack)
+            self._saturated[first_row : first_row + stack.shape[1]] += self._exposure.saturated_views(stack)
             self._starved += self._exposure.to_line_integrals(stack, first_row)
             self._samples += stack.size
         if not self._corrections.none:
@@ -178,8 +180,12 @@ class _RowPreparation:
 
     def remarks(self) -> tuple[str, ...]:
         """Describe the steps that were applied."""
-        of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, self._saturated)
+        of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, int(self._saturated.sum()))
         return of_counts if self._corrections.none else (*of_counts, *self._corrector.result().remarks)
+
+    def saturated_share(self) -> float | None:
+        """Return the share of the cells that are saturated in the flats or in the views; None for line integrals."""
+        return None if self._exposure is None else self._exposure.saturated_share(self._saturated, self._views)
 
     def air_level(self) -> Stack | None:
         """Return the air level of counts, mean flat minus mean dark, (rows, detector) float32; 0 in bridged cells."""
