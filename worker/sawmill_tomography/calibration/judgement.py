@@ -28,9 +28,8 @@ REPORTED = 0.001
 MODEL_DOMINATED = 2.0
 # An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
-# A larger creep or jump (mm) of source, turntable or detector is not passed. The reported geometry is the mean of the
-# scan, from which the last view, and the next log, are off by half of the motion. The fit also takes a phantom that
-# moves more than twice for such a motion, with rays that are off by more than the bound (tests/tomography/calibration).
+# A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
+# the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
