@@ -196,6 +196,16 @@ def _creep(making: Making, size: float) -> None:
     making.move_phantom(making.progress(), size)
 
 
+def _three_slips(making: Making, size: float) -> None:
+    first, last = int(0.12 * making.views), int(0.88 * making.views)
+    for view in making.rng.choice(np.arange(first, last), 3, replace=False):
+        making.move_phantom((np.arange(making.views) >= view).astype(float), size)
+
+
+def _lean(making: Making, size: float) -> None:
+    making.move_phantom(-np.exp(-(making.progress() + 0.5) / making.rng.uniform(0.1, 0.4)), size)
+
+
 def _warm_up(making: Making, size: float) -> None:
     making.move_scanner(np.exp(-(making.progress() + 0.5) / making.rng.uniform(0.1, 0.6)), size)
 
@@ -340,6 +350,21 @@ FAMILIES = {
     "wood": WOOD,
     "few views": WOOD | BEAM | MECHANICS,
 }
+
+
+# Motions that no effect of the calibration has: sizes as in the table above.
+OTHER_MOTIONS = {
+    "three slips": Effect(0.3, 0.4, _three_slips),  # each, mm
+    "lean": Effect(0.8, 0.8, _lean),  # until it has settled, mm
+}
+
+
+def otherwise_moved(motion: str, seed: int) -> Making:
+    """Draw a scan whose phantom moves otherwise than once or twice, or steadily."""
+    rng = np.random.default_rng([seed, list(OTHER_MOTIONS).index(motion), 47])
+    making, effect = _undisturbed(rng, (72, 90, 120)), OTHER_MOTIONS[motion]
+    effect.make(making, rng.uniform(effect.low, effect.high))
+    return making
 
 
 @dataclass(frozen=True)

@@ -266,6 +266,7 @@ class StudyScan:
             self.setting.angles_rad,
             from_counts=True,
             log_radius_mm=LOG_RADIUS_MM,
+            saturated_share=self.read.saturated_share,
         )
 
 

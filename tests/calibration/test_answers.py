@@ -117,6 +117,21 @@ def test_a_width_of_no_picture_is_refused(scan, tmp_path, monkeypatch, phantom, 
         sawmill.calibrate(scan, phantom, phantom_width_mm=width_mm)
 
 
+@pytest.mark.parametrize(("air", "saturated"), [(0.9, False), (1.07, True)])
+def test_a_saturated_scan_never_passes_and_reports_that_first(tmp_path, air, saturated):
+    path, physics = tmp_path / "counts.h5", tmp_path / "physics.json"
+    physics.write_text(json.dumps({"detector": {"air_of_full_scale": air}}))
+    command("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, "--views", 60, "--physics", physics, "-o", path)
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
+    printed = json.loads(command("calibrate", path, *flags))
+    found = sawmill.calibrate(sawmill.read_scan(path, data="counts", source_to_cor_mm=859.46), "l-shape")
+    assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
+    assert (
+        printed["coded_reasons"][:1] != [] and printed["coded_reasons"][0]["code"] == "cells-saturated"
+    ) == saturated
+    assert (printed["verdict"] == "pass") == (not saturated)
+
+
 @pytest.mark.slow
 def test_the_phantom_s_rows_of_a_stack_are_found_as_by_the_command(stack_file):
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")

@@ -38,6 +38,7 @@ from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
 from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
 from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.use_cases.scans.prepare import repeated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -324,6 +325,8 @@ def calibrate(
         limits=limits,
         from_counts=scan.from_counts,
         views=mean.views,
+        remarks=repeated(scan.remarks),
+        saturated_share=scan.saturated_share,
     )
     stack = scan.line_integrals
     with input_errors():

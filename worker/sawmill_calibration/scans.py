@@ -73,6 +73,8 @@ class Scan:
         Number of rows, for a scan whose one row came as a mean of rows.
     deviations : (views, rows, cells) float32, or None
         Standard deviations of the line integrals, where they came with them.
+    saturated_share : float
+        Share of the detector's cells that are saturated, as far as it is known.
     """
 
     line_integrals: NDArray[np.float32] = field(repr=False)
@@ -87,6 +89,7 @@ class Scan:
     remarks: tuple[str, ...] = ()
     averaged_rows: int | None = None
     deviations: NDArray[np.float32] | None = field(default=None, repr=False)
+    saturated_share: float = 0.0
 
     @classmethod
     def from_arrays(
@@ -302,6 +305,7 @@ def read_scan(
                 remarks=used.remarks,
                 averaged_rows=averaged_rows,
                 deviations=used.deviations,
+                saturated_share=used.saturated_share,
             )
 
 

@@ -511,7 +511,7 @@ class Judged(Contract):
         description="pass: the predicted ray error's upper_95 and scale_uncertainty_percent are within the "
         "scanner's tolerances, and nothing speaks against the answer. watch: only the RMS of the ray error is "
         "within tolerance, or the scale is not, or a reason calls for an inspection. fail: not even the RMS is "
-        "within tolerance, or the fit did not converge.",
+        "within tolerance, or the fit did not converge, or the same cells are wrong in all views.",
         examples=["pass"],
     )
     rays_verdict: Verdict | None = Field(

@@ -125,6 +125,18 @@ class CalibrationMessage(Message):
         "",
         N_("%(details)s It was not fitted, and the rays are off by %(off_mm).2g mm."),
     )
+    SCANNER_MOVED = (
+        "scanner-moved-in-scan",
+        N_("Something moved during the scan by %(moved_mm).2g mm, and %(allowed_mm).1f mm is allowed."),
+        N_("Fasten the phantom, let the scanner warm up, check what carries source and detector, and repeat the scan."),
+        N_("%(headline)s The geometry is the mean of the scan: the next log is off from it by half of the motion."),
+    )
+    SATURATED = (
+        "cells-saturated",
+        N_("Too many detector cells are saturated: %(share_percent).0f %%, and %(allowed_percent).0f %% is allowed."),
+        N_("Lower the tube's current or the exposure, take new flat fields, and repeat the scan."),
+        N_("These cells have the largest value in flat fields or in air, so their line integrals are wrong."),
+    )
     LOG_IN_OTHER_SENSE = (
         "log-in-other-sense",
         N_("The log turned the other way than the phantom."),
@@ -206,9 +218,15 @@ class CalibrationMessage(Message):
 class ResidualMessage(Message):
     """Messages on structure that the phantom's model leaves, by its place; the place does not show which cause is real.
 
-    The value is `share_percent`, the structure's share of the sinogram.
+    The value is `share_percent`, the structure's share of the sinogram; of cells also the first and the last cell.
     """
 
+    STANDING = (
+        "residual-in-all-views",
+        N_("The same cells are wrong in all views: cells %(first_cell)d to %(last_cell)d."),
+        N_("Check the order and the direction of the detector's modules, and the cell at which the readout starts."),
+        N_("%(share_percent).1f %% of the sinogram is unexplained, and stays with the cells while the phantom turns."),
+    )
     VIEWS = (
         "residual-in-views",
         N_("A few views do not fit the others (%(share_percent).1f %% of the signal)."),

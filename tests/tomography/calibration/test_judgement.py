@@ -152,6 +152,31 @@ def test_where_the_residual_lies_names_every_cause_that_fits_and_its_cure(verdic
     assert [word for word in reported if word not in reason] == []
 
 
+WRONG_CELLS = Structure(0.2, ResidualPlace.STANDING, {"first_cell": 12, "last_cell": 75})
+
+
+@pytest.mark.parametrize("changes", [{}, IMPRECISE, NOT_CONVERGED])
+def test_cells_that_are_wrong_in_all_views_fail_and_no_effect_is_blamed(changes):
+    wobble = EffectMessage.WOBBLE(times="twice", wobble_mm=1.0)
+    found = judgement_of(residual=ResidualAnalysis((effect(0.3, reason=wobble),), WRONG_CELLS), **changes)
+    assert (found.verdict, found.rays_verdict) == ("fail", "fail")
+    assert found.status == ("not-converged" if changes is NOT_CONVERGED else "imprecise")
+    assert found.reasons[0].startswith("The same cells are wrong in all views: cells 12 to 75.")
+    assert all("wobble" not in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.2, "pass"), (0.21, "watch")])
+def test_more_saturated_cells_than_can_be_bridged_are_watched(verdict_of, share, verdict):
+    found, reasons = verdict_of(saturated_share=share)
+    assert found == verdict
+    assert [reason.codes for reason in reasons] == [("cells-saturated",)] * (verdict == "watch")
+
+
+def test_saturation_is_the_first_reason_where_the_rays_fail(verdict_of):
+    found, reasons = verdict_of(saturated_share=0.9, bars={"predicted_ray_error": predicted(1.0)})
+    assert (found, [reason.codes for reason in reasons]) == ("fail", [("cells-saturated",), ("imprecise",)])
+
+
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
     assert "Use more views" in verdict_of(bars={"predicted_ray_error": predicted(0.2)})[1][0]
     of_the_model = {"bars": {"predicted_ray_error": predicted(0.2), "deviation_ratio": 5.0}}
@@ -267,6 +292,24 @@ def test_an_effect_is_a_reason_where_it_matters_and_the_error_bars_decide(verdic
     assert found == "pass"
     assert any("phantom-creep" in reason.codes for reason in reasons) == reported
     assert any("would be off" in reason for reason in reasons) == (reported and fitted)
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+@pytest.mark.parametrize(
+    ("reason", "verdict"),
+    [
+        (EffectMessage.SCANNER_CREEP(scanner_creep_mm=0.4), "pass"),
+        (EffectMessage.SCANNER_CREEP(scanner_creep_mm=0.41), "watch"),
+        (EffectMessage.SCANNER_JUMP(view=7, jump_mm=0.41), "watch"),
+        (EffectMessage.ONE_OF(CREEP, EffectMessage.SCANNER_JUMP(view=7, jump_mm=0.41)), "watch"),
+        (EffectMessage.PHANTOM_CREEP(creep_mm=0.9), "pass"),
+    ],
+)
+def test_a_scanner_that_moves_far_during_the_scan_is_watched(verdict_of, reason, verdict, fitted):
+    # Even where it would hardly move the mean rays.
+    found, reasons = verdict_of(residual=ResidualAnalysis((effect(0.001, fitted=fitted, reason=reason),)))
+    assert found == verdict
+    assert [each.codes for each in reasons] == [("scanner-moved-in-scan", *reason.codes)] * (verdict == "watch")
 
 
 def test_an_effect_that_is_fitted_and_needs_no_remedy_is_no_reason(verdict_of):

@@ -1,5 +1,7 @@
 """What a residual holds beside noise, and where."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,20 @@ def test_a_pattern_s_share_is_its_size(model, rng):
     wave = np.sin(np.arange(CELLS) / 9.0)[None, :] * np.cos(np.arange(VIEWS) / 11.0)[:, None]
     found = find_structure(wave + 0.5 * rng.standard_normal(model.shape), model)
     assert found.share == pytest.approx(wave.std() / model.std(), rel=0.05)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.045, False), (0.055, True)])
+def test_cells_that_are_wrong_in_all_views_are_named(model, rng, share, named):
+    wrong = np.zeros_like(model)
+    wrong[:, 30:70] = share * model.std() * math.sqrt(CELLS / 40)
+    found = find_structure(wrong + 0.05 * model.std() * rng.standard_normal(model.shape), model)
+    assert (found.place is ResidualPlace.STANDING) == named
+    assert found.cells == ({"first_cell": 30, "last_cell": 69} if named else {})
+
+
+def test_what_turns_with_the_phantom_is_not_in_all_views(model):
+    knots = 0.5 * model * (np.arange(CELLS) % 40 < 10) * np.cos(2.0 * np.pi * np.arange(VIEWS) / VIEWS)[:, None]
+    assert find_structure(knots, model).place is not ResidualPlace.STANDING
 
 
 def test_edges_inside_and_views_are_distinguished(model, rng):

@@ -174,6 +174,22 @@ def test_a_scan_brighter_than_its_flats_is_named():
     assert (sentence.message, sentence.values["largest"]) == (PreparingMessage.SATURATED_SAMPLES, 4095)
 
 
+@pytest.mark.parametrize(
+    ("of_scan", "of_flats", "low", "high"),
+    [
+        (0.8, 0.8, 0.0, 0.0),
+        (0.96, 0.96, 0.05, 0.2),
+        (1.05, 1.05, 0.9, 1.0),
+        (1.05, 0.8, 0.7, 0.8),
+        (0.8, 1.05, 0.9, 1.0),
+    ],
+)
+def test_cells_are_saturated_in_the_flats_or_in_air(of_scan, of_flats, low, high):
+    """Of 200 cells 40 are in the shadow."""
+    counts, flats = saturated(4095.0, of_scan)[0], saturated(4095.0, of_flats)[1]
+    assert low <= line_integrals(counts, flats, None).saturated_share <= high
+
+
 @pytest.mark.parametrize("air", [0.02, 0.5, 0.85])
 def test_sound_flats_are_not_saturated(air):
     for largest in (255.0, 4095.0, 65_535.0):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_calibration import read_scan
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -67,6 +68,24 @@ def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogra
     assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
+
+
+def test_saturated_cells_are_the_first_reason(store, spec, attempt, finish, ask, sinogram, turn):
+    store.scanners.create(spec(), scanner_id="line-2")
+    counts = np.minimum(70_000.0 * np.exp(-sinogram(turn(60)) / 100.0), 65_535.0)[:, None]
+    buffer = io.BytesIO()
+    np.savez(buffer, projections=counts, flats=np.full((10, 1, 128), 65_535.0), angles_deg=np.rad2deg(turn(60)))
+    received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
+    scan = store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.COUNTS, phantom_id="l-shape"), received)
+    reading = attempt(job_kinds.INGEST)
+    finish(reading, run(reading))
+    store.calibrations.accept(ask(scan_id=scan.id))
+    calibrating = attempt(job_kinds.CALIBRATE)
+    result = CalibrationResult.model_validate(run(calibrating))
+    assert result.verdict != "pass"
+    assert result.coded_reasons[0].code == "cells-saturated"
+    # The file that the service prepared has the share of the cells too.
+    assert read_scan(calibrating.file, data="line-integrals", source_to_cor_mm=859.46).saturated_share == 1.0
 
 
 def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt, finish, ask, sinogram, turn):

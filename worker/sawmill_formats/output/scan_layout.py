@@ -11,6 +11,8 @@ ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
 # Numbers of the views that are corrupt; only where there are some.
 VIEWS_LEFT_OUT = f"{ENTRY}/{nxtomo.DETECTOR}/views_left_out"
+# The share of the cells that are saturated in the flats or in the views, of counts.
+SATURATED_SHARE = f"{ENTRY}/{nxtomo.DETECTOR}/saturated_share"
 # (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
 # first row that enough views have, and the one after the last.
 ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"

@@ -50,6 +50,7 @@ from sawmill_formats.output.scan_layout import (
     MODULE,
     ROW_PITCH,
     ROWS_PRESENT,
+    SATURATED_SHARE,
     USABLE,
     VIEWS_LEFT_OUT,
 )
@@ -75,6 +76,8 @@ class StoredScan:
         Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first, where the scan came with them.
+    saturated_share : float
+        Share of the cells that are saturated; 0 where it is not known.
     """
 
     line_integrals: NDArray[np.float32]
@@ -84,6 +87,7 @@ class StoredScan:
     row_pitch_mm: float | None
     deviations: NDArray[np.float32] | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
+    saturated_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +113,8 @@ class OpenScan:
         Modules of the detector after the first, where the scan came with them.
     views_left_out : tuple of int
         Numbers of the views that are corrupt.
+    saturated_share : float
+        Share of the cells that are saturated; 0 where it is not known.
     """
 
     shape: tuple[int, int, int]
@@ -122,6 +128,7 @@ class OpenScan:
     deviations: h5py.Dataset | None = None
     detector_modules: tuple[DetectorModule, ...] = ()
     views_left_out: tuple[int, ...] = ()
+    saturated_share: float = 0.0
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -199,6 +206,7 @@ def _opened(file: h5py.File, shape: Shape) -> OpenScan:
         deviations=dataset_at(file, DEVIATIONS, shape),
         detector_modules=_modules(file, detector, pitch_mm),
         views_left_out=_views_left_out(file, views),
+        saturated_share=float(values_at(file, SATURATED_SHARE, ()) or 0.0),
     )
 
 
@@ -262,6 +270,7 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
             row_pitch_mm=scan.row_pitch_mm,
             deviations=scan.deviations_of(selected, views),
             detector_modules=scan.detector_modules,
+            saturated_share=scan.saturated_share,
         )
 
 

@@ -24,6 +24,7 @@ from sawmill_formats.output.scan_layout import (
     ROW_SHIFT_DEVIATIONS,
     ROW_SHIFTS,
     ROWS_PRESENT,
+    SATURATED_SHARE,
     USABLE,
     VIEWS_LEFT_OUT,
 )
@@ -68,6 +69,7 @@ class NewScan:
         rows_present: RowsPresent | None = None,
         deviations: NDArray[np.float32] | None = None,
         views_left_out: Sequence[int] = (),
+        saturated_share: float | None = None,
     ) -> None:
         """Write properties that are known when all line integrals are there.
 
@@ -83,6 +85,8 @@ class NewScan:
             Standard deviations of the line integrals of the one row; None where they are not known.
         views_left_out : sequence of int
             Numbers of the views that are corrupt.
+        saturated_share : float or None
+            The share of the cells that are saturated; None where the scan was given as line integrals.
         """
         if views_left_out:
             self.data.file[VIEWS_LEFT_OUT] = np.array(views_left_out, np.int32)
@@ -93,6 +97,8 @@ class NewScan:
             write_scalar(self.data.file, DEVIATIONS, deviations[:, np.newaxis], "1")
         if air_level is not None:
             write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
+        if saturated_share is not None:
+            write_scalar(self.data.file, SATURATED_SHARE, saturated_share, "1")
         group = new_group(self.data.file, PROVENANCE, "NXcollection")
         for name, text in provenance.items():
             group[name] = text

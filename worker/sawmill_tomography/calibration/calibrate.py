@@ -95,7 +95,7 @@ def conclude(
         aspect_half=_aspect_half(task, joint),
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds)
+    evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds, task.saturated_share)
     judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
     return CalibrationOutcome(

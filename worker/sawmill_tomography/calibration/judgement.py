@@ -14,23 +14,28 @@ from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, 
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.preparing.line_integrals import MOST_DEAD
 from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
-# Structure in the residual is reported above this share of the sinogram. Structure alone never prevents a pass: its
-# effect on the rays is in the error bars, and the error bars decide.
+# Structure in the residual is reported above this share of the sinogram. Unless the same cells are wrong in all views,
+# structure does not prevent a pass: its effect on the rays is in the error bars, and the error bars decide.
 REPORTED = 0.001
 # Error bars that exceed those for white noise by more than this factor are large because of the model.
 MODEL_DOMINATED = 2.0
 # An effect is a reason where the rays would be off by more than this share of the tolerance without it.
 MATTERS = 0.1
+# A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
+# the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
+LARGEST_SCANNER_MOVE_MM = 0.4
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 
 _RESIDUALS = {
+    ResidualPlace.STANDING: ResidualMessage.STANDING,
     ResidualPlace.VIEWS: ResidualMessage.VIEWS,
     ResidualPlace.CELLS: ResidualMessage.CELLS,
     ResidualPlace.EDGES: ResidualMessage.EDGES,
@@ -97,6 +102,7 @@ class Evidence(Findings):
     error_bars: ErrorBars
     residual: ResidualAnalysis
     theta_in_bounds: bool
+    saturated_share: float = 0.0
     witness: LogWitness | None = None
 
     @property
@@ -128,6 +134,7 @@ class Remark:
     reason: Reason
     status: CalibrationStatus | None = None
     of_scale: bool = False
+    comes_first: bool = False
 
 
 def judge(evidence: Evidence, limits: JudgementLimits) -> Judgement:
@@ -139,13 +146,20 @@ def combined(remarks: list[Remark]) -> Judgement:
     """Combine all remarks into a judgement."""
     rays = [remark for remark in remarks if not remark.of_scale]
     status = next((remark.status for remark in remarks if remark.status is not None), CalibrationStatus.CALIBRATED)
-    reasons = tuple(remark.reason for degree in Degree for remark in remarks if remark.degree is degree)
-    return Judgement(status, _worst(remarks), _worst(rays), reasons)
+    ordered = sorted(remarks, key=lambda remark: (not remark.comes_first, list(Degree).index(remark.degree)))
+    return Judgement(status, _worst(remarks), _worst(rays), tuple(remark.reason for remark in ordered))
 
 
 def _worst(remarks: list[Remark]) -> Verdict:
     degrees = {remark.degree for remark in remarks}
     return "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
+
+
+def saturation(saturated_share: float) -> Iterator[Remark]:
+    """Check whether more cells are saturated than their neighbours can bridge."""
+    if saturated_share > MOST_DEAD:
+        shares = {"share_percent": 100.0 * saturated_share, "allowed_percent": 100.0 * MOST_DEAD}
+        yield Remark(Degree.WATCH, CalibrationMessage.SATURATED(**shares), comes_first=True)
 
 
 def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
@@ -154,8 +168,14 @@ def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
 
 
 def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
-    """Report effects that should not be there, and effects that were found and not fitted."""
+    """Report effects that should not be there, effects that were found and not fitted, and a scanner that moved."""
+    if evidence.structure is not None and evidence.structure.cells:
+        return  # such cells resemble effects that are not there
     for effect in evidence.residual.effects:
+        if effect.scanner_moved_mm > LARGEST_SCANNER_MOVE_MM:
+            sizes = {"moved_mm": effect.scanner_moved_mm, "allowed_mm": LARGEST_SCANNER_MOVE_MM}
+            yield Remark(Degree.WATCH, CalibrationMessage.SCANNER_MOVED(effect.reason, **sizes))
+            continue
         needs_nothing = effect.fitted and not effect.reason.in_words().action
         if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or needs_nothing:
             continue
@@ -243,10 +263,12 @@ def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
 
 
 def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
-    """Report the structure that the model leaves of the sinogram."""
+    """Report the structure that the model leaves of the sinogram; cells that are wrong in all views fail."""
     structure = evidence.structure
     if structure is not None:
-        yield Remark(Degree.NOTE, _RESIDUALS[structure.place](share_percent=100.0 * structure.share))
+        reason = _RESIDUALS[structure.place](share_percent=100.0 * structure.share, **structure.cells)
+        degree, status = (Degree.FAIL, CalibrationStatus.IMPRECISE) if structure.cells else (Degree.NOTE, None)
+        yield Remark(degree, reason, status, comes_first=bool(structure.cells))
 
 
 def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
@@ -286,6 +308,7 @@ def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
 
 # The order of the statuses, the worst first.
 KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
+    lambda evidence, _: saturation(evidence.saturated_share),
     _convergence,
     _effects,
     _second_witness,

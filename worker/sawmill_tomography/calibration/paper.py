@@ -19,7 +19,7 @@ from sawmill_tomography.calibration.alternatives import Alternatives, Hypothesis
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
-from sawmill_tomography.calibration.judgement import Degree, Findings, Judgement, Remark, combined
+from sawmill_tomography.calibration.judgement import Degree, Findings, Judgement, Remark, combined, saturation
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
@@ -254,24 +254,21 @@ def _answer(
         ),
         residual=residual,
         adjustments=(),
-        judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
+        judgement=_judgement(task, hypotheses[0].relative_residual),
         search=search,
         timing=StageSeconds(ended - started, searched - started, 0.0, 0.0),
     )
 
 
-def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
+def _judgement(task: CalibrationTask, unexplained: float) -> Judgement:
     remarks = [
-        Remark(
-            Degree.WATCH,
-            CalibrationMessage.WITHOUT_ERROR_BARS(),
-            CalibrationStatus.WITHOUT_ERROR_BARS,
-        )
+        *saturation(task.saturated_share),
+        Remark(Degree.WATCH, CalibrationMessage.WITHOUT_ERROR_BARS(), CalibrationStatus.WITHOUT_ERROR_BARS),
     ]
     if unexplained >= NOT_FOUND:
         reason = CalibrationMessage.UNEXPLAINED(share_percent=100.0 * unexplained)
         remarks.insert(0, Remark(Degree.FAIL, reason, CalibrationStatus.NOT_CONVERGED))
-    if not rotation_given:
+    if task.rotation is None:
         remarks.append(Remark(Degree.WATCH, CalibrationMessage.ROTATION_TAKEN()))
     return combined(remarks)
 

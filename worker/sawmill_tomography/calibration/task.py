@@ -55,6 +55,8 @@ class CalibrationTask:
         Adjustments to faults of the scan that are switched off.
     metal : (views, cells) bool or None
         Samples that see metal; None where they are not known yet.
+    saturated_share : float
+        Share of the cells that are saturated in the flat fields or in the views.
     """
 
     scanner: Scanner
@@ -72,6 +74,7 @@ class CalibrationTask:
     from_counts: bool = False
     without: frozenset[Adjustment] = frozenset()
     metal: NDArray[np.bool_] | None = None
+    saturated_share: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse data that do not belong together, and a phantom that cannot calibrate."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ MOST_DEAD = 0.2
 # this many times as frequent as the value below it, at least the third number of times: noise piles up nowhere else.
 LARGEST_VALUES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 PLATEAU, PILED_UP, FEWEST = 0.01, 3.0, 20
-# A cell is saturated if more than this share of its flats has the largest value: with a smaller share the mean is too
-# small by no more than a twentieth of the flats' noise.
+# A cell is saturated if more than this share of its flats, or of the views, has the largest value: with a smaller share
+# the mean flat is too small by no more than a twentieth of the flats' noise.
 SATURATED = 0.1
 # Remarks that a calibration repeats.
 SATURATION = (
@@ -51,20 +51,17 @@ class Exposure:
         Mean flat minus mean dark, in counts; 1 in dead cells.
     dead : (rows, detector) bool
         Cells whose flat is not above their dark; also cells whose flat is saturated, if these are few.
+    saturated : (rows, detector) bool
+        Cells whose flats have the largest count.
     largest : float
         Largest count of the detector, as far as the flats show; infinity if unknown.
-    saturated : int
-        Number of cells whose flats have the largest count.
-    bridges_saturated : bool
-        True if the saturated cells are among the dead; too many are not.
     """
 
     dark: NDArray[np.float32]
     level: NDArray[np.float32]
     dead: NDArray[np.bool_]
+    saturated: NDArray[np.bool_]
     largest: float = math.inf
-    saturated: int = 0
-    bridges_saturated: bool = False
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
@@ -89,11 +86,10 @@ class Exposure:
         largest, saturated = _saturation(flats)
         saturated &= ~dead
         bridged = dead | saturated
-        bridges = bool(bridged.mean() <= MOST_DEAD)
-        if bridges:
+        if bridged.mean() <= MOST_DEAD:
             dead = bridged
         level = np.where(dead, 1.0, air).astype(np.float32)
-        return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()), bridges)
+        return cls(dark.astype(np.float32), level, dead, saturated, largest)
 
     def same_in_all_rows(self) -> "Exposure":
         """Return the mean dark signal and gain over each cell's rows: a row's deviation stays in the line integrals.
@@ -105,16 +101,32 @@ class Exposure:
         level = np.where(alive, self.level, 0.0).sum(axis=0) / np.maximum(alive.sum(axis=0), 1)
         dead = np.broadcast_to(level <= 0.0, self.dead.shape)
         dark = np.broadcast_to(self.dark.mean(axis=0), self.dark.shape)
-        return Exposure(dark, np.where(dead, np.float32(1.0), level.astype(np.float32)), dead, self.largest)
+        return replace(self, dark=dark, level=np.where(dead, np.float32(1.0), level.astype(np.float32)), dead=dead)
 
     @property
     def air_level(self) -> NDArray[np.float32]:
         """Air level (rows, detector) float32, in counts; 0 in dead cells. The counts can be recovered from it."""
         return np.where(self.dead, np.float32(0.0), self.level)
 
-    def saturated_samples(self, counts: Stack) -> NDArray[np.intp]:
-        """Count the samples of each view (views,) that have the detector's largest value."""
-        return np.asarray(np.count_nonzero(counts == np.float32(self.largest), axis=(1, 2)))
+    def at_largest(self, counts: Stack) -> NDArray[np.bool_]:
+        """Return which samples (views, rows, detector) have the detector's largest value."""
+        return np.asarray(counts == np.float32(self.largest))
+
+    def saturated_samples(self, at_largest: NDArray[np.intp], brightest: float) -> NDArray[np.intp]:
+        """Return the number of views in which each cell (rows, detector) is saturated.
+
+        Parameters
+        ----------
+        at_largest : (rows, detector) int
+            Number of views in which each cell has the largest value that the flats suggest.
+        brightest
+            Largest count of the scan. The flats suggested too small a value where it is larger.
+        """
+        return np.zeros_like(at_largest) if brightest > self.largest else at_largest
+
+    def saturated_share(self, saturated_views: NDArray[np.intp], views: int) -> float:
+        """Compute the share of the cells (rows, detector) that are saturated in the flats or in the views."""
+        return float((self.saturated | (saturated_views > SATURATED * views)).mean())
 
     def to_line_integrals(self, counts: Stack, first_row: int = 0) -> NDArray[np.intp]:
         """Convert counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
@@ -171,16 +183,16 @@ class Exposure:
         remarks = [PreparingMessage.LINE_INTEGRALS()]
         if starved:
             remarks.append(PreparingMessage.NO_SIGNAL(samples=starved))
-        dead = int(self.dead.sum()) - (self.saturated if self.bridges_saturated else 0)
+        dead = int((self.dead & ~self.saturated).sum())
         if dead:
             remarks.append(PreparingMessage.DEAD_CELLS(cells=dead))
         return (*remarks, *self._of_saturation(saturated))
 
     def _of_saturation(self, samples: int) -> Iterator[Reason]:
-        if self.saturated:
+        if self.saturated.any():
             bridged, left = PreparingMessage.SATURATED_FLATS_BRIDGED, PreparingMessage.SATURATED_FLATS
-            message = bridged if self.bridges_saturated else left
-            yield message(saturated=self.saturated, cells=self.dead.size, largest=self.largest)
+            message = bridged if (self.dead & self.saturated).any() else left
+            yield message(saturated=int(self.saturated.sum()), cells=self.dead.size, largest=self.largest)
         elif samples:
             yield PreparingMessage.SATURATED_SAMPLES(samples=samples, largest=self.largest)
 
@@ -207,12 +219,15 @@ class LineIntegrals:
         Line integrals, dimensionless.
     air_level : (rows, detector) float32
         Air level in counts (`Exposure.air_level`).
+    saturated_share : float
+        Share of the cells that are saturated (`Exposure.saturated_share`).
     remarks : tuple of Reason
         Corrections made.
     """
 
     stack: Stack
     air_level: Stack
+    saturated_share: float
     remarks: tuple[Reason, ...]
 
 
@@ -225,7 +240,8 @@ def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineInte
         Error of `Exposure.of`, `to_line_integrals` or `check_signal`.
     """
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
-    saturated = int(exposure.saturated_samples(stack).sum())
+    saturated = exposure.saturated_samples(exposure.at_largest(stack).sum(axis=0), float(np.nanmax(stack)))
     starved = int(exposure.to_line_integrals(stack).sum())
     exposure.check_signal(starved, stack.size)
-    return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved, saturated))
+    share = exposure.saturated_share(saturated, len(stack))
+    return LineIntegrals(stack, exposure.air_level, share, exposure.remarks(starved, int(saturated.sum())))

@@ -43,6 +43,7 @@ def calibrate_scan(
             from_counts=used.counts,
             views=mean.views,
             remarks=repeated(used.remarks),
+            saturated_share=used.saturated_share,
         )
         named = scan.rows is not None
         calibration_input, calibration = run_calibration(

@@ -132,6 +132,7 @@ def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tupl
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
         remarks=repeated(scan.reasons),
+        saturated_share=stored.saturated_share,
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return calibration_input, stored.line_integrals, named

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
+from sawmill_tomography.calibration.faults.structure import SHADOW
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 from sawmill_vocabulary import Adjustment
@@ -13,8 +14,6 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 # A residual of more robust standard deviations makes a sample lose weight.
 OUTLIER = 4.0
-# The least depth of the shadow proper, as a share of the largest.
-SHADOW = 0.02
 # Outliers are reweighted when they have this share of the residual's power.
 OUTLIER_POWER = 0.25
 # Outliers are a fault of the scan, and not a model error, when most of their power (FAULT_SHARE) lies in cells, or in

@@ -1,7 +1,8 @@
 """Structure in the residual beyond white noise: the amount, and the place."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.robust import robust_deviation
 
+# Cells are wrong in all views when what all views leave in the same cells exceeds this share of the sinogram. A scan of
+# cells in their order leaves at most 0.012 (benchmarks/families.py, benchmarks/measured.py).
+STANDING = 0.05
 # Views are to blame when the share FEW_VIEWS of them has the share MOST_POWER of the residual's power, over the whole
 # view: a view's mean square root of the residual, which a few strong cells do not dominate, is squared and must exceed
 # the median view's by the factor ALL_OVER.
@@ -30,6 +34,7 @@ SHADOW = 0.02
 class ResidualPlace(StrEnum):
     """A place where model and scan differ."""
 
+    STANDING = "same cells in all views"
     VIEWS = "few views"
     CELLS = "single cells"
     EDGES = "edges"
@@ -46,18 +51,27 @@ class Structure:
     share : float
         RMS of the structure against the RMS of the sinogram without its mean.
     place : ResidualPlace
-        Place of most of the structure.
+        Place of most of the structure; `STANDING` where all views share much of it.
+    cells : mapping of str to int
+        The `first_cell` and the `last_cell` that are wrong in all views; empty for other places.
     """
 
     share: float
     place: ResidualPlace
+    cells: Mapping[str, int] = field(default_factory=dict)
 
 
 def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
     """Find the structure in a residual (views, cells) of this model sinogram; unusable samples must be 0."""
-    shared = shared_power(residual)
-    spread = float(model.std())
-    return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
+    shared, spread = shared_power(residual), float(model.std())
+    share = math.sqrt(shared) / spread if spread > 0.0 else 0.0
+    views, means = len(residual), residual.mean(axis=0)
+    # The mean product of two different views, which noise does not have.
+    standing = (views * float((means**2).mean()) - float((residual**2).mean())) / (views - 1)
+    if standing > (STANDING * spread) ** 2:
+        wrong = np.flatnonzero(means**2 > (means**2).mean())
+        return Structure(share, ResidualPlace.STANDING, {"first_cell": int(wrong[0]), "last_cell": int(wrong[-1])})
+    return Structure(share, _place(residual, model, shared))
 
 
 def shared_power(residual: FloatArray) -> float:

@@ -39,6 +39,12 @@ class FoundEffect:
     ray_error_mm: float
     fitted: bool
 
+    @property
+    def scanner_moved_mm(self) -> float:
+        """Creep or jump of source, turntable or detector, if the effect is one, or may be one; 0 for none."""
+        values = dict(item for each in (self.reason, *self.reason.parts) for item in each.values.items())
+        return max(float(values.get(name, 0.0)) for name in ("scanner_creep_mm", "jump_mm"))
+
 
 @dataclass(frozen=True)
 class ResidualAnalysis:

@@ -62,6 +62,7 @@ class CalibrationInput:
     remarks: tuple[str, ...] = ()
     views: NDArray[np.intp] | None = None
     log_rows: tuple[int, ...] = ()
+    saturated_share: float = 0.0
 
     def of_views(self, read: NDArray[np.float32]) -> NDArray[np.float32]:
         """Select the sinogram's views from an array over all views that were read, (views, ...)."""
@@ -281,6 +282,7 @@ def _task(calibration_input: CalibrationInput, chosen: contracts.CalibrationOpti
         true_axis=chosen.true_axis or calibration_input.drawing.true_axis,
         from_counts=calibration_input.from_counts,
         without=frozenset(chosen.without),
+        saturated_share=calibration_input.saturated_share,
     )
 
 

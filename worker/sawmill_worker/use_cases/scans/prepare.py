@@ -133,6 +133,7 @@ def prepare_scan(
         lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
         written.note(
             air_level=_air_level(preparation, aligned),
+            saturated_share=preparation.saturated_share(),
             provenance={**(provenance or {}), "remarks": "\n".join(remarks)},
             row_shifts=None if aligned is None else aligned.shifts.rows,
             row_shift_deviations=None if aligned is None else aligned.shifts.standard_deviation,
@@ -160,12 +161,13 @@ class _RowPreparation:
     """Preparation of any rows of a scan: conversion of counts to line integrals, then corrections."""
 
     def __init__(self, read: CanonicalScan, options: PrepareOptions) -> None:
-        _, rows, self._cells = read.shape
+        self._views, rows, self._cells = read.shape
         self._exposure = None if read.flats is None else Exposure.of(read.flats, read.darks)
         self._corrections = _corrections(options, counts=read.counts)
         self._corrector = RowCorrector(self._corrections, rows, self._cells)
-        self._starved = self._saturated = self._samples = 0
-        self._sums, self._numbers = np.zeros((read.shape[0], self._cells)), np.zeros((read.shape[0], 1), np.intp)
+        self._starved, self._samples, self._brightest = 0, 0, 0.0
+        self._at_largest = np.zeros((rows, self._cells), np.intp)
+        self._sums, self._numbers = np.zeros((self._views, self._cells)), np.zeros((self._views, 1), np.intp)
 
     @property
     def needed(self) -> bool:
@@ -174,12 +176,12 @@ class _RowPreparation:
 
     def apply(self, stack: Stack, first_view: int, first_row: int) -> None:
         """Prepare rows (views, rows, detector) in place: all views of some rows where something is to be prepared."""
+        there = present_rows(stack)[:, :, np.newaxis]
         if self._exposure is not None:
-            saturated = self._exposure.saturated_samples(stack)
+            at_largest = self._exposure.at_largest(stack)
+            brightest = np.max(stack, axis=(1, 2), where=there, initial=0.0)
             starved = self._exposure.to_line_integrals(stack, first_row)
-        there = present_rows(stack)
-        sums = np.sum(stack, axis=1, dtype=np.float64, where=there[:, :, np.newaxis])
-        numbers = there.sum(axis=1)[:, np.newaxis]
+        sums, numbers = np.sum(stack, axis=1, dtype=np.float64, where=there), there.sum(axis=1)
         self._sums[first_view : first_view + len(stack)] += sums
         self._numbers[first_view : first_view + len(stack)] += numbers
         if not self.needed:
@@ -188,7 +190,8 @@ class _RowPreparation:
         usable = usable_views(sums / np.maximum(numbers, 1))
         part = stack if usable.all() else stack[usable]
         if self._exposure is not None:
-            self._saturated += int(saturated[usable].sum())
+            self._brightest = max(self._brightest, float(brightest[usable].max()))
+            self._at_largest[first_row : first_row + stack.shape[1]] += at_largest[usable].sum(axis=0)
             self._starved += int(starved[usable].sum())
             self._samples += part.size
         if not self._corrections.none:
@@ -208,8 +211,18 @@ class _RowPreparation:
 
     def remarks(self) -> tuple[Reason, ...]:
         """Describe the steps that were applied."""
-        of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, self._saturated)
+        of_counts: tuple[Reason, ...] = ()
+        if self._exposure is not None:
+            of_counts = self._exposure.remarks(self._starved, int(self._saturated(self._exposure).sum()))
         return of_counts if self._corrections.none else (*of_counts, *self._corrector.result().remarks)
+
+    def saturated_share(self) -> float | None:
+        """Return the share of the cells that are saturated in the flats or in the views; None for line integrals."""
+        exposure = self._exposure
+        return None if exposure is None else exposure.saturated_share(self._saturated(exposure), self._views)
+
+    def _saturated(self, exposure: Exposure) -> NDArray[np.intp]:
+        return exposure.saturated_samples(self._at_largest, self._brightest)
 
     def air_level(self) -> Stack | None:
         """Return the air level of counts, mean flat minus mean dark, (rows, detector) float32; 0 in bridged cells."""

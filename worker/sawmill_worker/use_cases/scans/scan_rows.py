@@ -64,6 +64,7 @@ class ScanRows:
     remarks: tuple[str, ...]
     on_progress: ProgressCallback
     deviations: Stack | None = None
+    saturated_share: float = 0.0
 
     def stack(self) -> Stack:
         """Read all requested rows (views, rows, detector); refuse rows that do not fit into the free memory."""
@@ -224,6 +225,7 @@ def _rows_of(
         remarks=remarks,
         on_progress=on_progress,
         deviations=scan.deviations_of(rows, views),
+        saturated_share=scan.saturated_share,
     )
 
 
