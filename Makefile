@@ -102,6 +102,7 @@ bench-guard: install-dev
 	@$(BIN)/python benchmarks/guard.py $(if $(AGAINST),--against $(AGAINST))
 
 bench-speed: install-dev
+	@$(BIN)/python benchmarks/calibration_speed.py
 	@$(BIN)/python benchmarks/speed.py
 
 bench-fbp: install-dev
