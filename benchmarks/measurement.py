@@ -14,7 +14,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -50,6 +50,12 @@ def keep_published(sources: Mapping[str, str | None], folder: Path = RESULTS) ->
             f"Nothing is written: {', '.join(lost)} in {folder} are of the published data. Let SAWMILL_PUBLISHED_DATA "
             "name the folder of these data, and measure again."
         )
+
+
+def check_commit(lines: Iterable[Mapping[str, Any]], path: Path) -> None:
+    """End the program where a study's kept lines are not all of the commit that is checked out."""
+    if others := {str(line.get("commit")) for line in lines} - {commit()}:
+        sys.exit(f"Nothing is written: {path} has results of {', '.join(sorted(others))}. Remove it, and run again.")
 
 
 @dataclass(frozen=True)
