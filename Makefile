@@ -51,7 +51,7 @@ lint: install-dev
 check: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not slow and not nightly"
 
-# Whatever a change can break: a quarter of an hour on two cores.
+# Whatever a change can break; CONTRIBUTING.md has the minutes.
 test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 

@@ -120,7 +120,7 @@ def compared(sinogram: FloatArray, angles: FloatArray, *, full: bool) -> dict[st
         "median_error_mm": float(np.median([error.rms_mm for error in errors])),
         "scale_error_percent": max((100.0 * error.scale_change for error in errors), key=abs),
         "error_with_scale_mm": max(rotated_ray_error_mm(run.frame, run.scanner) for run in runs),
-        "adjustments": list(runs[0].adjustments),
+        "adjustments": "\n".join(["| correction |", "|---|", *(f"| {sentence} |" for sentence in runs[0].adjustments)]),
     }
 
 

@@ -95,7 +95,8 @@ def conditions(file: Mapping[str, Any]) -> str:
 def measured(file: Mapping[str, Any]) -> str:
     """Write commit and date of a results file."""
     day = date.fromisoformat(file["date"][:10])
-    return f"measured at {file['commit'][:8]} on {day.day} {day:%B %Y}"
+    how = "entered by hand" if "entered" in file else "measured"
+    return f"{how} at {file['commit'].removesuffix('-dirty')[:8]} on {day.day} {day:%B %Y}"
 
 
 ABOUT: Mapping[str, Callable[[Mapping[str, Any]], str]] = {"run": conditions, "measured": measured}
