@@ -7,7 +7,7 @@
 The families (`family_scans.FAMILIES`) are beam and detector, modules, mechanics, wood, and few views. A scan has one to
 three effects of its family, counts with ten flats and noise of its own; 12 to 180 views, or 8 to 24. Results are
 appended to a file of JSON lines; an interrupted study continues where it stopped. `--write` writes
-`benchmarks/results/families-seed-SEED.json`, if all lines are of the commit that is checked out.
+`benchmarks/results/families-seed-SEED.json`, if all lines are of its seed and of the commit that is checked out.
 
 The columns: scans and refusals; verdicts; wrong passes of the rays (true ray error above 0.1 mm); the share that passes
 of scans whose true error is below 0.05 mm; median true ray error and bound (`upper_95`), mm; the share within the
@@ -26,7 +26,7 @@ from typing import Any
 import numba
 import numpy as np
 from family_scans import FAMILIES, FamilyScan
-from measurement import Measurement, check_commit, commit
+from measurement import Measurement, check_lines, commit
 from rich.progress import track
 from scipy.stats import binom
 
@@ -121,7 +121,11 @@ def least_share(count: int) -> float:
 def summary(lines: Sequence[Line]) -> dict[str, Any]:
     """Return the figures of the pages: of each family, and of all."""
     families = {name: [line for line in lines if line["family"] == name] for name in FAMILIES}
-    rows = {name: _figures(of_family) for name, of_family in families.items() if of_family}
+    rows = {
+        name: _figures(of_family)
+        for name, of_family in families.items()
+        if any("refused" not in line for line in of_family)
+    }
     wrong_mm = sorted(line["error_mm"] for line in lines if _wrong(line))
     return {
         "scans": len(lines),
@@ -190,7 +194,7 @@ def run(options: argparse.Namespace) -> None:
         left = wanted(options.scans, options.family, done)
         running = [pool.submit(outcome, family, number, options.seed) for family, number in left]
         for one in track(as_completed(running), total=len(running), description="scans"):
-            file.write(json.dumps(one.result() | {"commit": commit()}) + "\n")
+            file.write(json.dumps(one.result() | {"commit": commit(), "seed": options.seed}) + "\n")
             file.flush()
 
 
@@ -202,8 +206,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--family", choices=tuple(FAMILIES))
     parser.add_argument("--out", type=Path, default=Path("build/families.jsonl"))
-    parser.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
-    parser.add_argument("--write", action="store_true", help="write the figures of the pages")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args(arguments)
     measurement = Measurement.begin("worker/sawmill_tomography/calibration") if options.write else None
     if options.table is None:
@@ -211,7 +216,7 @@ def main(arguments: list[str] | None = None) -> None:
     lines = read(options.table or options.out)
     print(table(lines))
     if measurement is not None:
-        check_commit(lines, options.table or options.out)
+        check_lines(options.out, seed=options.seed)
         measurement.write({f"families-seed-{options.seed}": summary(lines)}, timed=False)
 
 

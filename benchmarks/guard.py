@@ -40,9 +40,9 @@ import numpy as np
 from http_latency import scan_of
 from job_price import VIEWS, calibrated
 from scanners import SCANNER
-from scans import ANGLES, TRUE_THETA, published_l_phantom, rotated_ray_error_mm, sources
+from scans import TRUE_THETA, rotated_ray_error_mm, sources
 
-from sawmill_tomography.geometry.geometry import FloatArray, Theta, to_vector
+from sawmill_tomography.geometry.geometry import Theta, to_vector
 from sawmill_vocabulary import DetectorModule
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -235,17 +235,10 @@ def red(here: Mapping[str, Measure], other: Mapping[str, Measure]) -> list[str]:
     return suspects({row: here[row] for row in again}, other) if again else []
 
 
-def claimed_scan() -> FloatArray:
-    """Return the published scan, (360, 768), or a scan of the same kind where its data are absent."""
-    if "published" in sources():
-        return published_l_phantom()
-    from published_pipeline import pixel_scan  # noqa: PLC0415 - ODL is slow to import
-
-    return pixel_scan(ANGLES.size)
-
-
 def main() -> None:
     """Print the table; exit code 1 where a row is red."""
+    from published_pipeline import claimed_scan  # noqa: PLC0415 - ODL is slow to import
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--against", default="HEAD^", metavar="COMMIT", help="the commit before this one by default")
     options = parser.parse_args()

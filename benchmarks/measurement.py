@@ -14,7 +14,7 @@ import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -52,10 +52,12 @@ def keep_published(sources: Mapping[str, str | None], folder: Path = RESULTS) ->
         )
 
 
-def check_commit(lines: Iterable[Mapping[str, Any]], path: Path) -> None:
-    """End the program where a study's kept lines are not all of the commit that is checked out."""
-    if others := {str(line.get("commit")) for line in lines} - {commit()}:
-        sys.exit(f"Nothing is written: {path} has results of {', '.join(sorted(others))}. Remove it, and run again.")
+def check_lines(path: Path, **settings: object) -> None:
+    """End the program where kept lines are not all of these settings and of the commit that is checked out."""
+    expected = {"commit": commit(), **settings}
+    for line in map(json.loads, path.read_text().splitlines()):
+        if (kept := {name: line.get(name) for name in expected}) != expected:
+            sys.exit(f"Nothing is written: {path} has results of {kept}, not {expected}. Remove it, and run again.")
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,6 @@ class Outcome:
     adjustments: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     seconds: float = math.nan
-    commit: str = ""
 
     @classmethod
     def of(cls, line: dict[str, Any]) -> "Outcome":

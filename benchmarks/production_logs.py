@@ -37,7 +37,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measurement import Measurement, check_commit, commit
+from measurement import Measurement, check_lines, commit
 
 from sawmill_tomography.drift.change import DriftError, drift_change
 from sawmill_tomography.drift.detector_fit import detector_fit
@@ -299,7 +299,6 @@ def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "most_rms_mm": max(singles),
         "together_rms_mm": _rms_mm(together[False]),
         "together_nails_rms_mm": _rms_mm(together[True]),
-        "table": f"```text\n{table(records)}\n```",
     }
 
 
@@ -336,6 +335,8 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="print the table of what is there, and add nothing")
     parser.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args()
+    if options.write and len({*options.only}) < len(CLASSES):
+        parser.error("--write needs all classes: leave out --only")
     measurement = Measurement.begin("worker/sawmill_tomography/drift") if options.write else None
     records = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(each["class"], each["number"]) for each in records}
@@ -350,7 +351,7 @@ def main() -> None:
     print(table(records))
     write_looks(records, options.out.with_suffix(".npz"))
     if measurement is not None:
-        check_commit(records, options.out)
+        check_lines(options.out)
         measurement.write({"production-logs": summary(records)}, timed=False)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import odl
 from odl.applications import tomo
 from scanners import SCANNER
-from scans import TRUE_THETA
+from scans import ANGLES, TRUE_THETA, published_l_phantom, sources
 from scipy.optimize import OptimizeResult, differential_evolution
 
 from sawmill_tomography.calibration.paper import remove_background
@@ -40,6 +40,11 @@ def fan_beam_geometry(scanner: Scanner, theta: Theta, views: int) -> tomo.FanBea
         src_shift_func=shifted(theta.source_shift_mm),
         det_shift_func=shifted(theta.detector_shift_mm),
     )
+
+
+def claimed_scan() -> FloatArray:
+    """Return the published scan, (360, 768), or a scan of the same kind where its data are absent."""
+    return published_l_phantom() if "published" in sources() else pixel_scan(ANGLES.size)
 
 
 def pixel_scan(views: int) -> FloatArray:

@@ -4,11 +4,11 @@
 
 Writes `benchmarks/results/speed.json`.
 
-Filtered back-projection is compared with ODL, and total variation with ASTRA's SIRT on one core, stopped where its
-error is least. Drift checks and starts have no peer. A limit is what the multiply-adds that cannot be left out take at
-the rate of a matrix product on all cores: two of each pixel (FBP), or two of each pixel's width along each ray
-(iterations). Starts are processes: of the command line, in processor seconds, and of a service until it is ready.
-`calibration_speed.py` measures calibrations.
+Total variation is compared with ASTRA's SIRT on one core, stopped where its error is least. Drift checks and starts
+have no peer. A limit is what the multiply-adds that cannot be left out take at the rate of a matrix product on all
+cores: two of each pixel (FBP), or two of each pixel's width along each ray (iterations). Starts are processes: of the
+command line, in processor seconds, and of a service until it is ready. `calibration_speed.py` measures calibrations,
+`reconstruction_speed.py` compares filtered back-projection with ODL.
 """
 
 import argparse
@@ -25,21 +25,18 @@ from astra_rivals import STOPS, tuned
 from measurement import Measurement
 from mill_logs import Mill
 from numpy.typing import DTypeLike
-from published_pipeline import PublishedObjective
 from reconstruction_speed import from_counts
 from scanners import SCANNER
-from scans import ANGLES, GRID, TRUE_THETA, simulated
+from scans import GRID, TRUE_THETA
 from slice_price import BLOCK, logs
 
 from sawmill_command.demo_client import running_service
 from sawmill_tomography.drift.detector_fit import detector_fit
-from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
-from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_tomography.reconstruction.total_variation import USUAL_PAIRS, total_variation
 from sawmill_vocabulary import Rotation
@@ -83,21 +80,6 @@ def ready_s() -> float:
             with running_service(Path(folder)):
                 laps.append(time.perf_counter() - started)
     return float(np.median(laps[1:]))
-
-
-def one_fbp(sinogram: FloatArray, angles: FloatArray) -> tuple[float, float]:
-    """Return the median seconds of one 256 x 256 FBP: ODL's evaluation less its correlation, and ours."""
-    objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
-    projector = Projector(FanBeamGeometry(SCANNER, TRUE_THETA, angles), ImageGrid(256, 400.0))
-    laps: dict[str, list[float]] = {"odl": [], "ours": []}
-    for _ in range(7):
-        started = time.perf_counter()
-        objective.image(TRUE_THETA)
-        middle = time.perf_counter()
-        fbp(projector, sinogram)
-        laps["odl"].append(middle - started)
-        laps["ours"].append(time.perf_counter() - middle)
-    return float(np.median(laps["odl"][1:])), float(np.median(laps["ours"][1:]))
 
 
 def block_of_slices(slices: int = 64) -> dict[str, float]:
@@ -148,9 +130,6 @@ def main() -> None:
         "worker/sawmill_tomography/drift", "worker/sawmill_tomography/reconstruction", "service/sawmill_command"
     )
     values: dict[str, dict[str, float]] = {}
-    for views in (360, 20):
-        odl_s, fbp_s = one_fbp(simulated(L_SHAPE, noise=0.0, seed=0)[:: 360 // views], ANGLES[:: 360 // views])
-        values[f"views_{views}"] = {"odl_fbp_s": odl_s, "fbp_s": fbp_s, "fbp_ratio": odl_s / fbp_s}
     values["fbp_block"], values["total_variation"] = block_of_slices(), few_views_slices()
     values["drift_check"] = {f"views_{views}_s": drift_check_s(views) for views in (20, 45, 120, 360)}
     values["start"] = {f"{name}_processor_s": started_s(f"--{name}") for name in ("version", "help")}

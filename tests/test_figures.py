@@ -7,7 +7,7 @@ import subprocess
 import evidence
 import pytest
 from figures import PAGES, PLACE, ROOT, conditions, filled, read_results, stale
-from measurement import RESULTS, Measurement, check_commit
+from measurement import RESULTS, Measurement, check_lines, commit
 
 RESULTS_FILES = read_results()
 FAST_S = 1.0
@@ -216,9 +216,13 @@ def test_results_of_the_published_data_are_never_replaced_by_others(tmp_path):
     assert '"error_mm": 0.007' in (tmp_path / "a.json").read_text()
 
 
-def test_a_study_writes_no_lines_of_another_commit(tmp_path):
-    with pytest.raises(SystemExit, match=r"Nothing is written: .* has results of 0123456789ab, None\. Remove it"):
-        check_commit([{"commit": "0123456789ab"}, {}], tmp_path / "lines.jsonl")
+@pytest.mark.parametrize("other", [{}, {"commit": "0123456789ab", "seed": 31}, {"commit": commit(), "seed": 12}])
+def test_a_study_writes_no_lines_of_another_commit_or_seed(tmp_path, other):
+    (kept := tmp_path / "lines.jsonl").write_text(json.dumps({"commit": commit(), "seed": 31}) + "\n")
+    check_lines(kept, seed=31)
+    kept.write_text(kept.read_text() + json.dumps(other) + "\n")
+    with pytest.raises(SystemExit, match=r"Nothing is written: .* has results of \{'commit': .*Remove it"):
+        check_lines(kept, seed=31)
 
 
 def test_a_machine_that_is_slower_than_its_best_before_and_after_is_busy(tmp_path):
