@@ -46,6 +46,7 @@ PAGE_HEADER = (
     "| family | scans | `upper_95` holds (least: 99 % interval) | passes | wrong passes (above 0.1 mm) |",
     "|---|---|---|---|---|",
 )
+PAGE_ROW = "| {} | {scans} | {holds_percent:.1f} % ({least_percent:.1f} %) | {passed_percent:.0f} % | {wrong} |"
 
 Line = dict[str, Any]
 
@@ -133,7 +134,7 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         "wrong_mm": _range(wrong_mm, "0.2f") if wrong_mm else "none",
         "holds_percent": _range([row["holds_percent"] for row in rows.values()], "0.0f"),
         "scale_holds_percent": _range([row["scale_holds_percent"] for row in rows.values()], "0.1f"),
-        "table": "\n".join([*PAGE_HEADER, *(_page_row(name, row) for name, row in rows.items())]),
+        "table": "\n".join([*PAGE_HEADER, *(PAGE_ROW.format(name, **row) for name, row in rows.items())]),
         "families": rows,
     }
 
@@ -158,13 +159,6 @@ def _wrong(line: Line) -> bool:
 
 def _range(values: Sequence[float], digits: str) -> str:
     return f"{min(values):{digits}} to {max(values):{digits}}"
-
-
-def _page_row(name: str, row: dict[str, float]) -> str:
-    return (
-        f"| {name} | {row['scans']:.0f} | {row['holds_percent']:.1f} % ({row['least_percent']:.1f} %) "
-        f"| {row['passed_percent']:.0f} % | {row['wrong']:.0f} |"
-    )
 
 
 def read(path: Path) -> list[Line]:

@@ -27,10 +27,9 @@ Seeded = Callable[[int], Calibration]
 @cache
 def scan(path: Path) -> Scan:
     """Read one of the scans."""
-    if path.suffix == ".npy":
-        lines: dict[str, Any] = {"data": "line-integrals", "angles_deg": "0.5:1", "detector_pitch_mm": PITCH_MM}
-        return sawmill.read_scan(path, source_to_cor_mm=SOURCE_TO_COR_MM, **lines)
-    return sawmill.read_scan(path, data="counts", source_to_cor_mm=SOURCE_TO_COR_MM)
+    lines: dict[str, Any] = {"data": "line-integrals", "angles_deg": "0.5:1", "detector_pitch_mm": PITCH_MM}
+    kind = lines if path.suffix == ".npy" else {"data": "counts"}
+    return sawmill.read_scan(path, source_to_cor_mm=SOURCE_TO_COR_MM, **kind)
 
 
 @cache

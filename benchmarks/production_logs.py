@@ -287,14 +287,15 @@ def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     worst = min(held, key=lambda name: held[name])
     singles = [_rms_mm(classes[name]) for name in CLASSES if name not in {"plain", "together"}]
     together = {nails: [each for each in classes["together"] if each["nails"] == nails] for nails in (False, True)}
-    with_nails = (classes["nails"], together[True])
     return {
         "logs": len(records),
         "refused": len(records) - len(answered),
         "held_percent": _held_percent(answered),
         "worst_held_percent": held[worst],
         "worst_logs": len(classes[worst]),
-        "nails_mean_mm": max(abs(float(np.mean([each["error_mm"] for each in group]))) for group in with_nails),
+        "nails_mean_mm": max(
+            abs(float(np.mean([each["error_mm"] for each in group]))) for group in (classes["nails"], together[True])
+        ),
         "least_rms_mm": min(singles),
         "most_rms_mm": max(singles),
         "together_rms_mm": _rms_mm(together[False]),
