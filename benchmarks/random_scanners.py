@@ -29,8 +29,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", choices=("multi-start", "differential-evolution"), default="multi-start")
-    parser.add_argument("--write", action="store_true", help="write the figures of the pages")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--method", choices=("multi-start", "differential-evolution"), default="multi-start")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args()
     measurement = Measurement.begin("worker/sawmill_tomography/calibration") if options.write else None
     solve = calibrate if options.method == "multi-start" else calibrate_by_evolution

@@ -15,7 +15,7 @@ from tiers import first_by_day
 
 LARGEST_BYTES = 1_000_000
 # Sums in another order, by other threads or processors, move an answer by much less than its standard deviation, so
-# the last digits that are shown. A bound that a change of the code moves by 1 % is seen.
+# the last digits that are shown. A bound that a change of the code moves by 2 % is seen.
 RELATIVE, LAST_DIGITS = 0.005, 2
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NOTEBOOKS = sorted(set(EXAMPLES.glob("*.ipynb")) - {MEASURED})
