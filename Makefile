@@ -97,7 +97,7 @@ docs: install-dev
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift
 
-# Is this commit slower or less exact than its parent, or than AGAINST=COMMIT? Ten minutes, on an idle machine.
+# Is this commit slower or less exact than its parent, or than AGAINST=COMMIT? A quarter of an hour, on an idle machine.
 bench-guard: install-dev
 	@$(BIN)/python benchmarks/guard.py $(if $(AGAINST),--against $(AGAINST))
 

@@ -12,8 +12,8 @@ its data, a scan that ASTRA projects from a pixel image), and `examples/bad-day.
 rotation, the scale included. Each of the five times has another seed. A row is less exact where the median grows by a
 quarter and by more than the noise, which is the seeds' median distance from their median.
 
-Rows that are slower or less exact are measured again. Exit code 1 where one stays so. Ten minutes on two cores, on
-which little else should run.
+Rows that are slower or less exact are measured again. Exit code 1 where one stays so. A quarter of an hour on two
+cores, on which little else should run.
 """
 
 import argparse
