@@ -51,7 +51,7 @@ lint: install-dev
 check: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not slow and not nightly"
 
-# Whatever a change can break: a quarter of an hour on two cores.
+# Whatever a change can break; CONTRIBUTING.md has the minutes.
 test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 
@@ -97,11 +97,12 @@ docs: install-dev
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift
 
-# Is this commit slower than its parent, or than AGAINST=COMMIT? Five minutes, on a machine that does little else.
+# Is this commit slower or less exact than its parent, or than AGAINST=COMMIT? A quarter of an hour, on an idle machine.
 bench-guard: install-dev
 	@$(BIN)/python benchmarks/guard.py $(if $(AGAINST),--against $(AGAINST))
 
 bench-speed: install-dev
+	@$(BIN)/python benchmarks/calibration_speed.py
 	@$(BIN)/python benchmarks/speed.py
 
 bench-fbp: install-dev
@@ -138,7 +139,7 @@ bench-seeds: install-dev
 	@$(BIN)/python benchmarks/seeds.py
 
 bench-scanners: install-dev
-	@$(BIN)/python benchmarks/random_scanners.py
+	@$(BIN)/python benchmarks/random_scanners.py --scans 150 --seed 2 --write
 
 bench-coverage: install-dev
 	@$(BIN)/python benchmarks/coverage.py
@@ -146,12 +147,12 @@ bench-coverage: install-dev
 bench-misspecified: install-dev
 	@$(BIN)/python benchmarks/misspecified.py
 
-# Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE.
+# Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE, --write.
 bench-mill: install-dev
 	@$(BIN)/python benchmarks/mill.py $(OPTIONS)
 
 # Do the bounds hold in each family of faults? Scans by exact chords; hours; goes on where it stopped.
-# OPTIONS: --scans N, --family NAME, --jobs N, --out FILE.
+# OPTIONS: --scans N, --family NAME, --jobs N, --out FILE, --write.
 study-mill: install-dev
 	@$(BIN)/python benchmarks/families.py $(OPTIONS)
 
@@ -160,7 +161,7 @@ study-drift: install-dev
 	@$(BIN)/python benchmarks/drift_coverage.py $(OPTIONS)
 
 # Drift checks of production logs by exact chords: modules, wobble, nails, slides, short turns. Goes on where it stopped;
-# ten minutes of a core. OPTIONS: --logs N (of each class), --only CLASS, --out FILE, --show.
+# ten minutes of a core. OPTIONS: --logs N (of each class), --only CLASS, --out FILE, --show, --write.
 study-production-logs: install-dev
 	@$(BIN)/python benchmarks/production_logs.py $(OPTIONS)
 

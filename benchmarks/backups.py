@@ -161,7 +161,7 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
     chosen = parser.parse_args(arguments)
     complete = (chosen.files, chosen.file_bytes) == (FILES, FILE_BYTES)
     results = chosen.results or (RESULTS if complete else None)
-    measurement = Measurement.begin(reference)
+    measurement = Measurement.begin("worker/sawmill_platform/backups", reference=reference)
     with tempfile.TemporaryDirectory(prefix="sawmill-backups-", dir=chosen.folder) as folder:
         values = measure(Path(folder), chosen.files, chosen.file_bytes)
     if results is not None:

@@ -62,7 +62,9 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=20)
     parser.add_argument("--folder", type=Path, help="where the temporary folder is made")
     options = parser.parse_args()
-    measurement = Measurement.begin()
+    measurement = Measurement.begin(
+        "worker/sawmill_tomography/reconstruction", "worker/sawmill_worker/use_cases/reconstruction"
+    )
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)
         store = Store.open(StorageSettings(data_folder=folder / "data", database_url=None))

@@ -1,11 +1,13 @@
 """The calibration's bounds by family of faults, on scans by exact chords, which should hold in 95 % of each.
 
     python benchmarks/families.py [--scans 1000] [--seed 1] [--jobs 2] [--family NAME] [--out build/families.jsonl]
+        [--write]
     python benchmarks/families.py --table build/families.jsonl
 
 The families (`family_scans.FAMILIES`) are beam and detector, modules, mechanics, wood, and few views. A scan has one to
 three effects of its family, counts with ten flats and noise of its own; 12 to 180 views, or 8 to 24. Results are
-appended to a file of JSON lines; an interrupted study continues where it stopped.
+appended to a file of JSON lines; an interrupted study continues where it stopped. `--write` writes
+`benchmarks/results/families-seed-SEED.json`, if all lines are of its seed and of the commit that is checked out.
 
 The columns: scans and refusals; verdicts; wrong passes of the rays (true ray error above 0.1 mm); the share that passes
 of scans whose true error is below 0.05 mm; median true ray error and bound (`upper_95`), mm; the share within the
@@ -24,6 +26,7 @@ from typing import Any
 import numba
 import numpy as np
 from family_scans import FAMILIES, FamilyScan
+from measurement import Measurement, check_lines, commit
 from rich.progress import track
 from scipy.stats import binom
 
@@ -38,6 +41,12 @@ HEADER = (
     f"{'':17s} {'scans':>5s} {'none':>4s} {'pass':>5s} {'watch':>5s} {'fail':>5s} {'wrong':>5s} {'of good':>7s} "
     f"{'error':>6s} {'bound':>6s} {'holds (99 % >)':>15s} {'scale':>6s} {'bound':>6s} {'holds (99 % >)':>15s}"
 )
+
+PAGE_HEADER = (
+    "| family | scans | `upper_95` holds (least: 99 % interval) | passes | wrong passes (above 0.1 mm) |",
+    "|---|---|---|---|---|",
+)
+PAGE_ROW = "| {} | {scans} | {holds_percent:.1f} % ({least_percent:.1f} %) | {passed_percent:.0f} % | {wrong} |"
 
 Line = dict[str, Any]
 
@@ -92,7 +101,7 @@ def _row(family: str, lines: Sequence[Line]) -> str:
     of_good = passed[errors < GOOD_MM]
     return (
         f"{family:17s} {len(lines):5d} {len(lines) - len(answered):4d} {verdicts[0]:5.0%} {verdicts[1]:5.0%} "
-        f"{verdicts[2]:5.0%} {int((passed & (errors > TOLERANCE_MM)).sum()):5d} "
+        f"{verdicts[2]:5.0%} {sum(map(_wrong, answered)):5d} "
         f"{np.mean(of_good) if of_good.size else 1.0:7.0%} {np.median(errors):6.3f} {np.median(bounds):6.3f} "
         f"{_holds(errors <= bounds):>15s} {np.median(scales):6.3f} {np.median(scale_bounds):6.3f} "
         f"{_holds(scales <= scale_bounds):>15s}"
@@ -101,8 +110,55 @@ def _row(family: str, lines: Sequence[Line]) -> str:
 
 def _holds(within: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> str:
     """Format the share within the bound, and the least that the interval around 95 % holds."""
-    least = binom.interval(INTERVAL, within.size, PROMISED)[0] / within.size
+    least = least_share(within.size)
     return f"{within.mean():.1%} ({least:.1%}){'*' if within.mean() < least else ' '}"
+
+
+def least_share(count: int) -> float:
+    """Return the least share that the interval around 95 % holds."""
+    return float(binom.interval(INTERVAL, count, PROMISED)[0]) / count
+
+
+def summary(lines: Sequence[Line]) -> dict[str, Any]:
+    """Return the figures of the pages: of each family, and of all."""
+    families = {name: [line for line in lines if line["family"] == name] for name in FAMILIES}
+    rows = {
+        name: _figures(of_family)
+        for name, of_family in families.items()
+        if any("refused" not in line for line in of_family)
+    }
+    wrong_mm = sorted(line["error_mm"] for line in lines if _wrong(line))
+    return {
+        "scans": len(lines),
+        "wrong": len(wrong_mm),
+        "wrong_mm": _range(wrong_mm, "0.2f") if wrong_mm else "none",
+        "holds_percent": _range([row["holds_percent"] for row in rows.values()], "0.0f"),
+        "scale_holds_percent": _range([row["scale_holds_percent"] for row in rows.values()], "0.1f"),
+        "table": "\n".join([*PAGE_HEADER, *(PAGE_ROW.format(name, **row) for name, row in rows.items())]),
+        "families": rows,
+    }
+
+
+def _figures(lines: Sequence[Line]) -> dict[str, float]:
+    answered = [line for line in lines if "refused" not in line]
+    within = [line["error_mm"] <= line["upper_95_mm"] for line in answered]
+    in_scale = [abs(line["scale_error_percent"]) <= line["scale_uncertainty_percent"] for line in answered]
+    return {
+        "scans": len(lines),
+        "holds_percent": 100.0 * float(np.mean(within)),
+        "least_percent": 100.0 * least_share(len(answered)),
+        "scale_holds_percent": 100.0 * float(np.mean(in_scale)),
+        "passed_percent": 100.0 * sum(line["verdict"] == "pass" for line in answered) / len(lines),
+        "wrong": sum(_wrong(line) for line in lines),
+    }
+
+
+def _wrong(line: Line) -> bool:
+    return line.get("rays_verdict") == "pass" and line["error_mm"] > TOLERANCE_MM
+
+
+def _range(values: Sequence[float], digits: str) -> str:
+    return f"{min(values):{digits}} to {max(values):{digits}}"
 
 
 def read(path: Path) -> list[Line]:
@@ -132,7 +188,7 @@ def run(options: argparse.Namespace) -> None:
         left = wanted(options.scans, options.family, done)
         running = [pool.submit(outcome, family, number, options.seed) for family, number in left]
         for one in track(as_completed(running), total=len(running), description="scans"):
-            file.write(json.dumps(one.result()) + "\n")
+            file.write(json.dumps(one.result() | {"commit": commit(), "seed": options.seed}) + "\n")
             file.flush()
 
 
@@ -144,11 +200,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--family", choices=tuple(FAMILIES))
     parser.add_argument("--out", type=Path, default=Path("build/families.jsonl"))
-    parser.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args(arguments)
+    measurement = Measurement.begin("worker/sawmill_tomography/calibration") if options.write else None
     if options.table is None:
         run(options)
-    print(table(read(options.table or options.out)))
+    lines = read(options.table or options.out)
+    print(table(lines))
+    if measurement is not None:
+        check_lines(options.out, seed=options.seed)
+        measurement.write({f"families-seed-{options.seed}": summary(lines)}, timed=False)
 
 
 if __name__ == "__main__":

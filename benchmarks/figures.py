@@ -8,16 +8,20 @@ A page marks the place of a figure, and this program writes the text between the
 
 NAME is the results file's, `key` one of its values (dots lead into nested ones), `2` the number of significant
 digits, the rest a unit. Digits and unit may be left out. The key `run` is the sentence that says how the file was
-measured. A value of several lines, as a table is, has separate lines. Times and tables of a file that was
-measured on a busy machine are marked so. A time is known by its key, which ends with the unit; ratios, counts and
-errors need no mark.
+measured, the key `measured` its commit and date alone: a page has one of them for each file that it shows. A value of
+several lines, as a table is, has separate lines. Times and tables of a file that was measured on a busy machine are
+marked so. A time is known by its key, which ends with the unit; ratios, counts and errors need no mark.
+
+Files whose measured folders have changed since their commit are listed; `make release` refuses them.
 """
 
 import functools
 import json
 import operator
 import re
-from collections.abc import Mapping
+import subprocess
+from collections.abc import Callable, Mapping
+from datetime import date
 from math import floor, log10
 from pathlib import Path
 from typing import Any
@@ -59,7 +63,8 @@ def figure(name: str, key: str, digits: str | None, unit: str | None, *, results
     """
     try:
         file = results[name]
-        value = conditions(file) if key == "run" else functools.reduce(operator.getitem, key.split("."), file["values"])
+        about = ABOUT.get(key)
+        value = about(file) if about else functools.reduce(operator.getitem, key.split("."), file["values"])
     except (KeyError, TypeError):
         raise LookupError(f"benchmarks/results has no {name}.{key}, which a page shows") from None
     busy = file["busy"]
@@ -83,17 +88,43 @@ def conditions(file: Mapping[str, Any]) -> str:
     busy = f", on a {BUSY}" if file["busy"] else ""
     commit = file["commit"].replace("-dirty", " with changes")
     machine = f"{file['cores']} cores ({file['machine']}) at a load of {file['load']} before the start"
-    return f"`{file['command']}`, commit {commit}, {file['date'][:10]}, {machine}{busy}"
+    where = f"entered {file['entered']}, machine not recorded" if "entered" in file else machine
+    return f"`{file['command']}`, commit {commit}, {file['date'][:10]}, {where}{busy}"
+
+
+def measured(file: Mapping[str, Any]) -> str:
+    """Write commit and date of a results file."""
+    day = date.fromisoformat(file["date"][:10])
+    how = "entered by hand" if "entered" in file else "measured"
+    return f"{how} at {file['commit'].removesuffix('-dirty')[:8]} on {day.day} {day:%B %Y}"
+
+
+ABOUT: Mapping[str, Callable[[Mapping[str, Any]], str]] = {"run": conditions, "measured": measured}
+
+
+def stale(results: Results, root: Path = ROOT) -> list[str]:
+    """List the results files whose measured folders have changed since their commit, a sentence each."""
+    found = []
+    for name, file in results.items():
+        commit, folders = file["commit"].removesuffix("-dirty"), ", ".join(file["measures"])
+        command = ["git", "-C", str(root), "log", "-1", "--format=%h", f"{commit}..", "--", *file["measures"]]
+        log = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - our own
+        if log.returncode:
+            found.append(f"{name}: its commit {commit} is not in this repository: fetch it, or run {file['command']}")
+        elif newest := log.stdout.strip():
+            found.append(f"{name}: {folders} changed in {newest} after {commit}: run {file['command']}")
+    return found
 
 
 def main() -> None:
-    """Fill all pages and name those that changed."""
+    """Fill all pages, name those that changed, and list the results that are stale."""
     results = read_results()
     for path in PAGES:
         page = path.read_text()
         if (new := filled(page, results)) != page:
             path.write_text(new)
             print(path.relative_to(ROOT))
+    print("\n".join(["Stale results, which a release refuses:", *(stale(results) or ["none"])]))
 
 
 if __name__ == "__main__":

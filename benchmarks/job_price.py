@@ -177,7 +177,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=10)
     parser.add_argument("--against", type=Path, help="another checkout, in the same environment")
     chosen = parser.parse_args()
-    measurement = Measurement.begin()
+    measurement = Measurement.begin(
+        "worker/sawmill_platform", "worker/sawmill_worker/jobs", "worker/sawmill_tomography/calibration"
+    )
     print("       processor a job, calibrated in, memory (PSS) after a job and long after, jobs a second, at rest")
     here = measured(HERE, chosen.jobs)
     print_row("here", here)

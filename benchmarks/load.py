@@ -129,7 +129,12 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
     log = (8, (2, 4), ReconstructionMethod.FBP) if chosen.quick else (ROWS, FEW_ROWS, FEW)
     complete = not chosen.quick and len({*chosen.parts}) == len({*chosen.databases}) == 2
     folder = chosen.results or (RESULTS if complete else None)
-    measurement = Measurement.begin(reference)
+    measurement = Measurement.begin(
+        "worker/sawmill_platform",
+        "worker/sawmill_store",
+        "worker/sawmill_tomography/reconstruction",
+        reference=reference,
+    )
     values: Figures = {"cells": []}
     if "log" in chosen.parts:
         values["log"] = price_of_a_log(*log)

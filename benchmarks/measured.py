@@ -377,7 +377,7 @@ def main() -> None:
     chosen = parser.parse_args()
     discs = read_discs(discs_folder())
     for name in chosen.only:
-        measurement = Measurement.begin()
+        measurement = Measurement.begin(f"worker/sawmill_tomography/{name}")
         values = PARTS[name](discs, chosen.processes)
         print(*(text for text in values.values() if isinstance(text, str)), sep="\n\n")
         measurement.write({f"measured-{name}": values}, timed=False)

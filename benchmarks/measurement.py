@@ -38,6 +38,28 @@ def commit() -> str:
     return _git("rev-parse", "--short=12", "HEAD") + ("-dirty" if changed else "")
 
 
+def keep_published(sources: Mapping[str, str | None], folder: Path = RESULTS) -> None:
+    """End the program where results of the published data would be replaced by results of other data.
+
+    `sources` are the data of the new results, by the name of the results file.
+    """
+    kept = {name: folder / f"{name}.json" for name, source in sources.items() if source != "published"}
+    before = {name: json.loads(path.read_text())["values"] for name, path in kept.items() if path.is_file()}
+    if lost := [name for name, values in before.items() if values.get("source") == "published"]:
+        sys.exit(
+            f"Nothing is written: {', '.join(lost)} in {folder} are of the published data. Let SAWMILL_PUBLISHED_DATA "
+            "name the folder of these data, and measure again."
+        )
+
+
+def check_lines(path: Path, **settings: object) -> None:
+    """End the program where kept lines are not all of these settings and of the commit that is checked out."""
+    expected = {"commit": commit(), **settings}
+    for line in map(json.loads, path.read_text().splitlines()):
+        if (kept := {name: line.get(name) for name in expected}) != expected:
+            sys.exit(f"Nothing is written: {path} has results of {kept}, not {expected}. Remove it, and run again.")
+
+
 @dataclass(frozen=True)
 class Measurement:
     """The conditions at the start of a measurement, which writes its values at the end.
@@ -45,7 +67,7 @@ class Measurement:
     Attributes
     ----------
     conditions : dict
-        Command, commit, date, machine, cores, and the load before the start.
+        Command, commit, date, measured folders, machine, cores, and the load before the start.
     reference : callable
         Measures the seconds of the reference computation.
     before_s : float
@@ -57,13 +79,17 @@ class Measurement:
     before_s: float
 
     @classmethod
-    def begin(cls, reference: Callable[[], float] = reference_s) -> "Measurement":
-        """Record the conditions; call it before anything is computed."""
+    def begin(cls, *measures: str, reference: Callable[[], float] = reference_s) -> "Measurement":
+        """Record the conditions; call it before anything is computed.
+
+        `measures` are the folders of the repository whose changes make the values stale.
+        """
         script, *arguments = sys.argv
         conditions = {
             "command": shlex.join(["python", os.path.relpath(script, RESULTS.parents[1]), *arguments]),
             "commit": commit(),
             "date": datetime.now(UTC).isoformat(timespec="minutes"),
+            "measures": list(measures),
             "machine": _machine(),
             "cores": os.cpu_count(),
             "load": round(os.getloadavg()[0], 2),
@@ -75,7 +101,9 @@ class Measurement:
 
         The files are marked `busy` where the machine was slow before and after, by the best time that the folder's
         files of the same machine know. Of results that are no times (`timed` false) the machine's speed is only noted.
+        Values whose `source` is the published data are never replaced by values of simulated data.
         """
+        keep_published({name: values.get("source") for name, values in results.items()}, folder)
         after_s = self.reference()
         if timed and not 1.0 / ALLOWED <= after_s / self.before_s <= ALLOWED:
             sys.exit(

@@ -1,11 +1,13 @@
 """A mill's physics against the calibration: the true error and its bound, the verdict, and the named causes.
 
     python benchmarks/mill.py [--scans 5400] [--seed 1] [--jobs 2] [--out build/mill.jsonl] [--only EFFECT|clean|pair]
+        [--write]
     python benchmarks/mill.py --table build/mill.jsonl
 
 Scans in counts with ten flats from the simulator of physics, which shares nothing with the calibration's model: of
 four scans one is clean, two have one effect (`mill_scans.EFFECTS`, each in its turn), one has a pair. Scan n depends on
 n and the seed alone. Results are appended to a file of JSON lines; an interrupted study continues where it stopped.
+`--write` writes `benchmarks/results/mill.json`, if all lines are of its seed and of the commit that is checked out.
 
 The columns: `effect`, the median ray error of the plain fit without remedies on noise-free data; median true ray error
 and bound (`upper_95`), mm, up to a common scale; the share in which the bound holds, a star where 95 % are refuted at
@@ -27,8 +29,9 @@ from typing import Any
 
 import numba
 import numpy as np
+from measurement import Measurement, check_lines, commit
 from mill_scans import EFFECTS, LOG_RADIUS_MM, StudyScan
-from mill_table import read, table
+from mill_table import read, summary, table
 from rich.progress import track
 from scanners import SCANNER
 
@@ -137,11 +140,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("build/mill.jsonl"))
     parser.add_argument("--only", choices=("clean", "single", "pair", *EFFECTS))
-    parser.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--table", type=Path, metavar="RESULTS", help="only print the table of these results")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args(arguments)
+    measurement = Measurement.begin("worker/sawmill_tomography/calibration") if options.write else None
     if options.table is None:
         run(options)
-    print(table(read(options.table or options.out)))
+    outcomes = read(options.table or options.out)
+    print(table(outcomes))
+    if measurement is not None:
+        check_lines(options.out, seed=options.seed)
+        measurement.write({"mill": summary(outcomes)}, timed=False)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -158,7 +168,7 @@ def run(options: argparse.Namespace) -> None:
     ):
         running = [pool.submit(outcome, number, options.seed) for number in left]
         for one in track(as_completed(running), total=len(running), description="scans"):
-            file.write(json.dumps(one.result()) + "\n")
+            file.write(json.dumps(one.result() | {"commit": commit(), "seed": options.seed}) + "\n")
             file.flush()
 
 

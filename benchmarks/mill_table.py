@@ -157,6 +157,21 @@ def table(outcomes: list[Outcome]) -> str:
     return "\n".join(lines + _most_named(groups))
 
 
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Return the figures of the pages."""
+    answered = [one for one in outcomes if one.answered]
+    passes, wrong = sum(one.rays_verdict == "pass" for one in answered), sum(one.wrong for one in answered)
+    return {
+        "scans": len(outcomes),
+        "answered": len(answered),
+        "passed_percent": 100.0 * sum(one.passed for one in answered) / len(outcomes),
+        "wrong": wrong,
+        "wrong_below_percent": 100.0 * largest_share(wrong, passes),
+        "median_error_mm": float(np.median([one.error_mm for one in answered])),
+        "table": f"```text\n{table(outcomes)}\n```",
+    }
+
+
 def _most_named(groups: dict[str, list[Outcome]]) -> list[str]:
     """List the causes named in each group, the most frequent first."""
     lines = ["named:"]

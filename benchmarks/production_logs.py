@@ -1,6 +1,6 @@
 """Drift checks as a mill meets them: production logs by a simulator that shares nothing with the fit.
 
-    python benchmarks/production_logs.py [--logs 40] [--only plain wobble ...] [--out FILE] [--show]
+    python benchmarks/production_logs.py [--logs 40] [--only plain wobble ...] [--out FILE] [--show] [--write]
 
 Every ray is an exact chord through polygons (tests/support/exact_chords.py), in counts with flat fields and the noise
 of 60 rows. A log has an outline that is not round, heartwood, a wet zone, up to six knots, and stands off centre; the
@@ -20,9 +20,10 @@ A class adds one thing that mills have:
 Errors are of u_c on the detector, measured change less true change, mm. Where the axis moves during a scan the truth is
 its mean place.
 
-Each log is one JSON line; a run adds those that are missing, and the table shows all. Beside the file, one of the same
-name and `.npz` has the errors and covariances of (u_c, tilt) for `run_lengths.py`: there, the logs of a class with the
-same number of views are the looks of one scanner.
+Each log is one JSON line; a run adds those that are missing, and the table shows all. `--write` writes
+`benchmarks/results/production-logs.json`, if all lines are of the commit that is checked out. Beside the file, one of
+the same name and `.npz` has the errors and covariances of (u_c, tilt) for `run_lengths.py`: there, the logs of a class
+with the same number of views are the looks of one scanner.
 """
 
 import argparse
@@ -36,6 +37,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measurement import Measurement, check_lines, commit
 
 from sawmill_tomography.drift.change import DriftError, drift_change
 from sawmill_tomography.drift.detector_fit import detector_fit
@@ -277,6 +279,38 @@ def _line(group: Sequence[dict[str, Any]]) -> str:
     )
 
 
+def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures of the pages; errors are in mm on the detector, RMS ones of 20 views."""
+    answered = [each for each in records if "refused" not in each]
+    classes = {name: [each for each in answered if each["class"] == name] for name in CLASSES}
+    held = {name: _held_percent(group) for name, group in classes.items()}
+    worst = min(held, key=lambda name: held[name])
+    singles = [_rms_mm(classes[name]) for name in CLASSES if name not in {"plain", "together"}]
+    together = {nails: [each for each in classes["together"] if each["nails"] == nails] for nails in (False, True)}
+    return {
+        "logs": len(records),
+        "refused": len(records) - len(answered),
+        "held_percent": _held_percent(answered),
+        "worst_held_percent": held[worst],
+        "worst_logs": len(classes[worst]),
+        "nails_mean_mm": max(
+            abs(float(np.mean([each["error_mm"] for each in group]))) for group in (classes["nails"], together[True])
+        ),
+        "least_rms_mm": min(singles),
+        "most_rms_mm": max(singles),
+        "together_rms_mm": _rms_mm(together[False]),
+        "together_nails_rms_mm": _rms_mm(together[True]),
+    }
+
+
+def _held_percent(group: Sequence[dict[str, Any]]) -> float:
+    return 100.0 * float(np.mean([abs(each["error_mm"]) < 1.96 * each["deviation_mm"] for each in group]))
+
+
+def _rms_mm(group: Sequence[dict[str, Any]]) -> float:
+    return math.sqrt(float(np.mean([each["error_mm"] ** 2 for each in group if each["views"] == VIEWS[0]])))
+
+
 def write_looks(records: Sequence[dict[str, Any]], path: Path) -> None:
     """Write the answers as looks at unchanged scanners (`run_lengths.Errors.read`), if a scanner has enough of them."""
     answered = [each for each in records if "refused" not in each]
@@ -300,7 +334,11 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=CLASSES, default=CLASSES)
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--show", action="store_true", help="print the table of what is there, and add nothing")
+    parser.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args()
+    if options.write and len({*options.only}) < len(CLASSES):
+        parser.error("--write needs all classes: leave out --only")
+    measurement = Measurement.begin("worker/sawmill_tomography/drift") if options.write else None
     records = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     done = {(each["class"], each["number"]) for each in records}
     missing = [(kind, number) for number in range(options.logs) for kind in options.only if (kind, number) not in done]
@@ -308,11 +346,14 @@ def main() -> None:
     with options.out.open("a") as file:
         for kind, number in () if options.show else missing:
             log = production(kind, number)
-            records.append({"class": kind, "number": number, **log.notes, **checked(log)})
+            records.append({"class": kind, "number": number, "commit": commit(), **log.notes, **checked(log)})
             file.write(json.dumps(records[-1]) + "\n")
             file.flush()
     print(table(records))
     write_looks(records, options.out.with_suffix(".npz"))
+    if measurement is not None:
+        check_lines(options.out)
+        measurement.write({"production-logs": summary(records)}, timed=False)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,18 @@ from collections.abc import Callable
 import numpy as np
 import odl
 from odl.applications import tomo
+from scanners import SCANNER
+from scans import ANGLES, TRUE_THETA, published_l_phantom, sources
 from scipy.optimize import OptimizeResult, differential_evolution
 
 from sawmill_tomography.calibration.paper import remove_background
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds, bounds_array
+from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.phantom import Phantom
 
 SIZE, FIELD_MM = 256, 400.0
+# The published scan is of a drawing of 1417 x 1417 pixels, on a constant.
+DRAWING_SIZE, BACKGROUND = 1417, 3.3477
 
 
 def fan_beam_geometry(scanner: Scanner, theta: Theta, views: int) -> tomo.FanBeamGeometry:
@@ -35,6 +40,25 @@ def fan_beam_geometry(scanner: Scanner, theta: Theta, views: int) -> tomo.FanBea
         src_shift_func=shifted(theta.source_shift_mm),
         det_shift_func=shifted(theta.detector_shift_mm),
     )
+
+
+def claimed_scan() -> FloatArray:
+    """Return the published scan, (360, 768), or a scan of the same kind where its data are absent."""
+    return published_l_phantom() if "published" in sources() else pixel_scan(ANGLES.size)
+
+
+def pixel_scan(views: int) -> FloatArray:
+    """Project a pixel image of the L-phantom by ASTRA at the published theta, (views, cells), on the background.
+
+    It stands in for the published scan: steps of pixels, one ray a cell, no noise, nothing of the product's projector.
+    """
+    half = 0.5 * FIELD_MM
+    space = odl.uniform_discr([-half] * 2, [half] * 2, (DRAWING_SIZE, DRAWING_SIZE), dtype="float32")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ODL recommends a graphics card
+        transform = tomo.RayTransform(space, fan_beam_geometry(SCANNER, TRUE_THETA, views), impl="astra_cpu")
+        drawing = space.element(L_SHAPE.rasterise(DRAWING_SIZE, FIELD_MM).round())
+        return np.asarray(transform(drawing).data, np.float64) + BACKGROUND
 
 
 class PublishedObjective:

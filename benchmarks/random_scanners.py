@@ -1,9 +1,10 @@
 """Blind calibration of random scanners: how many end at the true rays, and is a wrong one called good.
 
-    python benchmarks/random_scanners.py [--scans 1000] [--seed 1] [--method multi-start|differential-evolution]
+    python benchmarks/random_scanners.py [--scans 1000] [--seed 1] [--write]
+        [--method multi-start|differential-evolution]
 
 A scan counts as calibrated within 0.1 mm RMS ray error, handedness and sense of rotation included. Wrong and reported
-as `pass` is the worst outcome and is counted by itself.
+as `pass` is the worst outcome and is counted by itself. `--write` writes `benchmarks/results/random-scanners.json`.
 """
 
 import argparse
@@ -12,6 +13,7 @@ from collections import Counter
 
 import numpy as np
 from evolution import calibrate_by_evolution
+from measurement import Measurement
 from rich.progress import track
 from scanners import SCANNER, random_scan
 
@@ -27,8 +29,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", choices=("multi-start", "differential-evolution"), default="multi-start")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--method", choices=("multi-start", "differential-evolution"), default="multi-start")
+    way.add_argument("--write", action="store_true", help="write the figures of the pages")
     options = parser.parse_args()
+    measurement = Measurement.begin("worker/sawmill_tomography/calibration") if options.write else None
     solve = calibrate if options.method == "multi-start" else calibrate_by_evolution
     rng = np.random.default_rng(options.seed)
     outcomes: Counter[str] = Counter()
@@ -54,6 +59,15 @@ def main() -> None:
         print(f"  {outcome:32s} {count:5d}  {count / options.scans:7.2%}")
     print("  ray error, mm: median {:.4f}, 95 % {:.4f}, largest {:.4f}".format(*np.quantile(errors, [0.5, 0.95, 1.0])))
     print("  seconds: median {:.3f}, 95 % {:.3f}, largest {:.3f}".format(*np.quantile(seconds, [0.5, 0.95, 1.0])))
+    if measurement is not None:
+        values = {
+            "scans": options.scans,
+            "right": sum(count for outcome, count in outcomes.items() if outcome.startswith("right")),
+            "right_and_passed": outcomes["right, verdict pass"],
+            "median_error_mm": float(np.median(errors)),
+            "largest_error_mm": max(errors),
+        }
+        measurement.write({"random-scanners": values}, timed=False)
 
 
 if __name__ == "__main__":

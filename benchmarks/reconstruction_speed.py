@@ -318,7 +318,7 @@ def main() -> None:
         reconstruct_log(*options.reconstruct)
     else:
         warnings.filterwarnings("ignore", message="The 'astra_cpu' backend may be too slow")
-        measurement = Measurement.begin()
+        measurement = Measurement.begin("worker/sawmill_tomography/reconstruction")
         values = {"one_slice": one_slice(), **blocks(), "model": fit(), "copied_gb_per_s": limits()}
         if not options.no_log:
             measurement.write({"fbp": values | whole_log()})

@@ -1,5 +1,6 @@
 """The published scans where they are present, simulated ones of the same scanner, and what a geometry does to a log."""
 
+import math
 import os
 from functools import cache
 from pathlib import Path
@@ -10,8 +11,9 @@ import numpy as np
 from scanners import SCANNER
 from scipy.io import loadmat
 
-from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Image, Projector
@@ -27,6 +29,12 @@ TRUE_FRAME = TRUE_THETA.source_frame(SCANNER.source_to_cor_mm)
 ANGLES = (np.arange(360) + 0.5) * TAU / 360
 LOG_NOISE = 0.02
 GRID = ImageGrid(256, 400.0)
+
+
+def rotated_ray_error_mm(frame: SourceFrame, scanner: Scanner) -> float:
+    """Compute the RMS ray error, mm, of a geometry against the true one, up to one rotation alone."""
+    error = ray_error(SCANNER, TRUE_FRAME, frame, other_scanner=scanner)
+    return math.hypot(error.rms_mm, scale_ray_error(SCANNER, TRUE_FRAME, error.scale_change))
 
 
 def published_folder() -> Path | None:

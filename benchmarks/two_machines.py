@@ -125,7 +125,7 @@ def main() -> None:
     if os.environ.get(INSIDE) is None:
         alone = ["unshare", "--net", "--mount", "env", f"{INSIDE}=yes", sys.executable, *sys.argv]
         sys.exit(subprocess.run(alone, check=False).returncode)  # noqa: S603 - this script
-    measurement = Measurement.begin()
+    measurement = Measurement.begin("worker/sawmill_platform", "worker/sawmill_store")
     found = {}
     with tempfile.TemporaryDirectory(prefix="machines-") as folder:
         # PostgreSQL's user reads its folder, too.

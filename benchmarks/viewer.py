@@ -267,7 +267,7 @@ def main() -> None:
     parser.add_argument("--moves", type=int, default=60)
     parser.add_argument("--serve", action="store_true", help="only serve, to look at the pages")
     chosen = parser.parse_args()
-    measurement = Measurement.begin()
+    measurement = Measurement.begin("service/sawmill_service/routes/volumes.py", "service/sawmill_service/static")
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))  # no line a request
     with tempfile.TemporaryDirectory(prefix="sawmill-viewer-") as name:
         store = Store.open(StorageSettings(data_folder=Path(name), database_url=None))

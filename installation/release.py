@@ -1,9 +1,10 @@
 """The files of a release, in dist/VERSION (`make release`). Nothing outside of dist/ and build/ is changed.
 
 Made of the commit that is checked out, which must carry the tag vVERSION; the version is that of the sources, the first
-one in CHANGELOG.md, with a date, and that of the released contract. Made are the wheels of the product and of the
-generated client, the source archive, the bundle for machines without a network, the image, a bill of materials
-(CycloneDX), the licences of all packages, and checksums. All but the image are the same bytes for the same commit.
+one in CHANGELOG.md, with a date, and that of the released contract. The figures of the pages must be newer than the
+code that they measure; `make figures` lists those that are not. Made are the wheels of the product and of the generated
+client, the source archive, the bundle for machines without a network, the image, a bill of materials (CycloneDX), the
+licences of all packages, and checksums. All but the image are the same bytes for the same commit.
 
     python installation/release.py [--untagged] [--without-image]
 
@@ -21,6 +22,9 @@ import tarfile
 from pathlib import Path
 
 from bundle import ROOT, BundleError, build, output, sums
+
+sys.path.append(str(ROOT / "benchmarks"))
+from figures import read_results, stale
 
 VERSION_FILE = "worker/sawmill_vocabulary/version.py"
 
@@ -55,12 +59,12 @@ def version_of(root: Path) -> str:
 
 
 def check(root: Path, version: str) -> None:
-    """Compare tag, version, changelog and contract.
+    """Compare tag, version, changelog and contract, and the figures of the pages with what they measure.
 
     Raises
     ------
     ReleaseError
-        They differ, or files are not committed.
+        They differ, files are not committed, or figures are stale.
     """
     tags = output("git", "tag", "--points-at", "HEAD", folder=root).split()
     heading = re.search(r"^## \[?([\d.]+)\]? - (.+)$", (root / "CHANGELOG.md").read_text(), re.MULTILINE)
@@ -77,6 +81,7 @@ def check(root: Path, version: str) -> None:
         faults.append(f"CHANGELOG.md begins with {shown!r}: it must be {version} with the date of the release")
     if released != version:
         faults.append(f"the released contract has version {released}: make release-contract writes {version}")
+    faults += [f"stale figures, {line}" for line in stale(read_results(root / "benchmarks/results"), root)]
     if faults:
         raise ReleaseError("\n".join(faults))
 

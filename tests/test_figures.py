@@ -2,11 +2,12 @@
 
 import json
 import re
+import subprocess
 
 import evidence
 import pytest
-from figures import PAGES, PLACE, ROOT, conditions, filled, read_results
-from measurement import RESULTS, Measurement
+from figures import PAGES, PLACE, ROOT, conditions, filled, read_results, stale
+from measurement import RESULTS, Measurement, check_lines, commit
 
 RESULTS_FILES = read_results()
 FAST_S = 1.0
@@ -24,6 +25,50 @@ def test_each_mark_is_complete_and_no_prose_begins_with_one(page):
     assert len(PLACE.findall(text)) == text.count("<!-- figure") == text.count("<!-- end -->")
     # Markdown takes a line that begins with a comment for HTML, to the line's end.
     assert not re.search(r"^ *<!-- (?:figure [^\n]*|end) -->.", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_shows_commit_and_day_of_each_results_file(page):
+    shown = [(place[2], place[3]) for place in PLACE.finditer(page.read_text())]
+    assert {name for name, _ in shown} == {name for name, key in shown if key in {"measured", "run"}}
+
+
+def test_each_results_file_names_folders_that_it_measures():
+    assert [name for name, file in RESULTS_FILES.items() if not file["measures"]] == []
+    folders = {folder for file in RESULTS_FILES.values() for folder in file["measures"]}
+    assert [folder for folder in sorted(folders) if not (ROOT / folder).exists()] == []
+
+
+def git(folder, *arguments):
+    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
+    command = ["git", "-C", str(folder), *author, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def committed(folder, name):
+    """The commit that adds a line to a file."""
+    (folder / name).parent.mkdir(exist_ok=True)
+    with (folder / name).open("a") as file:
+        file.write("a line\n")
+    git(folder, "add", ".")
+    git(folder, "commit", "--message", f"A line in {name}")
+    return git(folder, "rev-parse", "--short", "HEAD")
+
+
+def test_a_results_file_is_stale_whose_folder_has_changed_since(tmp_path):
+    git(tmp_path, "init")
+    first, fit, page = (committed(tmp_path, name) for name in ("fit/a.py", "fit/b.py", "page/a.txt"))
+    files = {
+        "older": {"commit": first, "measures": ["page", "fit"], "command": "make a"},
+        "dirty": {"commit": f"{first}-dirty", "measures": ["fit"], "command": "make a"},
+        "newest": {"commit": fit, "measures": ["fit"], "command": "make a"},
+        "lost": {"commit": "0123456789ab", "measures": ["fit"], "command": "make a"},
+    }
+    assert stale(files, tmp_path) == [
+        f"older: page, fit changed in {page} after {first}: run make a",
+        f"dirty: fit changed in {fit} after {first}: run make a",
+        "lost: its commit 0123456789ab is not in this repository: fetch it, or run make a",
+    ]
 
 
 def test_the_evidence_is_that_of_the_results():
@@ -101,6 +146,7 @@ RESULT = {
         ("rows", "2500"),
         ("of.x_ms 1 ms of 8", "3 ms of 8"),
         ("table", "\n| a |\n|---|\n| 1 |\n"),
+        ("measured", "measured at 012 on 23 November 2026"),
         (
             "run",
             "`make a`, commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start",
@@ -135,7 +181,7 @@ def test_a_mark_without_a_figure_is_named(mark):
 def measured(folder, *, before_s, after_s):
     """The file that a measurement writes while the reference computation takes so long."""
     times = iter((before_s, after_s))
-    Measurement.begin(lambda: next(times)).write({"speed": {"total_s": 2.0}}, folder)
+    Measurement.begin("worker", reference=lambda: next(times)).write({"speed": {"total_s": 2.0}}, folder)
     return json.loads((folder / "speed.json").read_text())
 
 
@@ -146,6 +192,7 @@ def test_a_measurement_records_its_conditions(tmp_path, capsys):
     assert not file["busy"]
     assert re.fullmatch(r"[0-9a-f]{12}(-dirty)?", file["commit"])
     assert {"command", "date", "machine", "cores", "load"} <= file.keys()
+    assert file["measures"] == ["worker"]
     assert "speed.json. `make figures`" in capsys.readouterr().out
 
 
@@ -154,6 +201,29 @@ def test_nothing_is_written_where_the_machine_s_speed_changed(tmp_path, after_s)
     with pytest.raises(SystemExit, match="Nothing is written: the reference computation took"):
         measured(tmp_path, before_s=FAST_S, after_s=after_s)
     assert not list(tmp_path.iterdir())
+
+
+def test_results_of_the_published_data_are_never_replaced_by_others(tmp_path):
+    measurement = Measurement.begin("worker", reference=lambda: FAST_S)
+    measurement.write({"a": {"source": "published", "error_mm": 0.008}}, tmp_path)
+    kept = (tmp_path / "a.json").read_bytes()
+    for values in ({"source": "simulated", "error_mm": 0.016}, {"error_mm": 0.016}):
+        with pytest.raises(SystemExit, match=r"Nothing is written: a in .* are of the published data\. Let SAWMILL"):
+            measurement.write({"b": values, "a": values}, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+    assert (tmp_path / "a.json").read_bytes() == kept
+    measurement.write({"a": {"source": "published", "error_mm": 0.007}}, tmp_path)
+    assert '"error_mm": 0.007' in (tmp_path / "a.json").read_text()
+
+
+@pytest.mark.parametrize("other", [{"commit": None}, {"commit": "0123456789ab"}, {"seed": 12}])
+def test_a_study_writes_no_lines_of_another_commit_or_seed(tmp_path, other):
+    own = {"commit": commit(), "seed": 31}
+    (kept := tmp_path / "lines.jsonl").write_text(json.dumps(own) + "\n")
+    check_lines(kept, seed=31)
+    kept.write_text(kept.read_text() + json.dumps(own | other) + "\n")
+    with pytest.raises(SystemExit, match=r"Nothing is written: .* has results of \{'commit': .*Remove it"):
+        check_lines(kept, seed=31)
 
 
 def test_a_machine_that_is_slower_than_its_best_before_and_after_is_busy(tmp_path):

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numba
-from measurement import Measurement, reference_s
+from measurement import Measurement, keep_published, reference_s
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from scans import sources
 
 from paper.experiment import Experiment, Plan, Result, Unit, Values
 from paper.store import load, save
@@ -131,7 +132,10 @@ def conduct(
     experiments: Sequence[Experiment], plan: Plan, places: Places, reference: Callable[[], float] = reference_s
 ) -> None:
     """Run the experiments and write figures, none of which is a time, and pictures."""
-    measurement = Measurement.begin(reference)
+    measurement = Measurement.begin(
+        "worker/sawmill_tomography/calibration", "worker/sawmill_tomography/reconstruction", reference=reference
+    )
+    keep_published({f"paper-{experiment.name}": sources()[0] for experiment in experiments}, places.results)
     work_through(distinct(experiments, plan), places.work, processes=os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as drawn:
         values = figures(experiments, plan, places.work, Path(drawn))

@@ -128,7 +128,7 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG0
         parts.append(pictures.table(HEADER, rows) + "\n")
         parts += [f"{shows}\n"] if shows else []
         parts += [_shows(method, [results[unit.name] for unit in made]) + "\n" for method, made in methods.items()]
-    return {"tables": "\n".join(parts).rstrip("\n")}
+    return {"source": sources()[0], "tables": "\n".join(parts).rstrip("\n")}
 
 
 def _shows(method: str, made: list[Result]) -> str:

@@ -83,6 +83,27 @@ def test_the_table_counts_refusals_and_wrong_passes():
     assert row.splitlines()[1].split()[:7] == ["wood", "4", "1", "100%", "0%", "0%", "1"]
 
 
+def test_the_figures_of_the_pages_are_those_of_the_table():
+    refused = {"family": "wood", "refused": "phantom-not-seen"}
+    other = line(family="mechanics", verdict="watch", scale_error_percent=0.4)
+    values = families.summary([line(), refused, line(error_mm=0.11), line(error_mm=0.142), other])
+    assert {name: value for name, value in values.items() if isinstance(value, int | str)} == {
+        "scans": 5,
+        "wrong": 2,
+        "wrong_mm": "0.11 to 0.14",
+        "holds_percent": "33 to 100",
+        "scale_holds_percent": "0.0 to 100.0",
+        "table": "\n".join(
+            [
+                *families.PAGE_HEADER,
+                "| mechanics | 1 | 100.0 % (0.0 %) | 0 % | 0 |",
+                "| wood | 4 | 33.3 % (33.3 %) | 75 % | 2 |",
+            ]
+        ),
+    }
+    assert families.summary([line()])["wrong_mm"] == "none"
+
+
 def test_the_study_continues_where_it_stopped(tmp_path, capsys):
     out = tmp_path / "results.jsonl"
     done = line(family="few views", number=0)

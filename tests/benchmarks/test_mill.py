@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mill_names import causes, names_it
 from mill_scans import EFFECTS, StudyScan
-from mill_table import Outcome, largest_share, row, table
+from mill_table import Outcome, largest_share, row, summary, table
 
 from sawmill_vocabulary.physics import Physics
 
@@ -118,6 +118,21 @@ def test_the_table_counts_names_and_refusals():
     assert "single effects above 0.05 mm: 2, of which named 50.0%" in text
     assert "1 x phantom-not-seen" in text
     assert "100.0%" in next(line for line in text.splitlines() if line.startswith("clean"))
+
+
+def test_the_figures_of_the_pages_are_those_of_the_table():
+    refused = Outcome(2, "single", {"screws": 4.0}, refused="phantom-not-seen")
+    outcomes = [_outcome(), refused, _outcome(number=3, error_mm=0.11), _outcome(number=4, verdict="watch")]
+    values = summary(outcomes)
+    assert table(outcomes) in values.pop("table")
+    assert values == {
+        "scans": 4,
+        "answered": 3,
+        "passed_percent": 50.0,
+        "wrong": 1,
+        "wrong_below_percent": pytest.approx(100.0 * largest_share(1, 3)),
+        "median_error_mm": 0.04,
+    }
 
 
 def test_causes_are_read_up_to_the_remedy():

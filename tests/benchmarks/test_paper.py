@@ -98,6 +98,13 @@ def test_figures_are_written_whatever_the_machine_s_speed(tiny, tmp_path):
     assert '"error": "0.5"' in (places.results / "paper-made.json").read_text()
 
 
+def test_nothing_is_run_where_figures_of_the_published_data_would_be_lost(tiny, tmp_path):
+    (tmp_path / "paper-made.json").write_text('{"values": {"source": "published"}}')
+    units = [Unit("never", pytest.fail, {"reason": "run"})]
+    with pytest.raises(SystemExit, match=r"paper-made in .* are of the published data"):
+        conduct([Experiment("made", lambda _: units, draw)], tiny, Places(*[tmp_path] * 3), reference=lambda: 1.0)
+
+
 def draw(result, folder):
     (folder / "made.png").touch()
     return {"error": str(result["error"])}

@@ -57,6 +57,19 @@ def test_a_commit_that_is_no_release_is_refused_with_the_remedy(commit, file, te
         release.check(commit, release.version_of(commit))
 
 
+def test_a_commit_whose_figures_are_older_than_their_code_is_no_release(commit):
+    first = subprocess.run(["git", "rev-parse", "HEAD"], cwd=commit, check=True, capture_output=True, text=True).stdout
+    (results := commit / "benchmarks/results").mkdir(parents=True)
+    file = {"commit": first.strip(), "measures": ["worker"], "command": "make bench"}
+    (results / "speed.json").write_text(json.dumps(file))
+    (commit / "worker/fit.py").touch()
+    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
+    for command in (["add", "."], [*author, "commit", "--message", "A fit"], ["tag", "--force", "v1.2.3"]):
+        subprocess.run(["git", *command], cwd=commit, check=True, capture_output=True)
+    with pytest.raises(release.ReleaseError, match=r"^stale figures, speed: worker changed in .*: run make bench$"):
+        release.check(commit, "1.2.3")
+
+
 @pytest.fixture
 def wheels(tmp_path: Path) -> list[Path]:
     """The product's wheel, one with the text of its licence, and one without."""
