@@ -139,7 +139,15 @@ class ClientSettings(BaseSettings):
         description="Requests with a body of one key or address at once; each holds no thread until its body has come.",
     )
     max_waits_at_once: Annotated[int, Field(ge=1)] = Field(
-        256, description="Requests with `wait` of one key or address at once; each holds no thread while its job runs."
+        256,
+        description="Requests of one key or address at once that wait for a job (`wait`), or for memory "
+        "(`drawing_memory_bytes`); each holds no thread while it waits.",
+    )
+    drawing_memory_bytes: Annotated[int, Field(ge=64 * MIB)] = Field(
+        512 * MIB,
+        description="Memory of all pictures and arrays that are being made or sent, all copies included; half of it "
+        "for one key or address. Others wait. A slice of 4096 x 4096 takes 0.1 to 0.2 GB, the rest of the service "
+        "0.3 GB: together they fit into 1 GB.",
     )
     max_streams: Annotated[int, Field(ge=1)] = Field(
         64, description="Streams of events in all; a stream of a job reads the job several times a second."

@@ -4,6 +4,7 @@ The first picture imports the modules that draw: a service that draws none does 
 """
 # ruff: noqa: PLC0415 - for that reason
 
+import math
 from collections.abc import Sequence
 from enum import IntEnum, StrEnum
 from typing import Annotated, Self
@@ -19,14 +20,23 @@ from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import drawn_alpha_curve
+from sawmill_service.drawing import (
+    COLOR_BYTES,
+    FIGURE_BYTES,
+    GREY16_BYTES,
+    GREY_BYTES,
+    SIDE_BYTES,
+    drawn_alpha_curve,
+    mosaic_bytes,
+)
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.answers import Hdf5, Png, file, picture
+from sawmill_service.http.responses.answers import Hdf5, Png, file
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_vocabulary import ColorMap
@@ -169,7 +179,16 @@ def get_slice(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, index, query), draw)
+    return picture(request, (reconstruction_id, index, query), draw, size_bytes=_slice_bytes(query, result.shape))
+
+
+def _slice_bytes(query: SliceQuery, shape: tuple[int, int, int]) -> int:
+    """Return the peak of the memory in which a slice is drawn."""
+    of_pixel = GREY_BYTES if query.color_map is ColorMap.GREY else COLOR_BYTES
+    # The window of deviations is found by sorting them.
+    if query.bits is Bits.SIXTEEN or query.show is Shown.DEVIATION:
+        of_pixel = max(of_pixel, GREY16_BYTES)
+    return of_pixel * math.prod(shape[1:])
 
 
 @router.get(
@@ -202,7 +221,12 @@ def get_mosaic(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, "mosaic", query, window), draw)
+    return picture(
+        request,
+        (reconstruction_id, "mosaic", query, window),
+        draw,
+        size_bytes=mosaic_bytes(result.shape[1], len(indices)),
+    )
 
 
 @router.get(
@@ -237,7 +261,8 @@ def get_side_view(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, "side", query), draw)
+    size_bytes = SIDE_BYTES * shape[0] * max(shape[1:])
+    return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)
 
 
 @router.get(
@@ -253,7 +278,8 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstruct
 
     result_of(reconstructions, reconstruction_id)
     columns = volume_reader.alpha_curve(reconstructions.files.volume(reconstruction_id))
-    return picture(request, (reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
+    drawn_from = reconstruction_id, "alpha-curve"
+    return picture(request, drawn_from, lambda: drawn_alpha_curve(columns), size_bytes=FIGURE_BYTES)
 
 
 @router.get(
