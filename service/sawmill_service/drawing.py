@@ -5,12 +5,10 @@ Drawing modules are imported by the first picture: no other request needs them.
 # ruff: noqa: PLC0415 - for that reason
 
 import hashlib
-import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,6 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
 from sawmill_store.mill_files import MillFiles
@@ -36,51 +33,9 @@ _DRAWING = threading.Lock()
 # Thumbnails need no matplotlib, and do not wait for a report.
 _SMALL = threading.Lock()
 THUMBNAIL = "thumbnail.png"
-
-# Peaks of the memory of pictures, all copies included (tests/service/test_memory_budget.py). In bytes for each value
-# that is read, as of a slice:
-GREY_BYTES, COLOR_BYTES, GREY16_BYTES, THUMBNAIL_BYTES, SINOGRAM_BYTES, SIDE_BYTES = 7, 14, 9, 14, 12, 14
-# In bytes for a picture that matplotlib draws.
-FIGURE_BYTES = 64 * 2**20
-TILE_PX = 256
-
-
-def mosaic_bytes(side_px: int, count: int) -> int:
-    """Return the peak of the memory of a mosaic: two slices, and all tiles, to which small slices are enlarged."""
-    shown_px = min(side_px, TILE_PX)
-    return 9 * side_px**2 + 18 * count * (shown_px * -(-TILE_PX // shown_px)) ** 2
-
-
-@dataclass(frozen=True)
-class KeptPicture:
-    """A picture that is drawn at its first request and kept.
-
-    Attributes
-    ----------
-    path
-        Path of the picture, which is there once the picture is drawn.
-    size_bytes
-        Peak of the memory in which it is drawn.
-    draw
-        Function that draws and keeps the picture if it is missing, and returns its path; takes seconds.
-    """
-
-    path: Path
-    size_bytes: int
-    draw: Callable[[], Path]
-
-
-def _kept(
-    files: MillFiles,
-    kind: JobKind,
-    subject_id: str,
-    name: str,
-    size_bytes: int,
-    draw: Callable[[], bytes],
-    one_at_a_time: threading.Lock,
-) -> KeptPicture:
-    path = files.results(kind, subject_id) / name
-    return KeptPicture(path, size_bytes, partial(files.kept, kind, subject_id, name, draw, one_at_a_time=one_at_a_time))
+# Peaks of the memory of drawing, all copies included (tests/service/test_memory_budget.py): for each value that is
+# read, or pixel of a mosaic's tiles, and for a picture of matplotlib.
+BYTES_PER_VALUE, FIGURE_BYTES = 15, 64 * 2**20
 
 
 class CalibrationPicture(StrEnum):
@@ -95,16 +50,19 @@ class CalibrationPicture(StrEnum):
 _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFTER: "log_after"}
 
 
-def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> KeptPicture:
-    """Return a calibration's picture, which is drawn from result.h5.
+def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
+    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
 
-    The report has a function of its own, `report_picture`.
+    Takes seconds: call it in a thread that may wait. The report has a function of its own, `report_picture`.
 
     Raises
     ------
     NotFound
-        The calibration has no result.h5. Drawing may raise `Refused`, 404 `no-log`: the scan shows no log next to the
-        phantom; and `StorageFull`.
+        The calibration has no result.h5.
+    Refused
+        404 `no-log`: the scan shows no log next to the phantom.
+    StorageFull
+        The disk is full.
     """
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
@@ -115,16 +73,18 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
         return overlay_png(*_answer(path))
 
-    return _kept(files, job_kinds.CALIBRATE, calibration_id, picture, FIGURE_BYTES, draw, _DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
 
-def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> KeptPicture:
-    """Return a calibration's report with its next step; drawn and kept for each step and language.
+def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
+    """Return the path of a calibration's report with its next step; drawn and kept for each step and language.
 
     Raises
     ------
     NotFound
-        The calibration has no result.h5. Drawing may raise `StorageFull`.
+        The calibration has no result.h5.
+    StorageFull
+        The disk is full.
     """
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
@@ -135,7 +95,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
 
     of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
     name = f"report-{reader.language}-{of_step}.png"
-    return _kept(files, job_kinds.CALIBRATE, calibration_id, name, FIGURE_BYTES, draw, _DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=_DRAWING)
 
 
 @dataclass(frozen=True)
@@ -192,8 +152,16 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
         return alpha_curve_png(**columns)
 
 
-def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> KeptPicture:
-    """Return a scan's thumbnail, the sinogram of the middle row; drawing may raise `NotFound` and `StorageFull`."""
+def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
+    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
+
+    Raises
+    ------
+    NotFound
+        The scan has no scan.h5.
+    StorageFull
+        The disk is full.
+    """
 
     def draw() -> bytes:
         from sawmill_formats.output import scan_reader
@@ -202,12 +170,11 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> KeptPictur
         path, row = files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    size_bytes = THUMBNAIL_BYTES * shape.views * shape.detector
-    return _kept(files, job_kinds.INGEST, scan.id, THUMBNAIL, size_bytes, draw, _SMALL)
+    return files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
-def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: ReconstructionResult) -> KeptPicture:
-    """Return a volume's thumbnail, the middle slice; drawing may raise what it does for `scan_thumbnail`."""
+def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: ReconstructionResult) -> Path:
+    """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
@@ -217,5 +184,4 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
-    size_bytes = THUMBNAIL_BYTES * math.prod(result.shape[1:])
-    return _kept(files, job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, size_bytes, draw, _SMALL)
+    return files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)

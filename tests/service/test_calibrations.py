@@ -110,7 +110,7 @@ def test_a_picture_cannot_outlive_its_calibration(store, drawn):
     folder = store.files.results(job_kinds.CALIBRATE, "example")
     store.files.before_keeping = lambda: store.files.remove(folder)
     with pytest.raises(NotFound):
-        calibration_picture(store.files, "example", CalibrationPicture.OVERLAY).draw()
+        calibration_picture(store.files, "example", CalibrationPicture.OVERLAY)
     assert drawn == ["overlay.png"]
     assert not folder.exists()
     assert list((store.files.folder / "incoming").iterdir()) == []

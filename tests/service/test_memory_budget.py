@@ -12,11 +12,13 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from live_service import Offline, serving
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.http.limits.memory_budget import MemoryBudget, Reservation
 from sawmill_service.http.responses.drawn import Drawn
@@ -228,8 +230,8 @@ def peak_of(asked: Coroutine[Any, Any, int]) -> int:
     return most_resident_bytes() - before
 
 
-def most_resident_bytes() -> int:
-    lines = Path("/proc/self/status").read_text().splitlines()
+def most_resident_bytes(process: str | int = "self") -> int:
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
     return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM")))
 
 
@@ -246,3 +248,35 @@ async def status_of(app, path: str) -> int:
 
     await app(scope, _receive, send)
     return statuses[0]
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_forty_large_slices_fit_into_1_gb_and_keep_nobody_waiting(seeded, store, worker, tmp_path):  # noqa: ARG001
+    """Forty of 4096 x 4096 pixels at once for one key, and meanwhile one for another; `seeded` makes the scan."""
+    noise = np.random.default_rng(3).normal(1.5, 0.3, (1, 4096, 4096)).astype(np.float32)
+    asked = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.FBP)
+    store.reconstructions.accept(asked, identifier="large")
+    worker.finish_reconstruction(noise)
+    many, other = (store.keys.create(KeyAsk(name=name, scope=Scope.READ)).secret for name in ("many", "other"))
+    store.close()
+    statuses, answered = list[int](), list[str]()
+
+    async def ask(client: httpx.AsyncClient, key: str, window_low: float) -> None:
+        path = f"/v1/reconstructions/large/slices/0.png?window_low={window_low}"  # so that none is kept
+        answer = await client.get(path, headers={"Authorization": f"Bearer {key}"})
+        statuses.append(answer.status_code)
+        answered.append(key)
+
+    async def all_answered(address: str) -> None:
+        limits, timeout = httpx.Limits(max_connections=None), httpx.Timeout(1800.0)
+        async with httpx.AsyncClient(base_url=address, timeout=timeout, trust_env=False, limits=limits) as client:
+            forty = [asyncio.create_task(ask(client, many, -number)) for number in range(40)]
+            await asyncio.sleep(1.0)  # so that they are there before the other
+            await asyncio.gather(*forty, ask(client, other, -0.5))
+
+    with serving(tmp_path, Offline(tmp_path).variables, "--workers", "0") as service:
+        asyncio.run(all_answered(str(service.client.base_url)))
+        assert most_resident_bytes(service.process_id) < 10**9
+    assert statuses == [200] * 41
+    assert answered.index(other) < 10

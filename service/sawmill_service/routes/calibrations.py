@@ -13,7 +13,7 @@ from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheCalibrations, TheStore
-from sawmill_service.drawing import CalibrationPicture, calibration_picture, report_picture
+from sawmill_service.drawing import FIGURE_BYTES, CalibrationPicture, calibration_picture, report_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import stored
 from sawmill_service.http.document.openapi_document import trying
@@ -81,7 +81,7 @@ def get_report(
     """
     calibration = succeeded(store.calibrations, calibration_id, "report.png")
     step, reader = step_with(store, calibration), formats_of(asked.language).reader
-    return kept_picture(request, report_picture(store.files, calibration_id, step, reader))
+    return kept_picture(request, FIGURE_BYTES, lambda: report_picture(store.files, calibration_id, step, reader))
 
 
 @router.get(
@@ -174,7 +174,7 @@ def _picture(
     request: Request, calibrations: TheCalibrations, calibration_id: str, picture: CalibrationPicture
 ) -> Response:
     succeeded(calibrations, calibration_id, picture)
-    return kept_picture(request, calibration_picture(calibrations.files, calibration_id, picture))
+    return kept_picture(request, FIGURE_BYTES, lambda: calibration_picture(calibrations.files, calibration_id, picture))
 
 
 def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> CalibrationSucceeded:

@@ -20,15 +20,7 @@ from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import (
-    COLOR_BYTES,
-    FIGURE_BYTES,
-    GREY16_BYTES,
-    GREY_BYTES,
-    SIDE_BYTES,
-    drawn_alpha_curve,
-    mosaic_bytes,
-)
+from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import drawn, stored
@@ -42,6 +34,8 @@ from sawmill_service.routes.asked import linked
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
+# Side of a mosaic's tile, pixels; that of a small slice is a multiple.
+TILE_PX = 256
 MOST_TILES = 64
 USUAL_TILES = 16
 
@@ -179,16 +173,8 @@ def get_slice(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, index, query), draw, size_bytes=_slice_bytes(query, result.shape))
-
-
-def _slice_bytes(query: SliceQuery, shape: tuple[int, int, int]) -> int:
-    """Return the peak of the memory in which a slice is drawn."""
-    of_pixel = GREY_BYTES if query.color_map is ColorMap.GREY else COLOR_BYTES
-    # The window of deviations is found by sorting them.
-    if query.bits is Bits.SIXTEEN or query.show is Shown.DEVIATION:
-        of_pixel = max(of_pixel, GREY16_BYTES)
-    return of_pixel * math.prod(shape[1:])
+    size_bytes = BYTES_PER_VALUE * math.prod(result.shape[1:])
+    return picture(request, (reconstruction_id, index, query), draw, size_bytes=size_bytes)
 
 
 @router.get(
@@ -221,12 +207,10 @@ def get_mosaic(
             color_map=query.color_map,
         )
 
-    return picture(
-        request,
-        (reconstruction_id, "mosaic", query, window),
-        draw,
-        size_bytes=mosaic_bytes(result.shape[1], len(indices)),
-    )
+    side = min(result.shape[1], TILE_PX)
+    values = result.shape[1] ** 2 + len(indices) * (side * -(-TILE_PX // side)) ** 2
+    made_of = (reconstruction_id, "mosaic", query, window)
+    return picture(request, made_of, draw, size_bytes=BYTES_PER_VALUE * values)
 
 
 @router.get(
@@ -261,7 +245,7 @@ def get_side_view(
             color_map=query.color_map,
         )
 
-    size_bytes = SIDE_BYTES * shape[0] * max(shape[1:])
+    size_bytes = BYTES_PER_VALUE * shape[0] * max(shape[1:])
     return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)
 
 
@@ -278,8 +262,8 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstruct
 
     result_of(reconstructions, reconstruction_id)
     columns = volume_reader.alpha_curve(reconstructions.files.volume(reconstruction_id))
-    drawn_from = reconstruction_id, "alpha-curve"
-    return picture(request, drawn_from, lambda: drawn_alpha_curve(columns), size_bytes=FIGURE_BYTES)
+    made_of = (reconstruction_id, "alpha-curve")
+    return picture(request, made_of, lambda: drawn_alpha_curve(columns), size_bytes=FIGURE_BYTES)
 
 
 @router.get(

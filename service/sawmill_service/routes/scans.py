@@ -14,7 +14,7 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.upload_stream import Received
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake, Wake
-from sawmill_service.drawing import SINOGRAM_BYTES, scan_thumbnail
+from sawmill_service.drawing import BYTES_PER_VALUE, scan_thumbnail
 from sawmill_service.finished import ready_scan
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying, trying_file
@@ -176,7 +176,7 @@ def get_sinogram(
 def get_scan_thumbnail(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
     """Draw the middle row's sinogram as a square of 160 pixels, for lists."""
     scan, shape = ready_scan(scans, scan_id)
-    return kept_picture(request, scan_thumbnail(scans.files, scan, shape))
+    return kept_picture(request, _row_bytes(shape), lambda: scan_thumbnail(scans.files, scan, shape))
 
 
 def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
@@ -190,5 +190,9 @@ def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, r
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )
 
-    size_bytes = SINOGRAM_BYTES * shape.views * shape.detector
-    return picture(request, (scan.id, scan.sha256, row), draw, size_bytes=size_bytes)
+    return picture(request, (scan.id, scan.sha256, row), draw, size_bytes=_row_bytes(shape))
+
+
+def _row_bytes(shape: ScanShape) -> int:
+    """Return the peak of the memory in which a sinogram is drawn."""
+    return BYTES_PER_VALUE * shape.views * shape.detector

@@ -18,13 +18,13 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import SIDE_BYTES, volume_thumbnail
+from sawmill_service.drawing import BYTES_PER_VALUE, volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.document.described_answers import NAMED, drawn, stored
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
-from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, array, exported, kept_picture, picture
+from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sawmill_formats.output.volume_reader import VolumeGrid
 
 _FLOAT32_BYTES = 4
-# Peaks of memory, as in `drawing.py`: of reading a slice, and for each value of what is sent.
-_READ_BYTES, _ARRAY_BYTES, _GREY_BYTES, _COLOR_BYTES = 5, 5, 1, 7
 # A list of three, not a tuple: some generators of clients ignore `prefixItems`.
 Color = Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)]
 
@@ -118,8 +116,8 @@ def get_slice_array(
         return npy(averaged(image.data, factor)), headers
 
     name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
-    size_bytes = _peak_bytes(result, factor, _ARRAY_BYTES)
-    return unchanging(array(request, (reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name))
+    made_of, size_bytes = (reconstruction_id, index, factor, "npy"), _slice_bytes(result)
+    return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
 
 @router.get(
@@ -139,7 +137,7 @@ def get_slice_jpeg(
     """Draw 8 bits a colour, nothing around the slice, a row is +x and a column +y: for a preview, not for measuring."""
     result = result_of(reconstructions, reconstruction_id)
     check_slice(result, index)
-    window, factor = window_to_draw(query, result.value_range), _averaged_pixels(result, query)
+    window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
@@ -147,10 +145,10 @@ def get_slice_jpeg(
         from sawmill_worker.pictures.images import jpeg
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
-        return jpeg(averaged(image.data, factor), window, query.color_map)
+        return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
 
-    size_bytes = _peak_bytes(result, factor, _GREY_BYTES if query.color_map is ColorMap.GREY else _COLOR_BYTES)
-    return unchanging(picture(request, (reconstruction_id, index, query), draw, size_bytes=size_bytes, answer=Jpeg))
+    made_of = (reconstruction_id, index, query)
+    return unchanging(picture(request, made_of, draw, size_bytes=_slice_bytes(result), answer=Jpeg))
 
 
 def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
@@ -159,10 +157,9 @@ def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
     return -(-side // (query.max_size or side))
 
 
-def _peak_bytes(result: ReconstructionResult, factor: int, of_value: int) -> int:
-    """Return the peak of the memory in which a slice is read, averaged, and made into what is sent."""
-    pixels = math.prod(result.shape[1:])
-    return _READ_BYTES * pixels + of_value * pixels // factor**2
+def _slice_bytes(result: ReconstructionResult) -> int:
+    """Return the peak of the memory in which a slice is read and made into what is sent."""
+    return BYTES_PER_VALUE * math.prod(result.shape[1:])
 
 
 @router.get(
@@ -192,8 +189,9 @@ def get_side_array(
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
-    size_bytes = SIDE_BYTES * slices * max(size)
-    return unchanging(array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name))
+    size_bytes = BYTES_PER_VALUE * slices * max(size)
+    made_of = (reconstruction_id, "side", query, "npy")
+    return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
 
 @router.get(
@@ -240,16 +238,14 @@ def _export(
     volume_reader.check_volume(path, shape)
     header = header_of(volume_reader.volume_grid(path, shape), result.unit)
 
-    def pieces() -> Iterator[memoryview]:
-        yield memoryview(header)
+    def pieces() -> Iterator[bytes | memoryview]:
+        yield header
         for image in volume_reader.volume_slices(path, shape, range(shape[0])):
             yield image.data.astype("<f4", copy=False).reshape(-1).data.cast("B")
 
     length = len(header) + _FLOAT32_BYTES * math.prod(shape)
-    # One slice is read while the one before it is sent.
-    size_bytes = len(header) + 2 * _READ_BYTES * math.prod(shape[1:])
     name = f"reconstruction-{reconstruction_id}.{suffix}"
-    return exported(request, answer, length, size_bytes, pieces(), save_as=name)
+    return exported(request, answer, length, _slice_bytes(result) + len(header), pieces(), save_as=name)
 
 
 @router.get(
@@ -263,7 +259,9 @@ def get_reconstruction_thumbnail(
 ) -> Response:
     """Draw the middle slice, 160 pixels a side, for lists."""
     result = result_of(reconstructions, reconstruction_id)
-    return kept_picture(request, volume_thumbnail(reconstructions.files, reconstruction_id, result))
+    return kept_picture(
+        request, _slice_bytes(result), lambda: volume_thumbnail(reconstructions.files, reconstruction_id, result)
+    )
 
 
 @router.get("/v1/color-maps", summary="Get the colour maps")

@@ -128,42 +128,29 @@ def read_packed(dataset: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
 
 
 def _unpack(dataset: h5py.Dataset, stored: h5py.h5d.StoreInfo, chunk: NDArray[Any]) -> None:
-    """Unpack a chunk into an array, which has its values one after the other; the chunk has the n-th bytes of all."""
-    stream, values = _Deflated(dataset, stored), chunk.reshape(-1).view(np.uint8).reshape(chunk.size, -1)
-    for plane in values.T:
+    """Unpack a chunk into an array; the chunk has the first bytes of all values, then the second ones, and so on."""
+    descriptor, place = dataset.file.id.get_vfd_handle(), stored.byte_offset
+    end, inflater, packed = place + stored.size - CHECKSUM_BYTES, zlib.decompressobj(), b""
+
+    def read(most: int) -> bytes:
+        """Unpack at most `most` bytes; none at the end of the chunk, or of its stream, which has a checksum."""
+        nonlocal place, packed
+        part, has_more = b"", True
+        while has_more and not (part or inflater.eof):
+            if not packed:
+                packed = os.pread(descriptor, min(_PIECE_BYTES, end - place), place)
+                place += len(packed)
+            has_more = bool(packed)
+            part, packed = inflater.decompress(packed, most), inflater.unconsumed_tail
+        return part
+
+    for values in chunk.reshape(-1).view(np.uint8).reshape(chunk.size, -1).T:
         filled = 0
-        while part := stream.read(min(_PIECE_BYTES, len(plane) - filled)):
-            plane[filled : filled + len(part)] = np.frombuffer(part, np.uint8)
+        while filled < chunk.size and (part := read(min(_PIECE_BYTES, chunk.size - filled))):
+            values[filled : filled + len(part)] = np.frombuffer(part, np.uint8)
             filled += len(part)
-        if filled < len(plane):
-            break
-    if filled < len(plane) or stream.read(1) or not stream.has_ended:
+    if filled < chunk.size or read(1) or not inflater.eof:
         raise NotAsWritten(f"a chunk of {_name_of(dataset)} does not hold the {chunk.nbytes} bytes of its values")
-
-
-class _Deflated:
-    """The deflate stream of a chunk, which ends with a checksum of its own; read from the file in pieces."""
-
-    def __init__(self, dataset: h5py.Dataset, stored: h5py.h5d.StoreInfo) -> None:
-        self._descriptor, self._place = dataset.file.id.get_vfd_handle(), stored.byte_offset
-        self._end = stored.byte_offset + stored.size - CHECKSUM_BYTES
-        self._inflater, self._packed = zlib.decompressobj(), b""
-
-    @property
-    def has_ended(self) -> bool:
-        """True once the end of the stream was read, and its checksum compared."""
-        return self._inflater.eof
-
-    def read(self, most: int) -> bytes:
-        """Unpack at most `most` bytes; none at the end of the stream, or of the chunk, or for `most` of 0."""
-        while most and not self._inflater.eof:
-            packed = self._packed or os.pread(self._descriptor, min(_PIECE_BYTES, self._end - self._place), self._place)
-            self._place += 0 if self._packed else len(packed)
-            part = self._inflater.decompress(packed, most)
-            self._packed = self._inflater.unconsumed_tail
-            if part or not packed:
-                return part
-        return b""
 
 
 def check_chunk(dataset: h5py.Dataset, offset: Shape) -> h5py.h5d.StoreInfo:

@@ -30,9 +30,7 @@ def averaged(image: NDArray[np.floating[Any]], factor: int) -> Float32:
     (ceil(x / factor), ceil(y / factor)) float32
     """
     single = image.astype(np.float32, copy=False)
-    if factor == 1:
-        return single
-    return by_stripes(single, lambda stripe: np.asarray(Image.fromarray(stripe).reduce(factor)), factor)
+    return single if factor == 1 else np.asarray(Image.fromarray(single).reduce(factor))
 
 
 def npy(values: NDArray[Any]) -> bytes:

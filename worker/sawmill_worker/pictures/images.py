@@ -23,7 +23,6 @@ from sawmill_worker.pictures.pages import (
     draw_scale_bar,
     encoded,
     font_of,
-    new_image,
     page_of,
 )
 from sawmill_worker.pictures.round_numbers import round_length
@@ -76,7 +75,7 @@ def image_png(
     size = image.shape[1] * factor, image.shape[0] * factor
     layout = Layout.around(size, axis_labels=False, title=title is not None)
     page, draw = page_of(layout, title, color_map)
-    draw_panel(page, (layout.left, layout.top), size, image, shown, color_map)
+    draw_panel(page, layout, image, shown, color_map)
     draw_color_bar(draw, page, layout, shown, unit, color_map)
     if pixel_mm is not None:
         draw_scale_bar(draw, layout, pixel_mm / factor)
@@ -98,8 +97,8 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
     """
     _check_two_dimensional("image", image)
     factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
-    panel = new_image((image.shape[1] * factor, image.shape[0] * factor))
-    draw_panel(panel, (0, 0), panel.size, image, window)
+    size = image.shape[1] * factor, image.shape[0] * factor
+    panel = Image.fromarray(shaded(image, window)).resize(size, Image.Resampling.NEAREST)
     draw, side = ImageDraw.Draw(panel), panel.width
     length_mm = round_length(field_mm / 4)
     left, bottom, thickness = side // 25, panel.height - side // 25, max(4, side // 100)
@@ -189,7 +188,7 @@ def sinogram_png(
     size = _enlarged(cells), _enlarged(views)
     layout = Layout.around(size, axis_labels=True, title=True)
     page, draw = page_of(layout, None)
-    draw_panel(page, (layout.left, layout.top), size, sinogram, shown)
+    draw_panel(page, layout, sinogram, shown, ColorMap.GREY)
     draw_color_bar(draw, page, layout, shown, unit)
     half = cells * pitch_mm / 2
     draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")

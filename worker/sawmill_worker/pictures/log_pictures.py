@@ -132,7 +132,7 @@ def side_view_png(
     layout = Layout.around(size, axis_labels=True, title=True)
     page, draw = page_of(layout, None, color_map)
     few = densest_of(densest.T, (height, width))
-    draw_panel(page, (layout.left, layout.top), size, few, shown, color_map)
+    draw_panel(page, layout, few, shown, color_map)
     draw_color_bar(draw, page, layout, shown, unit, color_map)
     span = along_mm or (-0.5, len(densest) - 0.5)
     draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")

@@ -65,34 +65,24 @@ def font_of(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size_px)
 
 
-def new_image(size: tuple[int, int], color_map: ColorMap = ColorMap.GREY) -> Image.Image:
-    """Create an empty image that takes a colour map's colours: grey takes a quarter of the memory."""
-    return Image.new("L" if color_map is ColorMap.GREY else "RGB", size, PAPER)
-
-
 def draw_panel(
-    page: Image.Image,
-    corner: tuple[int, int],
-    size: tuple[int, int],
-    values: NDArray[np.floating[Any]],
-    window: Window,
-    color_map: ColorMap = ColorMap.GREY,
+    page: Image.Image, layout: Layout, values: NDArray[np.floating[Any]], window: Window, color_map: ColorMap
 ) -> None:
-    """Draw values as pixels, enlarged to (width, height), whose height is a multiple of the number of rows."""
-    (left, top), (width, height) = corner, size
+    """Draw values as pixels, enlarged to the panel, whose height is a multiple of the number of rows."""
+    width, height = layout.panel
     factor = height // len(values)
     for stripe in stripes(values):
         part = Image.fromarray(shaded(values[stripe], window, color_map))
         # Nearest neighbour: a pixel shows a computed value.
         enlarged = part.resize((width, part.height * factor), Image.Resampling.NEAREST)
-        page.paste(enlarged, (left, top + stripe.start * factor))
+        page.paste(enlarged, (layout.left, layout.top + stripe.start * factor))
 
 
 def page_of(
     layout: Layout, title: str | None, color_map: ColorMap = ColorMap.GREY, *, framed: bool = True
 ) -> tuple[Image.Image, Drawing]:
     """Create a page for the panel, with the title above the panel if there is one."""
-    page = new_image((layout.width, layout.height), color_map)
+    page = Image.new("L" if color_map is ColorMap.GREY else "RGB", (layout.width, layout.height), PAPER)
     draw = ImageDraw.Draw(page)
     if framed:
         _draw_frame(draw, layout.left, layout.top, layout.panel)

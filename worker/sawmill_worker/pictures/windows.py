@@ -46,28 +46,15 @@ def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.flo
     return np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0.0, 1.0)
 
 
-def stripes(values: NDArray[Any], rows: int = 1) -> Iterator[slice]:
-    """Yield stripes of an image's rows, each a multiple of `rows` rows high but the last one."""
-    step = max(1, _STRIPE_VALUES // (values.shape[1] * rows)) * rows
+def stripes(values: NDArray[Any]) -> Iterator[slice]:
+    """Yield stripes of an image's rows, to be converted one at a time: what is computed on the way takes memory."""
+    step = max(1, _STRIPE_VALUES // values.shape[1])
     return (slice(first, first + step) for first in range(0, len(values), step))
 
 
-def by_stripes(values: NDArray[Any], convert: Callable[[NDArray[Any]], NDArray[Any]], rows: int = 1) -> NDArray[Any]:
-    """Convert an image stripe by stripe, so that what is computed on the way takes little memory.
-
-    Parameters
-    ----------
-    values : (row, column)
-    convert
-        Function that makes a row of a stripe's blocks of `rows` rows; an incomplete last block makes a row too.
-    """
-    converted = np.empty(0)
-    for stripe in stripes(values, rows):
-        part = convert(values[stripe])
-        if not stripe.start:
-            converted = np.empty((-(-len(values) // rows), *part.shape[1:]), part.dtype)
-        converted[stripe.start // rows :][: len(part)] = part
-    return converted
+def by_stripes(values: NDArray[Any], convert: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """Convert an image stripe by stripe."""
+    return np.concatenate([convert(values[stripe]) for stripe in stripes(values)])
 
 
 def labelled_views(angles_deg: NDArray[np.floating[Any]]) -> list[tuple[int, str]]:

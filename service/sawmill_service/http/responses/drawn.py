@@ -4,6 +4,7 @@ import asyncio
 import mimetypes
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import partial
+from pathlib import Path
 
 from fastapi import Request, Response
 from fastapi.concurrency import run_in_threadpool
@@ -11,7 +12,6 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.requests import ClientDisconnect
 from starlette.types import Message, Receive, Scope, Send
 
-from sawmill_service.drawing import KeptPicture
 from sawmill_service.http.limits.callers import who
 from sawmill_service.http.limits.memory_budget import MemoryBudget
 from sawmill_service.http.responses.answers import Png, describing, file, name_of, one_part
@@ -87,97 +87,55 @@ class Drawn(Response):
 
 def picture(
     request: Request,
-    drawn_from: Hashable,
-    draw: Callable[[], bytes | str],
+    made_of: Hashable,
+    draw: Callable[[], bytes | str | tuple[bytes, Mapping[str, str]]],
     *,
     size_bytes: int = 0,
     answer: type[Response] = Png,
+    save_as: str | None = None,
 ) -> Response:
-    """Return a picture, whole or a range of it, or 304 for a client that has the picture already.
-
-    Parameters
-    ----------
-    drawn_from
-        All values that the picture depends on.
-    draw
-        Function that draws the picture; not called if the picture is kept here, or the client is known to have it.
-    size_bytes
-        Peak of the memory in which the picture is drawn; the budget's least may be left out.
-    answer
-        Type of the answer.
-    """
-
-    def read() -> tuple[bytes, Mapping[str, str]]:
-        drawn = draw()
-        return drawn.encode() if isinstance(drawn, str) else drawn, {}
-
-    suffix = mimetypes.guess_extension(answer.media_type or "") or ""
-    save_as = f"{name_of(request).removesuffix(suffix)}{suffix}"
-    return _made(request, drawn_from, size_bytes, read, answer=answer, disposition="inline", save_as=save_as)
-
-
-def array(
-    request: Request,
-    made_of: Hashable,
-    size_bytes: int,
-    read: Callable[[], tuple[bytes, Mapping[str, str]]],
-    *,
-    save_as: str,
-) -> Response:
-    """Return an NPY file, or 304 for a client that has the file already.
+    """Return a picture or an array, whole or a range of it, or 304 for a client that has it already.
 
     Parameters
     ----------
     made_of
-        All values that the file depends on.
+        All values that it depends on.
+    draw
+        Function that makes it, or makes it with headers that describe it; not called if it is kept here, or the client
+        is known to have it.
     size_bytes
-        Peak of the memory in which the file is made.
-    read
-        Function that returns the file's content, and headers that describe it.
+        Peak of the memory in which it is made, besides what every answer takes.
+    answer
+        Type of the answer.
     save_as
-        Name under which a browser saves the file.
+        Name under which a browser saves it as a file, and it is not kept here. None: a browser shows it.
     """
-    return _made(request, made_of, size_bytes, read, answer=Npy, disposition="attachment", save_as=save_as, keep=False)
-
-
-def _made(
-    request: Request,
-    made_of: Hashable,
-    size_bytes: int,
-    read: Callable[[], tuple[bytes, Mapping[str, str]]],
-    *,
-    answer: type[Response],
-    disposition: str,
-    save_as: str,
-    keep: bool = True,
-) -> Response:
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, made_of)
     digest = digests.known(key)
     if digest is not None and (unsent := check_conditions(request.headers, tag_of(digest))):
         return unsent
+    suffix = mimetypes.guess_extension(answer.media_type or "") or ""
+    name = save_as or f"{name_of(request).removesuffix(suffix)}{suffix}"
 
     def make() -> Response:
         # An equal request may have drawn it while this one waited.
-        digest, content = digests.known(key), digests.content(key)
-        headers: Mapping[str, str] = {}
-        if content is None or digest is None:
-            content, headers = read()
-            digest = digests.note(key, content, keep=keep)
-            if unsent := check_conditions(request.headers, tag_of(digest)):
-                return unsent
-        described = describing(digest, disposition, save_as)
+        digest, made = digests.known(key), digests.content(key) or draw()
+        content, headers = made if isinstance(made, tuple) else (made, {})
+        content = content.encode() if isinstance(content, str) else content
+        digest = digest or digests.note(key, content, keep=save_as is None)
+        if unsent := check_conditions(request.headers, tag_of(digest)):
+            return unsent
+        described = describing(digest, "attachment" if save_as else "inline", name)
         part, status, of_range = one_part(request.headers, content, described["ETag"])
         return answer(part, status, headers={**headers, **described, **of_range})
 
     return Drawn(request, 0 if digests.content(key) else size_bytes, make)
 
 
-def kept_picture(request: Request, picture: KeptPicture) -> Response:
-    """Return a picture that is drawn at the first request, and stored."""
-    if picture.path.is_file():
-        return file(request, picture.path, Png.media_type)
-    return Drawn(request, picture.size_bytes, lambda: file(request, picture.draw(), Png.media_type))
+def kept_picture(request: Request, size_bytes: int, draw: Callable[[], Path]) -> Response:
+    """Return a picture that `draw` stores at the first request, in `size_bytes` of memory, and finds from then on."""
+    return Drawn(request, size_bytes, lambda: file(request, draw(), Png.media_type))
 
 
 def exported(
@@ -185,7 +143,7 @@ def exported(
     answer: type[Response],
     length: int,
     size_bytes: int,
-    pieces: Iterable[memoryview],
+    pieces: Iterable[bytes | memoryview],
     *,
     save_as: str,
 ) -> Response:

@@ -45,14 +45,13 @@ def report(
     language: Annotated[Language, Query()] = Language.ENGLISH,
 ) -> Response:
     """Show the report of a calibration that has an answer, in English or another language."""
+    from sawmill_worker.pictures.report_page import report_html
+
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    about = _about(store, calibration)
+    about, reader = _about(store, calibration), formats_of(language).reader
 
     def draw() -> Response:
-        from sawmill_worker.pictures.report_page import report_html
-
-        arrays = stored_arrays(store.files, calibration_id)
-        html = report_html(calibration, about, arrays, formats_of(language).reader)
+        html = report_html(calibration, about, stored_arrays(store.files, calibration_id), reader)
         return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
     return Drawn(request, FIGURE_BYTES, draw)
