@@ -34,8 +34,6 @@ from sawmill_service.routes.asked import linked
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
-# Side of a mosaic's tile, pixels; that of a small slice is a multiple.
-TILE_PX = 256
 MOST_TILES = 64
 USUAL_TILES = 16
 
@@ -191,6 +189,8 @@ def get_mosaic(
     reconstructions: TheReconstructions,
 ) -> Response:
     """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
+    from sawmill_worker.pictures.log_pictures import TILE_PX
+
     result = result_of(reconstructions, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
@@ -207,7 +207,7 @@ def get_mosaic(
             color_map=query.color_map,
         )
 
-    side = min(result.shape[1], TILE_PX)
+    side = min(result.shape[1], TILE_PX)  # small slices are enlarged by whole factors
     values = result.shape[1] ** 2 + len(indices) * (side * -(-TILE_PX // side)) ** 2
     made_of = (reconstruction_id, "mosaic", query, window)
     return picture(request, made_of, draw, size_bytes=BYTES_PER_VALUE * values)

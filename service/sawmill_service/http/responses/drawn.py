@@ -19,7 +19,7 @@ from sawmill_service.http.responses.conditional import check_conditions
 from sawmill_service.http.responses.digests import Digests, key_of, tag_of
 from sawmill_service.http.responses.waiting import until_gone
 
-# A client that takes no piece within `client_silence_s` has gone.
+# Bytes that are sent at a time; a client that takes none of them within `client_silence_s` has gone.
 _PIECE_BYTES = 64 * 1024
 
 
@@ -120,10 +120,10 @@ def picture(
 
     def make() -> Response:
         # An equal request may have drawn it while this one waited.
-        digest, made = digests.known(key), digests.content(key) or draw()
+        made = digests.content(key) or draw()
         content, headers = made if isinstance(made, tuple) else (made, {})
         content = content.encode() if isinstance(content, str) else content
-        digest = digest or digests.note(key, content, keep=save_as is None)
+        digest = digests.note(key, content, keep=save_as is None)
         if unsent := check_conditions(request.headers, tag_of(digest)):
             return unsent
         described = describing(digest, "attachment" if save_as else "inline", name)
