@@ -218,7 +218,7 @@ def test_no_answer_takes_more_memory_than_it_reserves(seeded, store, settings, w
     for path in paths:  # imports and loads what drawing needs
         asyncio.run(status_of(seeded.app, path.format("example-sparse", "example", "example", "en")))
     app = create_app(settings, store, print)
-    app.state.memory_budget = budget = Noted(settings.drawing_memory_bytes)
+    app.state.memory_budget = budget = Noted(256 * MIB)
     peaks = [peak_of(status_of(app, path.format("large", "high", "large", "fi"))) for path in paths]
     found = dict(zip(paths, zip(peaks, budget.reserved_bytes, strict=True), strict=True))
     assert {path: both for path, both in found.items() if both[0] > both[1]} == {}
