@@ -147,7 +147,7 @@ def test_another_caller_is_answered_while_forty_answers_of_one_are_not_read(stor
         at_once = asyncio.Event()
         at_once.set()
         assert await ask("192.0.2.2", at_once) == 20 * MIB
-        # Each takes 22 MiB while it is drawn, and 20 MiB until it is read.
+        # Each takes 36 MiB while it is drawn, and 20 MiB until it is read.
         assert sorted(drawn) == ["192.0.2.1", "192.0.2.2"]
         assert not any(task.done() for task in forty)
         read.set()

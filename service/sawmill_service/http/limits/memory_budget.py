@@ -11,8 +11,8 @@ from starlette.requests import ClientDisconnect
 
 # Largest number of answers that are drawn at once, each in a thread: the API has 40 threads.
 _MOST_DRAWN = 32
-# Memory of drawing besides the values: fonts, and what is computed for a stripe of an image.
-_LEAST_BYTES = 12 * 2**20
+# Memory of drawing besides the values: the page of a side view, and what is computed for a stripe of an image.
+_LEAST_BYTES = 16 * 2**20
 # Options of glibc's mallopt (malloc.h). Larger blocks than the threshold go back to the system when they are freed.
 _MALLOC_OPTIONS = {"M_ARENA_MAX": (-8, 2), "M_MMAP_THRESHOLD": (-3, 2**20)}
 
