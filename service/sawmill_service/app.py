@@ -19,6 +19,7 @@ from sawmill_service.http.bodies.slow_bodies import SlowBodies
 from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
 from sawmill_service.http.limits.admission import Admission
+from sawmill_service.http.limits.memory_budget import MemoryBudget
 from sawmill_service.http.limits.rates import FailedLogins, Rates
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.observer import Observer
@@ -26,7 +27,6 @@ from sawmill_service.http.problems import install
 from sawmill_service.http.queries import check_query
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.request_ids import RequestIds
-from sawmill_service.http.responses.arrays import HeldBytes
 from sawmill_service.http.responses.digests import Digests
 from sawmill_service.http.responses.head_requests import Heads
 from sawmill_service.http.responses.waiting import JobEnds
@@ -155,7 +155,7 @@ def create_app(
     app.state.stopping = Stopping()
     app.state.digests = Digests()
     app.state.transfers = Transfers()
-    app.state.held_arrays = HeldBytes()
+    app.state.memory_budget = MemoryBudget(settings.drawing_memory_bytes)
     app.state.stream_times = StreamTimes()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     app.state.job_ends = JobEnds(app.state.event_feed, app.state.stopping, settings.event_poll_s)

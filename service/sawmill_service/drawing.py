@@ -33,6 +33,9 @@ _DRAWING = threading.Lock()
 # Thumbnails need no matplotlib, and do not wait for a report.
 _SMALL = threading.Lock()
 THUMBNAIL = "thumbnail.png"
+# Peaks of the memory of drawing, all copies included (tests/service/test_memory_budget.py): for each value that is
+# read, or pixel of a mosaic's tiles, and for a picture of matplotlib.
+BYTES_PER_VALUE, FIGURE_BYTES = 15, 64 * 2**20
 
 
 class CalibrationPicture(StrEnum):

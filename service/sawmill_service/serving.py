@@ -22,6 +22,7 @@ from sawmill_platform.workers.supervise import WorkerSupervisor
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.http.bodies.unread_bodies import UnreadBodies
+from sawmill_service.http.limits.memory_budget import return_freed_memory
 from sawmill_service.http.limits.open_files import connections_of, log_refused_accepts_rarely
 from sawmill_service.http.listening import ListenError, is_loopback, listen
 from sawmill_service.service_manager import ServiceManager
@@ -80,6 +81,7 @@ def serve_until_stopped(
     """
     configure_logs(execution.log_format)
     log_refused_accepts_rarely()
+    return_freed_memory()
     for number in _SIGNALS:
         signal.signal(number, _end_start)
     with ExitStack() as stack:

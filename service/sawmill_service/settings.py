@@ -112,7 +112,9 @@ class UploadSettings(BaseSettings):
     max_all_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         64 * GIB, description="Declared bytes of all keys' uploads in parts that are not used yet."
     )
-    client_silence_s: Annotated[float, Field(gt=0)] = Field(60.0, description="Longest pause within a body.")
+    client_silence_s: Annotated[float, Field(gt=0)] = Field(
+        60.0, description="Longest pause within a body, and of a client that takes nothing of a picture or an array."
+    )
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
         1000.0, description="Smallest mean rate of a body after `body_grace_s`."
     )
@@ -139,7 +141,15 @@ class ClientSettings(BaseSettings):
         description="Requests with a body of one key or address at once; each holds no thread until its body has come.",
     )
     max_waits_at_once: Annotated[int, Field(ge=1)] = Field(
-        256, description="Requests with `wait` of one key or address at once; each holds no thread while its job runs."
+        256,
+        description="Requests of one key or address at once that wait for a job (`wait`), or for memory "
+        "(`drawing_memory_bytes`); each holds no thread while it waits.",
+    )
+    drawing_memory_bytes: Annotated[int, Field(ge=64 * MIB)] = Field(
+        512 * MIB,
+        description="Memory of all pictures and arrays that are being made or sent, all copies included; half of it "
+        "for one key or address. Others wait. A slice of 4096 x 4096 takes up to 240 MiB, the rest of the service "
+        "200 MB: together they fit into 1 GB.",
     )
     max_streams: Annotated[int, Field(ge=1)] = Field(
         64, description="Streams of events in all; a stream of a job reads the job several times a second."

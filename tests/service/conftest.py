@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, redirect_stderr
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -226,9 +227,11 @@ class FakeWorker:
         assert claim is not None
         return claim
 
-    def finish_scan(self) -> None:
-        shape = {"views": VIEWS, "rows": ROWS, "detector": CELLS}
-        self._finish(write_scan, {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)})
+    def finish_scan(self, lines: np.ndarray | None = None) -> None:
+        lines = projections() if lines is None else lines
+        shape = dict(zip(("views", "rows", "detector"), lines.shape, strict=True))
+        result = {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)}
+        self._finish(partial(write_scan, lines=lines), result)
 
     def finish_tracing(self) -> None:
         outline = {"kind": "polygon", "vertices_mm": [[-100, -150], [100, -150], [100, 150], [-100, 150]]}
@@ -237,11 +240,14 @@ class FakeWorker:
     def finish_calibration(self, **changes: Any) -> None:
         self._finish(write_calibration, calibration_result(**changes))
 
-    def finish_reconstruction(self) -> None:
-        self._finish(write_reconstruction, reconstruction_result())
+    def finish_reconstruction(self, volume: np.ndarray | None = None) -> None:
+        volume = make_volume() if volume is None else volume
+        self._finish(partial(write_reconstruction, volume=volume), reconstruction_result(shape=volume.shape))
 
-    def finish_sparse_reconstruction(self) -> None:
-        self._finish(write_sparse_reconstruction, reconstruction_result(has_deviation=True))
+    def finish_sparse_reconstruction(self, volume: np.ndarray | None = None) -> None:
+        volume = make_volume() if volume is None else volume
+        result = reconstruction_result(has_deviation=True, shape=volume.shape)
+        self._finish(partial(write_sparse_reconstruction, volume=volume), result)
 
     def finish_drift(self, **changes: Any) -> None:
         self._finish(lambda _: None, results.drift_result(**changes))
@@ -336,11 +342,11 @@ def make_volume() -> np.ndarray:
     return np.broadcast_to(ramp, (SLICES, SIDE, SIDE)) * np.arange(1, SLICES + 1, dtype=np.float32)[:, None, None]
 
 
-def write_scan(folder: Path) -> None:
+def write_scan(folder: Path, lines: np.ndarray) -> None:
     write_scan_file(
         folder / "scan.h5",
-        line_integrals=projections(),
-        angles_rad=np.deg2rad(np.arange(VIEWS) * 30.0),
+        line_integrals=lines,
+        angles_rad=np.deg2rad(np.arange(len(lines)) * 30.0),
         detector_pitch_mm=1.5,
         row_pitch_mm=None,
         air_level=None,
@@ -372,16 +378,16 @@ def write_calibration(folder: Path) -> None:
     )
 
 
-def write_reconstruction(folder: Path) -> None:
-    with new_volume(folder) as volume_file:
-        volume_file.write(0, make_volume())
+def write_reconstruction(folder: Path, volume: np.ndarray) -> None:
+    with new_volume(folder, volume.shape) as volume_file:
+        volume_file.write(0, volume)
 
 
-def write_sparse_reconstruction(folder: Path) -> None:
+def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
     """With all that only some methods leave, and the deviations that an earlier version wrote."""
     alphas = np.geomspace(1e-3, 1e3, 31)
-    with new_volume(folder) as volume_file:
-        volume_file.write(0, make_volume())
+    with new_volume(folder, volume.shape) as volume_file:
+        volume_file.write(0, volume)
         columns = {
             "alphas": alphas,
             "residual_norms": 1.0 + alphas,
@@ -390,15 +396,15 @@ def write_sparse_reconstruction(folder: Path) -> None:
         }
         volume_file.note_alpha_curve({**columns, "alpha": np.array(1.0)})
     with h5py.File(folder / "volume.h5", "r+") as file:
-        stored = {"chunks": (1, SIDE, SIDE), **PACKED, "fletcher32": True}
-        file.create_dataset("entry/reconstruction/data_errors", data=0.1 * make_volume(), **stored)
+        stored = {"chunks": (1, *volume.shape[1:]), **PACKED, "fletcher32": True}
+        file.create_dataset("entry/reconstruction/data_errors", data=np.float32(0.1) * volume, **stored)
         file["entry/reconstruction/data_errors"].attrs["units"] = "1/mm"
 
 
-def new_volume(folder: Path) -> AbstractContextManager[NewVolume]:
+def new_volume(folder: Path, shape: tuple[int, ...] = (SLICES, SIDE, SIDE)) -> AbstractContextManager[NewVolume]:
     return new_reconstruction(
         folder / "volume.h5",
-        (SLICES, SIDE, SIDE),
+        shape,
         pixel_mm=1.25,
         row_pitch_mm=20.0,
         unit="1/mm",

@@ -12,8 +12,6 @@ from PIL import Image
 
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
-from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.arrays import HeldBytes
 from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.arrays import averaged
 from sawmill_worker.pictures.color_maps import painted
@@ -136,19 +134,6 @@ def test_a_stack_beyond_the_reach_of_a_tiff_s_offsets_is_found_by_its_descriptio
 def test_an_array_that_is_not_there_is_a_problem(seeded, path, status, code):
     answer = seeded.get(f"/v1/{path}")
     assert (answer.status_code, answer.json()["code"]) == (status, code)
-
-
-def test_what_is_held_is_given_back_when_it_is_sent(seeded):
-    held = HeldBytes(most=3 * 4096)  # three slices of 32 x 32
-    seeded.app.state.held_arrays = held
-    assert {seeded.get(f"{LOG}/slices/0.npy").status_code for _ in range(5)} == {200}
-    held.take(3 * 4096)
-    answer = seeded.get(f"{LOG}/slices/0.npy")
-    assert (answer.status_code, answer.headers["Retry-After"]) == (429, "1")
-    held.give_back(3 * 4096)
-    held.take(10**9)  # one alone may have more
-    with pytest.raises(Refused):
-        held.take(1)
 
 
 def test_a_thumbnail_is_drawn_once_and_kept(seeded, store):

@@ -13,7 +13,7 @@ from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheCalibrations, TheStore
-from sawmill_service.drawing import CalibrationPicture, calibration_picture, report_picture
+from sawmill_service.drawing import FIGURE_BYTES, CalibrationPicture, calibration_picture, report_picture
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import stored
 from sawmill_service.http.document.openapi_document import trying
@@ -21,6 +21,7 @@ from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Hdf5, Png, file
+from sawmill_service.http.responses.drawn import kept_picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import Language
 from sawmill_service.pages.frame.page_frame import formats_of
@@ -79,8 +80,8 @@ def get_report(
     The report is drawn on the first request of a language and of a next step, which takes seconds, and stored.
     """
     calibration = succeeded(store.calibrations, calibration_id, "report.png")
-    path = report_picture(store.files, calibration_id, step_with(store, calibration), formats_of(asked.language).reader)
-    return file(request, path, Png.media_type)
+    step, reader = step_with(store, calibration), formats_of(asked.language).reader
+    return kept_picture(request, FIGURE_BYTES, lambda: report_picture(store.files, calibration_id, step, reader))
 
 
 @router.get(
@@ -173,7 +174,7 @@ def _picture(
     request: Request, calibrations: TheCalibrations, calibration_id: str, picture: CalibrationPicture
 ) -> Response:
     succeeded(calibrations, calibration_id, picture)
-    return file(request, calibration_picture(calibrations.files, calibration_id, picture), Png.media_type)
+    return kept_picture(request, FIGURE_BYTES, lambda: calibration_picture(calibrations.files, calibration_id, picture))
 
 
 def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> CalibrationSucceeded:

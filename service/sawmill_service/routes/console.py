@@ -19,7 +19,8 @@ from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheFiles
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.answers import file, picture
+from sawmill_service.http.responses.answers import file
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.addresses import local_path
 from sawmill_service.pages.frame.page_frame import ThePage

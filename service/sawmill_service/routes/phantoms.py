@@ -17,7 +17,8 @@ from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
-from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept, picture
+from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 from sawmill_service.uploads import TheReception, UploadId

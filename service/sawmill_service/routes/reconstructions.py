@@ -4,6 +4,7 @@ The first picture imports the modules that draw: a service that draws none does 
 """
 # ruff: noqa: PLC0415 - for that reason
 
+import math
 from collections.abc import Sequence
 from enum import IntEnum, StrEnum
 from typing import Annotated, Self
@@ -19,14 +20,15 @@ from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import drawn_alpha_curve
+from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.answers import Hdf5, Png, file, picture
+from sawmill_service.http.responses.answers import Hdf5, Png, file
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_vocabulary import ColorMap
@@ -169,7 +171,8 @@ def get_slice(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, index, query), draw)
+    size_bytes = BYTES_PER_VALUE * math.prod(result.shape[1:])
+    return picture(request, (reconstruction_id, index, query), draw, size_bytes=size_bytes)
 
 
 @router.get(
@@ -186,6 +189,8 @@ def get_mosaic(
     reconstructions: TheReconstructions,
 ) -> Response:
     """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
+    from sawmill_worker.pictures.log_pictures import TILE_PX
+
     result = result_of(reconstructions, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
@@ -202,7 +207,10 @@ def get_mosaic(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, "mosaic", query, window), draw)
+    side = min(result.shape[1], TILE_PX)  # small slices are enlarged by whole factors
+    values = result.shape[1] ** 2 + len(indices) * (side * -(-TILE_PX // side)) ** 2
+    made_of = (reconstruction_id, "mosaic", query, window)
+    return picture(request, made_of, draw, size_bytes=BYTES_PER_VALUE * values)
 
 
 @router.get(
@@ -237,7 +245,8 @@ def get_side_view(
             color_map=query.color_map,
         )
 
-    return picture(request, (reconstruction_id, "side", query), draw)
+    size_bytes = BYTES_PER_VALUE * shape[0] * max(shape[1:])
+    return picture(request, (reconstruction_id, "side", query), draw, size_bytes=size_bytes)
 
 
 @router.get(
@@ -253,7 +262,8 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstruct
 
     result_of(reconstructions, reconstruction_id)
     columns = volume_reader.alpha_curve(reconstructions.files.volume(reconstruction_id))
-    return picture(request, (reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
+    made_of = (reconstruction_id, "alpha-curve")
+    return picture(request, made_of, lambda: drawn_alpha_curve(columns), size_bytes=FIGURE_BYTES)
 
 
 @router.get(

@@ -14,13 +14,14 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.upload_stream import Received
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake, Wake
-from sawmill_service.drawing import scan_thumbnail
+from sawmill_service.drawing import BYTES_PER_VALUE, scan_thumbnail
 from sawmill_service.finished import ready_scan
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, accept, file, picture
+from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, accept
+from sawmill_service.http.responses.drawn import kept_picture, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
@@ -175,7 +176,7 @@ def get_sinogram(
 def get_scan_thumbnail(scan_id: Identifier, request: Request, scans: TheScans) -> Response:
     """Draw the middle row's sinogram as a square of 160 pixels, for lists."""
     scan, shape = ready_scan(scans, scan_id)
-    return file(request, scan_thumbnail(scans.files, scan, shape), Png.media_type)
+    return kept_picture(request, _row_bytes(shape), lambda: scan_thumbnail(scans.files, scan, shape))
 
 
 def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
@@ -189,4 +190,9 @@ def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, r
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )
 
-    return picture(request, (scan.id, scan.sha256, row), draw)
+    return picture(request, (scan.id, scan.sha256, row), draw, size_bytes=_row_bytes(shape))
+
+
+def _row_bytes(shape: ScanShape) -> int:
+    """Return the peak of the memory in which a sinogram is drawn."""
+    return BYTES_PER_VALUE * shape.views * shape.detector

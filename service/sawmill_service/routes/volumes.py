@@ -18,13 +18,13 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import volume_thumbnail
+from sawmill_service.drawing import BYTES_PER_VALUE, volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.http.document.described_answers import NAMED, drawn, stored
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import OF_RESULT, refuses
-from sawmill_service.http.responses.answers import Jpeg, Png, file, picture, unchanging
-from sawmill_service.http.responses.arrays import Npy, Nrrd, Tiff, array, exported
+from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
+from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.reconstructions import WindowQuery, window_to_draw
 from sawmill_vocabulary import ColorMap
@@ -116,8 +116,8 @@ def get_slice_array(
         return npy(averaged(image.data, factor)), headers
 
     name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
-    size_bytes = _FLOAT32_BYTES * result.shape[1] * result.shape[2]
-    return unchanging(array(request, (reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name))
+    made_of, size_bytes = (reconstruction_id, index, factor, "npy"), _slice_bytes(result)
+    return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
 
 @router.get(
@@ -147,13 +147,19 @@ def get_slice_jpeg(
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
         return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
 
-    return unchanging(picture(request, (reconstruction_id, index, query), draw, answer=Jpeg))
+    made_of = (reconstruction_id, index, query)
+    return unchanging(picture(request, made_of, draw, size_bytes=_slice_bytes(result), answer=Jpeg))
 
 
 def _averaged_pixels(result: ReconstructionResult, query: ArrayQuery) -> int:
     """Return the side of the blocks of pixels that are averaged so that a slice fits into `max_size`."""
     side = max(result.shape[1:])
     return -(-side // (query.max_size or side))
+
+
+def _slice_bytes(result: ReconstructionResult) -> int:
+    """Return the peak of the memory in which a slice is read and made into what is sent."""
+    return BYTES_PER_VALUE * math.prod(result.shape[1:])
 
 
 @router.get(
@@ -183,8 +189,9 @@ def get_side_array(
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
-    size_bytes = _FLOAT32_BYTES * slices * max(size)
-    return unchanging(array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name))
+    size_bytes = BYTES_PER_VALUE * slices * max(size)
+    made_of = (reconstruction_id, "side", query, "npy")
+    return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
 
 @router.get(
@@ -231,15 +238,14 @@ def _export(
     volume_reader.check_volume(path, shape)
     header = header_of(volume_reader.volume_grid(path, shape), result.unit)
 
-    def pieces() -> Iterator[bytes]:
+    def pieces() -> Iterator[bytes | memoryview]:
         yield header
         for image in volume_reader.volume_slices(path, shape, range(shape[0])):
-            yield image.data.astype("<f4", copy=False).tobytes()
+            yield image.data.astype("<f4", copy=False).reshape(-1).data.cast("B")
 
     length = len(header) + _FLOAT32_BYTES * math.prod(shape)
-    largest = max(len(header), _FLOAT32_BYTES * shape[1] * shape[2])
     name = f"reconstruction-{reconstruction_id}.{suffix}"
-    return exported(request, answer, length, largest, pieces(), save_as=name)
+    return exported(request, answer, length, _slice_bytes(result) + len(header), pieces(), save_as=name)
 
 
 @router.get(
@@ -253,8 +259,9 @@ def get_reconstruction_thumbnail(
 ) -> Response:
     """Draw the middle slice, 160 pixels a side, for lists."""
     result = result_of(reconstructions, reconstruction_id)
-    drawn = volume_thumbnail(reconstructions.files, reconstruction_id, result)
-    return file(request, drawn, Png.media_type)
+    return kept_picture(
+        request, _slice_bytes(result), lambda: volume_thumbnail(reconstructions.files, reconstruction_id, result)
+    )
 
 
 @router.get("/v1/color-maps", summary="Get the colour maps")

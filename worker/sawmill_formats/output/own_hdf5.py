@@ -5,6 +5,8 @@ read: plain arrays and texts, found by hard links alone, stored in the file itse
 """
 
 import math
+import os
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,9 +16,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_formats.errors import NotAsWritten, UnreadableScan, damage_reported, quoted, regular_status
+from sawmill_formats.errors import NotAsWritten, damage_reported, quoted, regular_status
 from sawmill_formats.hdf5 import open_hdf5
-from sawmill_formats.hdf5_chunks import CHECKSUM_BYTES, Chunks
+from sawmill_formats.hdf5_chunks import CHECKSUM_BYTES
 
 PACKED = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 CHECKED = (h5py.h5z.FILTER_FLETCHER32,)
@@ -24,6 +26,7 @@ MOST_MEMBERS = 10_000
 # Bytes of a file besides its values: axes, texts, groups, and the index of its chunks.
 OTHER_BYTES = 64 * 2**20
 LONGEST_UNIT = 32
+_PIECE_BYTES = 2**18
 
 Shape = tuple[int, ...]
 Found = TypeVar("Found", h5py.Dataset, NDArray[Any])
@@ -107,29 +110,54 @@ def unit_of(dataset: h5py.Dataset) -> str:
 def read_packed(dataset: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
     """Read values first..last of the first axis of `PACKED` chunks that span the other axes.
 
-    `Chunks` unpacks the chunks: the library would unpack whatever a chunk holds, and compare its size afterwards.
+    Chunks are unpacked here, in pieces: the library would hold a chunk three times, unpack whatever it holds, and
+    compare its size afterwards.
     """
     length, *across = dataset.chunks
     if across != list(dataset.shape[1:]):
         raise NotAsWritten(f"{_name_of(dataset)} has chunks of {dataset.chunks}")
-    values, chunks = np.empty((last - first, *across), dataset.dtype), Chunks(dataset)
+    values = np.empty((last - first, *across), dataset.dtype)
     for start in range(first - first % length, last, length):
-        offset = (start, *(0 for _ in across))
-        check_chunk(dataset, offset)
-        try:
-            chunk = chunks.read(offset)
-        except UnreadableScan as error:
-            size_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
-            what = f"a chunk of {_name_of(dataset)}"
-            raise NotAsWritten(f"{what} does not hold the {size_bytes} bytes of its values") from error
         begin, end = max(start, first), min(start + length, last)
-        values[begin - first : end - first] = chunk[begin - start : end - start]
+        target = values[begin - first : end - first]
+        chunk = target if len(target) == length else np.empty((length, *across), dataset.dtype)
+        _unpack(dataset, check_chunk(dataset, (start, *(0 for _ in across))), chunk)
+        if chunk is not target:
+            target[:] = chunk[begin - start : end - start]
     return values
 
 
-def check_chunk(dataset: h5py.Dataset, offset: Shape) -> None:
-    """Refuse a chunk that is not stored, or in another number of bytes than its values take."""
-    _check_bytes(dataset, [dataset.id.get_chunk_info_by_coord(offset)])
+def _unpack(dataset: h5py.Dataset, stored: h5py.h5d.StoreInfo, chunk: NDArray[Any]) -> None:
+    """Unpack a chunk into an array; the chunk has the first bytes of all values, then the second ones, and so on."""
+    descriptor, place = dataset.file.id.get_vfd_handle(), stored.byte_offset
+    end, inflater, packed = place + stored.size - CHECKSUM_BYTES, zlib.decompressobj(), b""
+
+    def read(most: int) -> bytes:
+        """Unpack at most `most` bytes; none at the end of the chunk, or of its stream, which has a checksum."""
+        nonlocal place, packed
+        part, has_more = b"", True
+        while has_more and not (part or inflater.eof):
+            if not packed:
+                packed = os.pread(descriptor, min(_PIECE_BYTES, end - place), place)
+                place += len(packed)
+            has_more = bool(packed)
+            part, packed = inflater.decompress(packed, most), inflater.unconsumed_tail
+        return part
+
+    for values in chunk.reshape(-1).view(np.uint8).reshape(chunk.size, -1).T:
+        filled = 0
+        while filled < chunk.size and (part := read(min(_PIECE_BYTES, chunk.size - filled))):
+            values[filled : filled + len(part)] = np.frombuffer(part, np.uint8)
+            filled += len(part)
+    if filled < chunk.size or read(1) or not inflater.eof:
+        raise NotAsWritten(f"a chunk of {_name_of(dataset)} does not hold the {chunk.nbytes} bytes of its values")
+
+
+def check_chunk(dataset: h5py.Dataset, offset: Shape) -> h5py.h5d.StoreInfo:
+    """Return where a chunk is stored; refuse one that is not stored, or in another number of bytes than its values."""
+    stored = dataset.id.get_chunk_info_by_coord(offset)
+    _check_bytes(dataset, [stored])
+    return stored
 
 
 def check_chunks(dataset: h5py.Dataset) -> None:

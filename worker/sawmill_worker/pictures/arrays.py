@@ -10,7 +10,7 @@ from PIL import Image
 from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import encoded
-from sawmill_worker.pictures.windows import Window, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, by_stripes, to_unit, window_of
 
 THUMBNAIL_PX = 160
 Float32 = NDArray[np.float32]
@@ -54,7 +54,8 @@ def thumbnail_png(image: NDArray[np.floating[Any]], window: Window | None = None
 
 def small_square(image: NDArray[np.floating[Any]], side_px: int, window: Window | None = None) -> Float32:
     """Reduce an image of any shape to a square, from 0 for black to 1 for white; the window as in `thumbnail_png`."""
-    small = Image.fromarray(to_unit(image, window or window_of(image)).astype(np.float32))
+    shown = window or window_of(image)
+    small = Image.fromarray(by_stripes(image, lambda stripe: to_unit(stripe, shown).astype(np.float32)))
     return np.asarray(small.resize((side_px, side_px), Image.Resampling.BOX))
 
 

@@ -7,6 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_vocabulary import ColorMap
+from sawmill_worker.pictures.windows import Window, by_stripes, to_unit
+
+
+def shaded(values: NDArray[np.floating[Any]], window: Window, color_map: ColorMap = ColorMap.GREY) -> NDArray[np.uint8]:
+    """Convert values of a two-dimensional image to 8-bit grey or colours, as `painted` does fractions."""
+    return by_stripes(values, lambda stripe: painted(to_unit(stripe, window), color_map))
 
 
 def painted(fractions: NDArray[np.floating[Any]], color_map: ColorMap) -> NDArray[np.uint8]:

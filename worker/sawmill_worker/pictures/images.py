@@ -12,21 +12,21 @@ from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted
+from sawmill_worker.pictures.color_maps import shaded
 from sawmill_worker.pictures.pages import (
     Layout,
     draw_bottom_axis,
     draw_color_bar,
     draw_left_axis,
     draw_orientation,
+    draw_panel,
     draw_scale_bar,
     encoded,
     font_of,
     page_of,
-    panel_of,
 )
 from sawmill_worker.pictures.round_numbers import round_length
-from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, by_stripes, labelled_views, to_unit, window_of
 
 SMALLEST_SIDE_PX = 512
 # A JPEG of 512 x 512 pixels with noise takes 50 kB; a PNG takes 170 kB and 20 times as long to encode.
@@ -72,9 +72,10 @@ def image_png(
     _check_two_dimensional("image", image)
     shown = window or window_of(image)
     factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
-    panel = panel_of(image, shown, (image.shape[1] * factor, image.shape[0] * factor), color_map)
-    layout = Layout.around(panel, axis_labels=False, title=title is not None)
-    page, draw = page_of(panel, layout, title)
+    size = image.shape[1] * factor, image.shape[0] * factor
+    layout = Layout.around(size, axis_labels=False, title=title is not None)
+    page, draw = page_of(layout, title, color_map)
+    draw_panel(page, layout, image, shown, color_map)
     draw_color_bar(draw, page, layout, shown, unit, color_map)
     if pixel_mm is not None:
         draw_scale_bar(draw, layout, pixel_mm / factor)
@@ -96,7 +97,8 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
     """
     _check_two_dimensional("image", image)
     factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
-    panel = panel_of(image, window, (image.shape[1] * factor, image.shape[0] * factor))
+    size = image.shape[1] * factor, image.shape[0] * factor
+    panel = Image.fromarray(shaded(image, window)).resize(size, Image.Resampling.NEAREST)
     draw, side = ImageDraw.Draw(panel), panel.width
     length_mm = round_length(field_mm / 4)
     left, bottom, thickness = side // 25, panel.height - side // 25, max(4, side // 100)
@@ -121,7 +123,7 @@ def jpeg(image: NDArray[np.floating[Any]], window: Window, color_map: ColorMap =
     """
     _check_two_dimensional("image", image)
     stream = BytesIO()
-    Image.fromarray(painted(to_unit(image, window), color_map)).save(stream, format="JPEG", quality=JPEG_QUALITY)
+    Image.fromarray(shaded(image, window, color_map)).save(stream, format="JPEG", quality=JPEG_QUALITY)
     return stream.getvalue()
 
 
@@ -150,7 +152,7 @@ def image_png16(
     """
     _check_two_dimensional("image", image)
     shown = window or window_of(image, 0.0, 100.0)
-    grey = np.rint(to_unit(image, shown) * 65535).astype(np.uint16)
+    grey = by_stripes(image, lambda stripe: np.rint(to_unit(stripe, shown) * 65535).astype(np.uint16))
     text = PngInfo()
     for name, value in zip(("window_low", "window_high"), shown, strict=True):
         text.add_text(name, repr(float(value)))
@@ -183,9 +185,10 @@ def sinogram_png(
     if len(angles_deg) != views:
         raise ValueError(f"a sinogram of {views} views needs as many angles, not {len(angles_deg)}")
     shown = window_of(sinogram)
-    panel = panel_of(sinogram, shown, (_enlarged(cells), _enlarged(views)))
-    layout = Layout.around(panel, axis_labels=True, title=True)
-    page, draw = page_of(panel, layout, None)
+    size = _enlarged(cells), _enlarged(views)
+    layout = Layout.around(size, axis_labels=True, title=True)
+    page, draw = page_of(layout, None)
+    draw_panel(page, layout, sinogram, shown, ColorMap.GREY)
     draw_color_bar(draw, page, layout, shown, unit)
     half = cells * pitch_mm / 2
     draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted
+from sawmill_worker.pictures.color_maps import shaded
 from sawmill_worker.pictures.pages import (
     INK,
     PAPER,
@@ -20,14 +20,14 @@ from sawmill_worker.pictures.pages import (
     draw_color_bar,
     draw_left_axis,
     draw_orientation,
+    draw_panel,
     draw_scale_bar,
     encoded,
     font_of,
     page_of,
-    panel_of,
 )
 from sawmill_worker.pictures.round_numbers import ticks
-from sawmill_worker.pictures.windows import Window, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, window_of
 
 TILE_PX = 256
 # Space above each tile for its label, and between two tiles, pixels.
@@ -75,14 +75,15 @@ def mosaic_png(
     tiles, labels, size = [], [], 0
     for image, label in slices:
         size = len(image)
-        tiles.append(painted(to_unit(_tile(image), window), color_map))
+        tiles.append(shaded(_tile(image), window, color_map))
         labels.append(label)
     if not tiles:
         raise ValueError("a mosaic needs at least one slice")
     side = len(tiles[0])
     panel, corners = _laid_out([Image.fromarray(tile) for tile in tiles], side)
-    layout = Layout.around(panel, axis_labels=False, title=title is not None)
-    page, draw = page_of(panel, layout, title, framed=False)
+    layout = Layout.around(panel.size, axis_labels=False, title=title is not None)
+    page, draw = page_of(layout, title, color_map, framed=False)
+    page.paste(panel, (layout.left, layout.top))
     _draw_labels(draw, layout, labels, corners)
     draw_color_bar(draw, page, layout, window, unit, color_map)
     if pixel_mm is not None:
@@ -127,11 +128,11 @@ def side_view_png(
     if densest.ndim != 2 or 0 in densest.shape:
         raise ValueError(f"a side view is two-dimensional, not of shape {densest.shape}")
     shown = window or window_of(densest)
-    width, height = _side_view_size(densest.shape, across_mm, along_mm)
+    size = width, height = _side_view_size(densest.shape, across_mm, along_mm)
+    layout = Layout.around(size, axis_labels=True, title=True)
+    page, draw = page_of(layout, None, color_map)
     few = densest_of(densest.T, (height, width))
-    panel = panel_of(few, shown, (width, height), color_map)
-    layout = Layout.around(panel, axis_labels=True, title=True)
-    page, draw = page_of(panel, layout, None)
+    draw_panel(page, layout, few, shown, color_map)
     draw_color_bar(draw, page, layout, shown, unit, color_map)
     span = along_mm or (-0.5, len(densest) - 0.5)
     draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")

@@ -15,9 +15,9 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted
+from sawmill_worker.pictures.color_maps import painted, shaded
 from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import Window, to_unit
+from sawmill_worker.pictures.windows import Window, stripes
 
 INK = "#141414"
 PAPER = "#ffffff"
@@ -39,16 +39,16 @@ class Layout:
     font_px: int
 
     @classmethod
-    def around(cls, panel: Image.Image, *, axis_labels: bool, title: bool) -> "Layout":
+    def around(cls, panel: tuple[int, int], *, axis_labels: bool, title: bool) -> "Layout":
         """Reserve room for a colour bar on the right, a line below, and the requested labels and title."""
-        font_px = max(15, round(min(panel.size) / 34))
+        font_px = max(15, round(min(panel) / 34))
         left = round(5.2 * font_px) if axis_labels else font_px
         top = round(2.4 * font_px) if title else font_px
         return cls(
-            panel=panel.size,
+            panel=panel,
             # Wide enough for the longest unit, the unit of line integrals.
-            width=left + panel.width + round(10.4 * font_px),
-            height=top + panel.height + round(3.4 * font_px),
+            width=left + panel[0] + round(10.4 * font_px),
+            height=top + panel[1] + round(3.4 * font_px),
             left=left,
             top=top,
             font_px=font_px,
@@ -65,23 +65,27 @@ def font_of(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size_px)
 
 
-def panel_of(
-    values: NDArray[np.floating[Any]], window: Window, size: tuple[int, int], color_map: ColorMap = ColorMap.GREY
-) -> Image.Image:
-    """Draw values as pixels, enlarged to (width, height)."""
-    # Nearest neighbour: a pixel shows a computed value.
-    return Image.fromarray(painted(to_unit(values, window), color_map)).resize(size, Image.Resampling.NEAREST)
+def draw_panel(
+    page: Image.Image, layout: Layout, values: NDArray[np.floating[Any]], window: Window, color_map: ColorMap
+) -> None:
+    """Draw values as pixels, enlarged to the panel, whose height is a multiple of the number of rows."""
+    width, height = layout.panel
+    factor = height // len(values)
+    for stripe in stripes(values):
+        part = Image.fromarray(shaded(values[stripe], window, color_map))
+        # Nearest neighbour: a pixel shows a computed value.
+        enlarged = part.resize((width, part.height * factor), Image.Resampling.NEAREST)
+        page.paste(enlarged, (layout.left, layout.top + stripe.start * factor))
 
 
 def page_of(
-    panel: Image.Image, layout: Layout, title: str | None, *, framed: bool = True
+    layout: Layout, title: str | None, color_map: ColorMap = ColorMap.GREY, *, framed: bool = True
 ) -> tuple[Image.Image, Drawing]:
-    """Create a page with the panel, and with the title above the panel if there is one."""
-    page = Image.new(panel.mode, (layout.width, layout.height), PAPER)
-    page.paste(panel, (layout.left, layout.top))
+    """Create a page for the panel, with the title above the panel if there is one."""
+    page = Image.new("L" if color_map is ColorMap.GREY else "RGB", (layout.width, layout.height), PAPER)
     draw = ImageDraw.Draw(page)
     if framed:
-        _draw_frame(draw, layout.left, layout.top, panel.size)
+        _draw_frame(draw, layout.left, layout.top, layout.panel)
     if title is not None:
         draw.text((layout.left, layout.top / 2), title, fill=INK, font=layout.font, anchor="lm")
     return page, draw

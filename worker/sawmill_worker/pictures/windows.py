@@ -1,6 +1,7 @@
 """Grey windows, shared by all pictures."""
 
 import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ MOST_LABELS = 7
 # Percentiles of a log's grey window, chosen so that the ring of a dead cell does not darken the wood.
 LOG_WINDOW = (0.5, 99.5)
 NOT_FINITE = "a picture cannot show values that are not finite"
+# Values that are converted at a time: what is computed on the way takes some 10 MB.
+_STRIPE_VALUES = 2**18
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
@@ -41,6 +44,17 @@ def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.flo
     if not np.isfinite(values).all():
         raise ValueError(NOT_FINITE)
     return np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0.0, 1.0)
+
+
+def stripes(values: NDArray[Any]) -> Iterator[slice]:
+    """Yield stripes of an image's rows, to be converted one at a time: what is computed on the way takes memory."""
+    step = max(1, _STRIPE_VALUES // values.shape[1])
+    return (slice(first, first + step) for first in range(0, len(values), step))
+
+
+def by_stripes(values: NDArray[Any], convert: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    """Convert an image stripe by stripe."""
+    return np.concatenate([convert(values[stripe]) for stripe in stripes(values)])
 
 
 def labelled_views(angles_deg: NDArray[np.floating[Any]]) -> list[tuple[int, str]]:

@@ -22,6 +22,8 @@ _MOST_HEAD_BYTES = 20 * 2**10
 _SHARE_OF_DISPLAYS = 4
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
+# Ends of the paths of pictures and arrays, which wait for memory.
+_DRAWN = (".png", ".jpg", ".svg", ".npy", ".tif", ".nrrd", "/preview")
 
 
 class RequestPlaces:
@@ -49,7 +51,7 @@ class Admission:
 
     Without that, one caller could hold all threads. A request counts until its answer begins: from then on, only the
     client is waited for. A stream of events counts until its end. Requests with a body are counted apart, so that slow
-    uploads do not keep short requests out. So are requests that wait for a job, and checks of the service's health.
+    uploads do not keep short requests out. So are requests that wait for a job or for memory, and checks of health.
 
     Parameters
     ----------
@@ -127,7 +129,9 @@ def _kind(scope: Scope, headers: Headers) -> str:
 
 
 def _waits(scope: Scope) -> bool:
-    """Return whether a request asks to wait for a job; `wait=0` does not, nor does a value that is refused at once."""
+    """Return whether a request may wait for memory, or for a job; `wait=0` does not, nor does a refused value."""
+    if str(scope["path"]).endswith(_DRAWN):
+        return True
     values = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
     with suppress(ValueError):
         return any(float(seconds) > 0.0 for seconds in values)

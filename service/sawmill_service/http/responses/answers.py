@@ -1,8 +1,7 @@
-"""Answers that several routes share: accepted work, pictures and files, with 304."""
+"""Answers that several routes share: accepted work and files, with 304."""
 
-import mimetypes
 import os
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -19,7 +18,7 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.keys import sessions
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, check_conditions, spans_of
-from sawmill_service.http.responses.digests import Digests, key_of, repr_digest, tag_of
+from sawmill_service.http.responses.digests import Digests, repr_digest, tag_of
 
 
 class Png(Response):
@@ -120,37 +119,6 @@ def unchanging(answer: Response) -> Response:
     return answer
 
 
-def picture(
-    request: Request, drawn_from: Hashable, draw: Callable[[], bytes | str], *, answer: type[Response] = Png
-) -> Response:
-    """Return a picture, whole or a range of it, or 304 for a client that has the picture already.
-
-    Parameters
-    ----------
-    drawn_from
-        All values that the picture depends on.
-    draw
-        Function that draws the picture; not called if the picture is kept here, or the client is known to have it.
-    answer
-        Type of the answer.
-    """
-    digests: Digests = request.app.state.digests
-    key = key_of(request.url.path, drawn_from)
-    digest, content = digests.known(key), digests.content(key)
-    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
-        return held
-    if content is None or digest is None:
-        drawn = draw()
-        content = drawn.encode() if isinstance(drawn, str) else drawn
-        digest = digests.note(key, content)
-        if held := check_conditions(request.headers, tag_of(digest)):
-            return held
-    suffix = mimetypes.guess_extension(answer.media_type or "") or ""
-    headers = describing(digest, "inline", f"{_name_of(request).removesuffix(suffix)}{suffix}")
-    part, status, of_range = one_part(request.headers, content, headers["ETag"])
-    return answer(part, status, headers=headers | of_range)
-
-
 def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, dict[str, str]]:
     """Return one range of a content in memory, or all of it, with the status and the header of the answer."""
     spans = spans_of(headers, len(content), tag)
@@ -208,7 +176,7 @@ def file(
     except FileNotFoundError:
         raise _missing(path) from None
     disposition = "inline" if media_type.startswith("image/") else "attachment"
-    headers = _saved(disposition, save_as or _name_of(request))
+    headers = _saved(disposition, save_as or name_of(request))
     download = Download(path, media_type=media_type, stat_result=status, headers=headers)
     download.check = check
     return download
@@ -218,6 +186,6 @@ def _missing(path: Path) -> Refused:
     return Refused(404, "file-missing", f"{path.name} is not there: it was not written, or was removed")
 
 
-def _name_of(request: Request) -> str:
+def name_of(request: Request) -> str:
     """Return the name of a file without a name, from the request's path: `scans-example-sinogram.png`."""
     return request.url.path.removeprefix("/v1/").strip("/").replace("/", "-")

@@ -3,10 +3,12 @@
 import asyncio
 import time
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from starlette.types import Receive
 
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
@@ -136,6 +138,12 @@ class JobEnds:
                     ended.set_result(None)
 
 
+async def until_gone(receive: Receive) -> None:
+    """Return when the client has gone; a body is ignored."""
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
 def is_unfinished(answer: Any) -> bool:  # noqa: ANN401 - a job, or a resource that a job works on
     """Return whether a job, or the job of a scan, a phantom or another resource, has not ended."""
     return answer.state in _UNFINISHED
@@ -170,15 +178,10 @@ class WaitOption:
 
     async def read(self, read: Callable[[], Answer]) -> Answer:
         """Return an answer after the wait, with `Retry-After` if its job has not ended."""
-        answer = await self._ends.read(read, self._wait_s, self._left)
+        answer = await self._ends.read(read, self._wait_s, partial(until_gone, self._request.receive))
         if is_unfinished(answer):
             self._response.headers["Retry-After"] = str(self._retry_after_s)
         return answer
-
-    async def _left(self) -> None:
-        """Return when the client has gone; a body is ignored."""
-        while (await self._request.receive())["type"] != "http.disconnect":
-            pass
 
 
 TheWaiting = Annotated[WaitOption, Depends()]

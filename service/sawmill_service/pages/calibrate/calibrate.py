@@ -29,7 +29,7 @@ from sawmill_service.drawing import shown_log
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
-from sawmill_service.http.responses.answers import picture
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import LAST_SCANS, questions_of, usable_phantoms
 from sawmill_service.pages.calibrate.calibrate_words import changes_of, parameters_of, stages

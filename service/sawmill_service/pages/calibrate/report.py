@@ -8,7 +8,7 @@ first report: a service at rest does not hold them.
 from typing import TYPE_CHECKING, Annotated
 from zoneinfo import ZoneInfo
 
-from fastapi import Query
+from fastapi import Query, Request, Response
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import job_kinds
@@ -19,7 +19,9 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
+from sawmill_service.drawing import FIGURE_BYTES
 from sawmill_service.finished import scan_if_kept
+from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.formats import known_zone
 from sawmill_service.pages.frame.languages import Language
@@ -37,16 +39,22 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 @router.get("/calibrations/{calibration_id}/report")
 def report(
-    calibration_id: Identifier, store: TheStore, language: Annotated[Language, Query()] = Language.ENGLISH
-) -> HTMLResponse:
+    calibration_id: Identifier,
+    request: Request,
+    store: TheStore,
+    language: Annotated[Language, Query()] = Language.ENGLISH,
+) -> Response:
     """Show the report of a calibration that has an answer, in English or another language."""
     from sawmill_worker.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    html = report_html(
-        calibration, _about(store, calibration), stored_arrays(store.files, calibration_id), formats_of(language).reader
-    )
-    return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
+    about, reader = _about(store, calibration), formats_of(language).reader
+
+    def draw() -> Response:
+        html = report_html(calibration, about, stored_arrays(store.files, calibration_id), reader)
+        return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
+
+    return Drawn(request, FIGURE_BYTES, draw)
 
 
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":

@@ -20,7 +20,8 @@ from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, TheSettings
 from sawmill_service.http.problems import complaint
-from sawmill_service.http.responses.answers import Paging, Svg, file, picture
+from sawmill_service.http.responses.answers import Paging, Svg, file
+from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage

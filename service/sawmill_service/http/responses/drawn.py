@@ -1,0 +1,156 @@
+"""Pictures and arrays that are made for the request, and the memory that they take until they are sent."""
+
+import asyncio
+import mimetypes
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
+
+from fastapi import Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.requests import ClientDisconnect
+from starlette.types import Message, Receive, Scope, Send
+
+from sawmill_service.http.limits.callers import who
+from sawmill_service.http.limits.memory_budget import MemoryBudget
+from sawmill_service.http.responses.answers import Png, describing, file, name_of, one_part
+from sawmill_service.http.responses.conditional import check_conditions
+from sawmill_service.http.responses.digests import Digests, key_of, tag_of
+from sawmill_service.http.responses.waiting import until_gone
+
+# Bytes that are sent at a time; a client that takes none of them within `client_silence_s` has gone.
+_PIECE_BYTES = 64 * 1024
+
+
+class Npy(Response):
+    """An array, as NumPy stores it (`numpy.load`)."""
+
+    media_type = "application/x-npy"
+
+
+class Tiff(Response):
+    """A stack of images."""
+
+    media_type = "image/tiff"
+
+
+class Nrrd(Response):
+    """A volume with its place, as 3D Slicer reads it."""
+
+    media_type = "application/x-nrrd"
+
+
+class Drawn(Response):
+    """An answer that is made in a thread once there is memory for it; headers that are set here replace its own.
+
+    Parameters
+    ----------
+    request
+        Request that it answers.
+    size_bytes
+        Peak of the memory in which the answer is made, all copies included.
+    make
+        Function that makes the answer.
+    """
+
+    def __init__(self, request: Request, size_bytes: int, make: Callable[[], Response]) -> None:
+        self.background = None
+        self.init_headers()
+        self._budget: MemoryBudget = request.app.state.memory_budget
+        self._silence_s: float = request.app.state.settings.client_silence_s
+        self._size_bytes, self._make = size_bytes, make
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer the request."""
+        size_bytes = self._budget.least_bytes + self._size_bytes
+        async with self._budget.reserved(who(scope), size_bytes, partial(until_gone, receive)) as reservation:
+            answer = await run_in_threadpool(self._make)
+            answer.headers.update(self.headers)
+            if isinstance(answer, FileResponse):
+                self._budget.shrink(reservation, 0)
+            elif not isinstance(answer, StreamingResponse):
+                self._budget.shrink(reservation, len(answer.body))
+            await answer(scope, receive, partial(self._send_in_pieces, send))
+
+    async def _send_in_pieces(self, send: Send, message: Message) -> None:
+        body, more = message.get("body", b""), message.get("more_body", False)
+        for start in range(0, len(body) or 1, _PIECE_BYTES):
+            piece = bytes(body[start : start + _PIECE_BYTES])
+            rest = {"body": piece, "more_body": more or start + _PIECE_BYTES < len(body)} if "body" in message else {}
+            try:
+                async with asyncio.timeout(self._silence_s):
+                    await send({**message, **rest})
+            except TimeoutError:
+                raise ClientDisconnect from None
+
+
+def picture(
+    request: Request,
+    made_of: Hashable,
+    draw: Callable[[], bytes | str | tuple[bytes, Mapping[str, str]]],
+    *,
+    size_bytes: int = 0,
+    answer: type[Response] = Png,
+    save_as: str | None = None,
+) -> Response:
+    """Return a picture or an array, whole or a range of it, or 304 for a client that has it already.
+
+    Parameters
+    ----------
+    made_of
+        All values that it depends on.
+    draw
+        Function that makes it, or makes it with headers that describe it; not called if it is kept here, or the client
+        is known to have it.
+    size_bytes
+        Peak of the memory in which it is made, besides what every answer takes.
+    answer
+        Type of the answer.
+    save_as
+        Name under which a browser saves it as a file, and it is not kept here. None: a browser shows it.
+    """
+    digests: Digests = request.app.state.digests
+    key = key_of(request.url.path, made_of)
+    digest = digests.known(key)
+    if digest is not None and (unsent := check_conditions(request.headers, tag_of(digest))):
+        return unsent
+    suffix = mimetypes.guess_extension(answer.media_type or "") or ""
+    name = save_as or f"{name_of(request).removesuffix(suffix)}{suffix}"
+
+    def make() -> Response:
+        # An equal request may have drawn it while this one waited.
+        made = digests.content(key) or draw()
+        content, headers = made if isinstance(made, tuple) else (made, {})
+        content = content.encode() if isinstance(content, str) else content
+        digest = digests.note(key, content, keep=save_as is None)
+        if unsent := check_conditions(request.headers, tag_of(digest)):
+            return unsent
+        described = describing(digest, "attachment" if save_as else "inline", name)
+        part, status, of_range = one_part(request.headers, content, described["ETag"])
+        return answer(part, status, headers={**headers, **described, **of_range})
+
+    return Drawn(request, 0 if digests.content(key) else size_bytes, make)
+
+
+def kept_picture(request: Request, size_bytes: int, draw: Callable[[], Path]) -> Response:
+    """Return a picture that `draw` stores at the first request, in `size_bytes` of memory, and finds from then on."""
+    return Drawn(request, size_bytes, lambda: file(request, draw(), Png.media_type))
+
+
+def exported(
+    request: Request,
+    answer: type[Response],
+    length: int,
+    size_bytes: int,
+    pieces: Iterable[bytes | memoryview],
+    *,
+    save_as: str,
+) -> Response:
+    """Return a file of `length` bytes that is written while it is sent, in `size_bytes` of memory."""
+    headers = {
+        "Content-Disposition": f'attachment; filename="{save_as}"',
+        "Content-Length": str(length),
+        "Cache-Control": "no-store",
+    }
+    return Drawn(request, size_bytes, lambda: StreamingResponse(pieces, media_type=answer.media_type, headers=headers))
