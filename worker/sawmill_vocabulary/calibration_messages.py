@@ -11,6 +11,10 @@ _RAY_ERROR = N_(
 _UNCERTAIN_SCALE = N_(
     "Sizes are not certain enough: they may be wrong by %(percent).2g %%, and %(allowed_percent).2g %% is allowed."
 )
+_PITCH = N_(
+    "Check the distance between the detector's cells (detector_pitch_mm), its unit, and whether pixels were binned. "
+    "Then check source_to_cor_mm."
+)
 
 
 class CalibrationMessage(Message):
@@ -136,6 +140,33 @@ class CalibrationMessage(Message):
         N_("Too many detector cells are saturated: %(share_percent).0f %%, and %(allowed_percent).0f %% is allowed."),
         N_("Lower the tube's current or the exposure, take new flat fields, and repeat the scan."),
         N_("These cells have the largest value in flat fields or in air, so their line integrals are wrong."),
+    )
+    CELLS_ON_ARC = (
+        "cells-on-arc",
+        N_("The detector's cells seem to lie on an arc, or at unequal distances."),
+        N_("Look at the detector's drawing. Calibrations are made for cells at equal distances on a straight line."),
+        N_("An arc with a radius of some %(radius_mm).0f mm explains what a straight line leaves."),
+    )
+    DETECTOR_IN_LOG = (
+        "detector-in-log",
+        N_("The detector would be %(behind_mm).0f mm behind the turning axis, inside of the largest log."),
+        _PITCH,
+        N_("The largest log has a radius of %(radius_mm).0f mm."),
+    )
+    DETECTOR_FAR_AWAY = (
+        "detector-far-away",
+        N_("The detector would be %(distance_mm).0f mm from the source, and no scanner has above %(allowed_mm).0f mm."),
+        _PITCH,
+    )
+    MAGNIFICATION = (
+        "magnification-implausible",
+        N_("The magnification would be %(magnification).1f, and no scanner of logs has above %(allowed).0f."),
+        _PITCH,
+    )
+    WIDE_CELLS = (
+        "cells-implausible",
+        N_("The detector's cells would be %(pitch_mm).0f mm wide, and no scanner has above %(allowed_mm).0f mm."),
+        _PITCH,
     )
     LOG_IN_OTHER_SENSE = (
         "log-in-other-sense",

@@ -155,6 +155,10 @@ class EffectMessage(Message):
 class AdjustmentMessage(Message):
     """Faults of a scan, and what was done about them."""
 
+    STAND_INS = (
+        "stand-ins",
+        N_("%(effects)d effects from view to view were fitted, which cells at other places resemble."),
+    )
     FITTED = "fitted", N_("%(headline)s It was fitted.")
     CELLS_LEFT_OUT = "cells-left-out", N_("%(cells)d detector cells without a usable signal were left out.")
     VIEWS_LEFT_OUT = "views-left-out", N_("%(views)d corrupt views were left out.")

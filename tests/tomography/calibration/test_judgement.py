@@ -7,7 +7,7 @@ from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import FoundEffect, ResidualAnalysis
-from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
+from sawmill_tomography.calibration.judgement import Degree, Evidence, JudgementLimits, implausible, judge
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.geometry.geometry import SourceFrame
@@ -170,6 +170,25 @@ def test_more_saturated_cells_than_can_be_bridged_are_watched(verdict_of, share,
     found, reasons = verdict_of(saturated_share=share)
     assert found == verdict
     assert [reason.codes for reason in reasons] == [("cells-saturated",)] * (verdict == "watch")
+
+
+@pytest.mark.parametrize(
+    ("frame", "limits", "code"),
+    [
+        ((859.0, 1574.0), {"log_radius_mm": 250.0}, None),
+        ((600.0, 900.0), {"log_radius_mm": 310.0}, "detector-in-log"),
+        ((700.0, 700.1), {}, "detector-in-log"),
+        ((600.0, 180_000.0), {}, "detector-far-away"),
+        ((150.0, 1600.0), {}, "magnification-implausible"),
+        ((859.0, 1574.0), {"detector_pitch_mm": 25.0}, "cells-implausible"),
+    ],
+)
+def test_a_geometry_that_no_scanner_has_is_watched(frame, limits, code):
+    of_scanner = {"detector_pitch_mm": 1.5, "log_radius_mm": 100.0, **limits}
+    shown = SourceFrame(0.0, *frame, 0.0, 0.0)
+    remarks = list(implausible(shown, JudgementLimits(0.1, 0.5, 859.46, **of_scanner)))
+    expected = [] if code is None else [(Degree.WATCH, (code,))]
+    assert [(remark.degree, remark.reason.codes) for remark in remarks] == expected
 
 
 def test_saturation_is_the_first_reason_where_the_rays_fail(verdict_of):

@@ -27,7 +27,6 @@ from sawmill_tomography.phantoms.built_in import BUILT_IN
 from sawmill_tomography.sinograms.hardening import fit_hardening
 from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
 from sawmill_vocabulary import Adjustment
-from sawmill_vocabulary.scan_messages import AdjustmentMessage
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
 # The best fit that leaves more than this share of the sinogram is too far off to measure the angles of views from it.
@@ -105,10 +104,7 @@ def conclude(
         theta_twin=twin,
         findings=evidence,
         residual=joint.model.residual,
-        adjustments=(
-            *adjusted,
-            *(AdjustmentMessage.FITTED(effect.reason) for effect in analysis.effects if effect.fitted),
-        ),
+        adjustments=(*adjusted, *analysis.adjustments),
         judgement=judgement,
         beam=_beam(joint.model),
         search=basins.report,

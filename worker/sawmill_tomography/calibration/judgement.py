@@ -14,6 +14,8 @@ from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, 
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.geometry import SourceFrame
+from sawmill_tomography.geometry.log_radius import counted_radius_mm
 from sawmill_tomography.preparing.line_integrals import MOST_DEAD
 from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
@@ -31,6 +33,9 @@ MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
+# What no scanner of logs has: a larger magnification, a detector further away (mm), wider cells (mm). A wrong unit of
+# the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector wrong.
+LARGEST_MAGNIFICATION, LARGEST_SDD_MM, WIDEST_CELL_MM = 10.0, 10_000.0, 20.0
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 
@@ -69,18 +74,30 @@ class Judgement:
 
 @dataclass(frozen=True)
 class JudgementLimits:
-    """The tolerances of a calibration, the scanner's known r_S, and the largest h_S that its bounds allow, if any."""
+    """The tolerances of a calibration, what is known of the scanner, and the largest h_S that its bounds allow, if any.
+
+    `log_radius_mm` is the radius of the largest log, or the phantom's.
+    """
 
     tolerance_mm: float
     scale_percent: float
     source_to_cor_mm: float
     source_shift_mm: float = math.inf
+    detector_pitch_mm: float = 0.0
+    log_radius_mm: float = 0.0
 
     @classmethod
     def of(cls, task: CalibrationTask) -> "JudgementLimits":
         """Return the limits of a task."""
         shift_mm = math.inf if task.bounds is None else max(map(abs, task.bounds.source_shift_mm))
-        return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm, shift_mm)
+        return cls(
+            task.tolerance_mm,
+            task.scale_tolerance_percent,
+            task.scanner.source_to_cor_mm,
+            shift_mm,
+            task.scanner.detector_pitch_mm,
+            counted_radius_mm(task.log_radius_mm, task.phantom),
+        )
 
 
 @dataclass(frozen=True)
@@ -162,6 +179,25 @@ def saturation(saturated_share: float) -> Iterator[Remark]:
         yield Remark(Degree.WATCH, CalibrationMessage.SATURATED(**shares), comes_first=True)
 
 
+def implausible(frame: SourceFrame, limits: JudgementLimits) -> Iterator[Remark]:
+    """Check whether a scanner of logs can have such a geometry."""
+    behind_mm = frame.source_to_detector_mm - frame.source_distance_mm
+    if behind_mm < limits.log_radius_mm:
+        reason = CalibrationMessage.DETECTOR_IN_LOG(behind_mm=behind_mm, radius_mm=limits.log_radius_mm)
+    elif frame.source_to_detector_mm > LARGEST_SDD_MM:
+        far_mm = {"distance_mm": frame.source_to_detector_mm, "allowed_mm": LARGEST_SDD_MM}
+        reason = CalibrationMessage.DETECTOR_FAR_AWAY(**far_mm)
+    elif frame.magnification > LARGEST_MAGNIFICATION:
+        times = {"magnification": frame.magnification, "allowed": LARGEST_MAGNIFICATION}
+        reason = CalibrationMessage.MAGNIFICATION(**times)
+    elif limits.detector_pitch_mm > WIDEST_CELL_MM:
+        wide_mm = {"pitch_mm": limits.detector_pitch_mm, "allowed_mm": WIDEST_CELL_MM}
+        reason = CalibrationMessage.WIDE_CELLS(**wide_mm)
+    else:
+        return
+    yield Remark(Degree.WATCH, reason, comes_first=True)
+
+
 def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     if not evidence.fit.converged:
         yield Remark(Degree.FAIL, CalibrationMessage.NOT_CONVERGED(), CalibrationStatus.NOT_CONVERGED)
@@ -169,7 +205,7 @@ def _convergence(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
 
 def _effects(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Report effects that should not be there, effects that were found and not fitted, and a scanner that moved."""
-    if evidence.structure is not None and evidence.structure.cells:
+    if evidence.residual.cells_misplaced:
         return  # such cells resemble effects that are not there
     for effect in evidence.residual.effects:
         if effect.scanner_moved_mm > LARGEST_SCANNER_MOVE_MM:
@@ -271,6 +307,12 @@ def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Rem
         yield Remark(degree, reason, status, comes_first=bool(structure.cells))
 
 
+def _arc(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
+    radius_mm = evidence.residual.arc_radius_mm
+    if radius_mm is not None:
+        yield Remark(Degree.WATCH, CalibrationMessage.CELLS_ON_ARC(radius_mm=radius_mm), comes_first=True)
+
+
 def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Check the scanner's bounds of theta; a phantom smaller than its drawing shows as a source shift beyond them."""
     if evidence.theta_in_bounds:
@@ -309,6 +351,7 @@ def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
 # The order of the statuses, the worst first.
 KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     lambda evidence, _: saturation(evidence.saturated_share),
+    lambda evidence, limits: implausible(evidence.fit.frame, limits),
     _convergence,
     _effects,
     _second_witness,
@@ -317,6 +360,7 @@ KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _held_distance,
     _precision,
     _structured_residual,
+    _arc,
     _bounds,
     _source_shift,
     _scale,

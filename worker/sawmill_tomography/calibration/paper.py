@@ -19,7 +19,16 @@ from sawmill_tomography.calibration.alternatives import Alternatives, Hypothesis
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
-from sawmill_tomography.calibration.judgement import Degree, Findings, Judgement, Remark, combined, saturation
+from sawmill_tomography.calibration.judgement import (
+    Degree,
+    Findings,
+    Judgement,
+    JudgementLimits,
+    Remark,
+    combined,
+    implausible,
+    saturation,
+)
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
 from sawmill_tomography.calibration.refusals import NOT_FOUND
 from sawmill_tomography.calibration.scale import scale_uncertainty
@@ -30,6 +39,7 @@ from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     FloatArray,
     GeometryError,
+    SourceFrame,
     Theta,
     ThetaBounds,
     bounds_array,
@@ -254,15 +264,16 @@ def _answer(
         ),
         residual=residual,
         adjustments=(),
-        judgement=_judgement(task, hypotheses[0].relative_residual),
+        judgement=_judgement(task, frame, hypotheses[0].relative_residual),
         search=search,
         timing=StageSeconds(ended - started, searched - started, 0.0, 0.0),
     )
 
 
-def _judgement(task: CalibrationTask, unexplained: float) -> Judgement:
+def _judgement(task: CalibrationTask, frame: SourceFrame, unexplained: float) -> Judgement:
     remarks = [
         *saturation(task.saturated_share),
+        *implausible(frame, JudgementLimits.of(task)),
         Remark(Degree.WATCH, CalibrationMessage.WITHOUT_ERROR_BARS(), CalibrationStatus.WITHOUT_ERROR_BARS),
     ]
     if unexplained >= NOT_FOUND:

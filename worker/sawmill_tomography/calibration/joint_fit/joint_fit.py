@@ -45,6 +45,8 @@ class JointFit:
         Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
     hidden_motions : HiddenMotions or None
         Motions that the scan may hide.
+    arc_radius_mm : float or None
+        Radius of the arc on which the detector's cells seem to lie, to first order; None: they lie on a line.
     """
 
     model: ScanModel
@@ -60,6 +62,7 @@ class JointFit:
     variation: Variation | None
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
     hidden_motions: HiddenMotions | None
+    arc_radius_mm: float | None
     converged: bool
     rounds: int
 

@@ -11,12 +11,16 @@ from sawmill_tomography.calibration.faults.structure import Structure, find_stru
 from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason
-from sawmill_vocabulary.scan_messages import EffectMessage
+from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
+
+# Effects that are fitted where cells are elsewhere than the model has them.
+FROM_VIEW_TO_VIEW = MOTIONS | {Adjustment.ANGLE_JITTER}
 
 
 @dataclass(frozen=True)
@@ -56,10 +60,27 @@ class ResidualAnalysis:
         Effects in the order in which they were found.
     structure : Structure or None
         Structure that is left in the residual; None where the residual is white noise.
+    arc_radius_mm : float or None
+        Radius of the arc on which the detector's cells seem to lie; None: they lie on a line.
     """
 
     effects: tuple[FoundEffect, ...] = ()
     structure: Structure | None = None
+    arc_radius_mm: float | None = None
+
+    @property
+    def cells_misplaced(self) -> bool:
+        """True if cells are elsewhere than the model has them: motions that are fitted in place of that are none."""
+        return self.arc_radius_mm is not None or (self.structure is not None and bool(self.structure.cells))
+
+    @property
+    def adjustments(self) -> tuple[Reason, ...]:
+        """Sentences on the effects that were fitted."""
+        fitted = [effect for effect in self.effects if effect.fitted]
+        named = [each for each in fitted if not (self.cells_misplaced and each.adjustment in FROM_VIEW_TO_VIEW)]
+        stand_ins = len(fitted) - len(named)
+        of_cells = (AdjustmentMessage.STAND_INS(effects=stand_ins),) if stand_ins else ()
+        return (*of_cells, *(AdjustmentMessage.FITTED(each.reason) for each in named))
 
     @property
     def phantom_moved(self) -> bool:
@@ -72,11 +93,11 @@ def analyse_residual(
 ) -> ResidualAnalysis:
     """Describe the effects in the scan, and the structure that the joint fit leaves."""
     effects = (*_fitted(joint, scanner, radius_mm), *_not_fitted(joint, scanner, radius_mm))
-    if not statistics.structured:
-        return ResidualAnalysis(effects)
-    model = joint.model
-    used = 1.0 if model.data.weights is None else model.data.weights > 0.0
-    return ResidualAnalysis(effects, find_structure(model.residual * used, model.prediction))
+    model, structure = joint.model, None
+    if statistics.structured:
+        used = 1.0 if model.data.weights is None else model.data.weights > 0.0
+        structure = find_structure(model.residual * used, model.prediction)
+    return ResidualAnalysis(effects, structure, joint.arc_radius_mm)
 
 
 def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
