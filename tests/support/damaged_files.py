@@ -17,6 +17,15 @@ def written_by_its_job(store: Store, path: Path) -> None:
     store.jobs.note_digest_of_result(path, compute_digest(path).sha256)
 
 
+def endless(path: Path) -> None:
+    """Write a file with a text whose place in the heap has a size that the library's reader never gets beyond."""
+    with h5py.File(path, "w") as file:
+        file["texts"] = np.array(["alpha", "beta"], h5py.string_dtype())
+    content = bytearray(path.read_bytes())
+    content[content.index(b"GCOL") + 24] = 255
+    path.write_bytes(content)
+
+
 def in_place_of(change: Callable[[h5py.File, str, tuple[int, ...], Path], None]) -> Callable[[Path, str], None]:
     """Take the values away from a file, and put something else there."""
 

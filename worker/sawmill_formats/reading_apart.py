@@ -18,7 +18,9 @@ from sawmill_platform.files.verified_results import FileIdentity, identity_of
 WALK = (*PROGRAM, "sawmill_formats.hdf5_walk")
 
 
-def read_apart(path: Path, *, follow_links: bool = False, limit_s: float | None = None) -> None:
+def read_apart(
+    path: Path, *, follow_links: bool = False, limit_s: float | None = None, walk: tuple[str, ...] = WALK
+) -> None:
     """Read the structure of an HDF5 file in a process of its own; a file that does not change is read once.
 
     Parameters
@@ -27,6 +29,8 @@ def read_apart(path: Path, *, follow_links: bool = False, limit_s: float | None 
         Whether the file may lead into other files.
     limit_s
         Seconds that reading may take; null: by the file's size.
+    walk
+        Command of the other process, without the path.
 
     Raises
     ------
@@ -35,13 +39,19 @@ def read_apart(path: Path, *, follow_links: bool = False, limit_s: float | None 
     FileNotFoundError
         There is no file.
     """
-    _read_apart(path.absolute(), identity_of(path.stat()), follow_links, limit_s)
+    _read_apart(path.absolute(), identity_of(path.stat()), follow_links, limit_s, walk)
 
 
 @lru_cache(maxsize=1024)
-def _read_apart(path: Path, identity: FileIdentity, follow_links: bool, limit_s: float | None) -> None:  # noqa: FBT001
+def _read_apart(
+    path: Path,
+    identity: FileIdentity,
+    follow_links: bool,  # noqa: FBT001 - a key of the cache
+    limit_s: float | None,
+    walk: tuple[str, ...],
+) -> None:
     limit_s = limit_s or reading_limit_s(identity[2])
-    command = [*WALK, str(path), *(["follow-links"] if follow_links else [])]
+    command = [*walk, str(path), *(["follow-links"] if follow_links else [])]
     try:
         done = subprocess.run(  # noqa: S603 - our own command
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, timeout=limit_s, check=False

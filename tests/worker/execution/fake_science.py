@@ -266,6 +266,13 @@ def hang(_: Attempt) -> dict[str, Any]:
     return {}
 
 
+def loop(_: Attempt) -> dict[str, Any]:
+    """As a library does on a damaged file: with a core, and deaf to SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    while True:
+        pass
+
+
 def hang_once(attempt: Attempt) -> dict[str, Any]:
     """In the middle of its first attempt."""
     if attempt.job.attempt == 1:
@@ -377,6 +384,7 @@ BEHAVIOURS = {
         eat_memory,
         talk,
         hang,
+        loop,
         hang_once,
         repeat,
         freeze,

@@ -18,6 +18,7 @@ from sawmill_platform.attempts.process import (
     AttemptProcess,
     AttemptStarter,
     AttemptTalksNonsense,
+    processor_s_of,
 )
 from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
 from sawmill_platform.confinement.overuse import overuse
@@ -263,7 +264,6 @@ class _Supervision:
         self._process = process
         self._take_ready = take_ready
         self._progress: Progress | None = None
-        self._patience = Patience(claim.job.kind, settings)
         self._last_beat = time.monotonic()
         self._missed = ""
         self._give_back_at: float | None = None
@@ -315,13 +315,16 @@ class _Supervision:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error, self._claim.job.kind))
         self._input = self._given.file
+        reads_upload = declaration_of(self._claim.job.kind).upload is not None
         if self._input is not None:
             self._store.files.check_file(self._input)
-            if declaration_of(self._claim.job.kind).upload is None:
+            if not reads_upload:
                 try:
                     self._while_leased("verifying a file", partial(self._store.files.verified.digest, self._input))
                 except DamagedResult as error:
                     return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
+        upload_bytes = self._input.stat().st_size if reads_upload and self._input is not None else None
+        self._patience = Patience(self._claim.job.kind, self._settings, upload_bytes=upload_bytes)
         self._process.assign(Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=output))
         return None
 
@@ -423,7 +426,9 @@ class _Supervision:
                 own_limit = failure.code in LIMITS_MET
                 return Failed(failure=failure if own_limit else self._outage() or failure)
             looking = self._time_to_look()
-            beyond = (self._overuse(output) if looking else None) or self._patience.end()
+            beyond = (self._overuse(output) if looking else None) or self._patience.end(
+                processor_s_of(self._process.process_id)
+            )
             if beyond is not None:
                 structlog.get_logger().warning("attempt-ended-by-limit", reason=beyond.detail)
                 self._process.end(self._settings.kill_grace_s)
