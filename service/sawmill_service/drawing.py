@@ -18,6 +18,7 @@ from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
+from sawmill_platform.errors import NotFound
 from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
 from sawmill_store.mill_files import MillFiles
@@ -115,8 +116,11 @@ def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
     from sawmill_formats.output.calibration_file import read_arrays
     from sawmill_vocabulary.calibration_arrays import log_before_with
 
-    path = files.results(job_kinds.CALIBRATE, calibration_id) / "result.h5"
-    arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
+    try:
+        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    except NotFound:
+        return None
+    arrays = read_arrays(path, "log_row", "log_before", "log_before_with")
     if "log_row" not in arrays:
         return None
     with damage_reported(path.name):

@@ -1,6 +1,6 @@
 """A kind of job that adds numbers, on the platform alone: `dummy_kind.py FOLDER`; as an attempt it has no argument."""
 
-# ruff: noqa: ARG002, T201 - a program, whose methods are those of a protocol
+# ruff: noqa: ARG001, ARG002, T201 - a program, whose methods are those of a protocol
 import json
 import sys
 import threading
@@ -93,8 +93,11 @@ class Sums:
     def record_end_without_result(self, session, kind, subject_id, reason, now):
         session.get(SumRow, subject_id).reason = reason
 
-    def check_output(self, kind, given, result, folder):
+    def output_file(self, kind, folder):
         assert not list(folder.iterdir())
+
+    def read_apart(self, path):
+        raise AssertionError("no job leaves a file")
 
 
 def warm_up():
@@ -111,6 +114,10 @@ def needs_of(_):
 
 def make_ready(_):
     """Nothing is compiled."""
+
+
+def check(attempt, answer):
+    raise AssertionError("no job leaves a file")
 
 
 def run(attempt):

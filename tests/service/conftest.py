@@ -39,6 +39,7 @@ from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.verified_results import compute_digest
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
@@ -262,7 +263,9 @@ class FakeWorker:
         claim = self.claim()
         output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
         write(output)
-        self.store.jobs.succeed(claim, results.answer_of(claim.job.kind, result), output)
+        file = self.store.jobs.check_output(claim.job.kind, result, output).file
+        sha256 = None if file is None else compute_digest(file).sha256
+        self.store.jobs.succeed(claim, results.answer_of(claim.job.kind, result), output, sha256=sha256)
 
 
 def seed(store: Store, worker: FakeWorker) -> None:

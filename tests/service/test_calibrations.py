@@ -4,6 +4,7 @@ import io
 import h5py
 import httpx
 import pytest
+from damaged_files import written_by_its_job
 from PIL import Image
 
 from sawmill_contracts import job_kinds
@@ -45,8 +46,9 @@ def test_the_files_are_what_the_job_wrote(seeded, tmp_path):
 class WatchedFiles(MillFiles):
     """A data folder that counts how often something is made for it, and tells of it before that is kept."""
 
-    def __init__(self, folder):
-        super().__init__(folder)
+    def __init__(self, files):
+        super().__init__(files.folder)
+        self.verified = files.verified
         self.made, self.before_keeping = [], lambda: None
 
     def kept(self, kind, subject_id, name, make, **options):
@@ -62,7 +64,7 @@ class WatchedFiles(MillFiles):
 @pytest.fixture
 def drawn(store):
     """The pictures that were drawn."""
-    store.calibrations.files = store.files = WatchedFiles(store.files.folder)
+    store.calibrations.files = store.files = WatchedFiles(store.files)
     return store.files.made
 
 
@@ -182,5 +184,6 @@ def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, wo
     worker.finish_calibration()
     with h5py.File(store.files.result(job_kinds.CALIBRATE, identifier, "result.h5"), "r+") as file:
         del file["entry/arrays/log_before"]
+    written_by_its_job(store, store.files.unverified(job_kinds.CALIBRATE, identifier, "result.h5"))
     refused = seeded.get(f"/v1/calibrations/{identifier}/log-before.png")
     assert (refused.status_code, refused.json()["code"]) == (404, "no-log")

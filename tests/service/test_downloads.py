@@ -12,13 +12,13 @@ import pytest
 from documented import check_documented
 
 from sawmill_contracts import job_kinds
-from sawmill_platform.files.digests import compute_digest, note_digest
+from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_service.app import create_app
 from sawmill_service.http.responses.digests import Digests
 from sawmill_service.settings import ServiceSettings
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
-VOLUME = f"{LOG}/volume.h5"
+VOLUME, VOLUME_PATH = f"{LOG}/volume.h5", "reconstructions/example/volume.h5"
 UNCHANGING = "private, max-age=43200, immutable"
 FILES = {
     f"{LOG}/slices/1.png": "inline",
@@ -92,78 +92,23 @@ def test_the_audit_is_sent_again_when_there_is_a_new_entry(seeded):
 def test_a_picture_is_drawn_once_for_head_and_get(seeded, store):
     path = f"{LOG}/slices/2.png"
     head = seeded.request("HEAD", path)
-    store.files.volume("example").write_bytes(b"of which nothing can be drawn")
+    (store.files.folder / VOLUME_PATH).write_bytes(b"of which nothing can be drawn")
     assert seeded.get(path).headers["ETag"] == head.headers["ETag"]
 
 
-def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(seeded, store):
-    seeded.app.state.digests = Digests(noted_from_bytes=1)
-    first = seeded.get(VOLUME).headers["ETag"]
-    path = store.files.volume("example")
-    note = path.with_name(f".{path.name}.sha256")
-    written = note.read_text()
-    assert written.startswith(first.strip('"'))
-    os.utime(path, ns=(0, 0))  # as of a file that was put back from a backup
-    assert seeded.get(VOLUME).headers["ETag"] == first
-    assert note.read_text() != written
-    with path.open("ab") as file:
-        file.write(b"x")
-    assert seeded.get(VOLUME).json()["code"] == "result-damaged"
+class SlowResults(VerifiedResults):
+    """Verifies volumes when it is let go on."""
 
-
-def note(path):
-    """Note a file's digest as a worker notes that of a large one."""
-    note_digest(path, path.stat(), compute_digest(path, path.stat()))
-
-
-def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store):
-    class NeverComputed(Digests):
-        def compute(self, path, _):
-            pytest.fail(f"{path} was read")
-
-    path = store.files.volume("example")
-    note(path)
-    seeded.app.state.digests = NeverComputed()
-    assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(path.read_bytes()).hexdigest()}"'
-
-
-GARBLED = {
-    "no text": b"\xff\xfe",
-    "no hex": b"x" * 64 + b" %s",
-    "too short": b"ab %s",
-    "too long": b"ab" * 33 + b" %s",
-    "no stamp": b"ab" * 32,
-    "nothing": b"",
-}
-
-
-@pytest.mark.parametrize("garbled", GARBLED)
-def test_a_note_that_is_none_is_written_anew(seeded, store, garbled):
-    seeded.app.state.digests = Digests(noted_from_bytes=1)
-    path = store.files.volume("example")
-    status = path.stat()
-    note = path.with_name(f".{path.name}.sha256")
-    stamp = b"%d %d" % (status.st_size, status.st_mtime_ns)
-    note.write_bytes(GARBLED[garbled].replace(b"%s", stamp))
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    answer = seeded.get(VOLUME)
-    assert (answer.status_code, answer.headers["ETag"]) == (200, f'"{digest}"')
-    assert note.read_text() == f"{digest} {stamp.decode()}"
-
-
-class SlowDigests(Digests):
-    """Computes the digests of volumes when it is let go on; every file is large."""
-
-    def __init__(self, **bounds):
-        super().__init__(noted_from_bytes=1, **bounds)
+    def __init__(self, store):
+        super().__init__(store.jobs.digest_of_result, pytest.fail, pytest.fail)
         self.begun, self.go_on, self.computed = Event(), Event(), []
 
-    def compute(self, path, status):
-        if path.name == "volume.h5":
+    def digest(self, path):
+        if path.name == "volume.h5" and path not in self.computed:
             self.computed.append(path)
             self.begun.set()
             assert self.go_on.wait(60)
-        return super().compute(path, status)
+        return super().digest(path)
 
 
 def asynchronous(app):
@@ -172,17 +117,21 @@ def asynchronous(app):
 
 
 @pytest.mark.usefixtures("seeded")
-def test_a_digest_that_is_noted_waits_for_none_that_is_computed_and_large_files_take_turns(store):
-    note(noted := store.files.folder / "calibrations/example/result.h5")
+def test_large_files_take_turns_and_small_ones_do_not_wait_for_them(store):
     app = create_app(ServiceSettings(), store, print)
-    app.state.digests = slow = SlowDigests(read_at_once=1)
+    small, large = (store.files.folder / name for name in ("calibrations/example/result.h5", VOLUME_PATH))
+    app.state.digests = Digests(read_at_once=1, large_from_bytes=small.stat().st_size + 1)
+    os.truncate(large, 2 * small.stat().st_size)
+    scan = store.files.folder / "scans/example/thumbnail.png"
+    scan.write_bytes(bytes(2 * small.stat().st_size))
+    store.files.verified = slow = SlowResults(store)
 
     async def story():
         async with asynchronous(app) as client:
             asked = asyncio.create_task(client.get(VOLUME))
             try:
                 assert await asyncio.to_thread(slow.begun.wait, 30)
-                next_one = asyncio.create_task(client.get(f"{LOG}/thumbnail.png"))
+                next_one = asyncio.create_task(client.get("/v1/scans/example/thumbnail.png"))
                 async with asyncio.timeout(60):
                     answer = await client.get(f"{FOUND}/result.h5")
                 await asyncio.sleep(0.2)
@@ -190,18 +139,18 @@ def test_a_digest_that_is_noted_waits_for_none_that_is_computed_and_large_files_
                 return answer
             finally:
                 slow.go_on.set()
-                await asked
+                assert (await asked).json()["code"] == "result-damaged"
                 assert (await next_one).status_code == 200
 
     answer = asyncio.run(story())
-    assert answer.headers["ETag"] == f'"{hashlib.sha256(noted.read_bytes()).hexdigest()}"'
+    assert answer.headers["ETag"] == f'"{hashlib.sha256(small.read_bytes()).hexdigest()}"'
 
 
 @pytest.mark.usefixtures("seeded")
 def test_many_that_wait_for_a_digest_hold_no_thread(store):
     """More than the service has threads; two that are gone meanwhile take nothing from the others."""
     app = create_app(ServiceSettings(max_requests_at_once=1000), store, print)
-    app.state.digests = slow = SlowDigests()
+    store.files.verified = slow = SlowResults(store)
 
     async def story():
         async with asynchronous(app) as client:
@@ -209,7 +158,7 @@ def test_many_that_wait_for_a_digest_hold_no_thread(store):
             assert await asyncio.to_thread(slow.begun.wait, 30)
             for given_up in asked[:2]:
                 given_up.cancel()
-            others = ["/v1/scanners", f"{FOUND}/result.h5", f"{LOG}/thumbnail.png"]
+            others = ["/v1/scanners", f"{FOUND}/result.h5", "/v1/scans/example/thumbnail.png"]
             async with asyncio.timeout(60):
                 assert [(await client.get(other)).status_code for other in others] == [200] * 3
             assert not any(each.done() for each in asked[2:])
@@ -222,13 +171,14 @@ def test_many_that_wait_for_a_digest_hold_no_thread(store):
     assert len(slow.computed) == 1
 
 
-def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded):
-    class GoneMeanwhile(Digests):
-        def compute(self, path, status):
+def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded, store):
+    class GoneMeanwhile(SlowResults):
+        def digest(self, path):
             path.unlink()
-            return super().compute(path, status)
+            return super().digest(path)
 
-    seeded.app.state.digests = GoneMeanwhile()
+    store.files.verified = slow = GoneMeanwhile(store)
+    slow.go_on.set()
     answer = seeded.get(VOLUME)
     assert (answer.status_code, answer.json()["code"]) == (404, "file-missing")
 

@@ -11,7 +11,6 @@ from pydantic import SecretStr
 
 from sawmill_contracts.failure_codes import CODES
 from sawmill_contracts.scans import ScanState
-from sawmill_formats.errors import DamagedResult
 from sawmill_platform import errors
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_service.access import LOGIN
@@ -80,7 +79,7 @@ def literals(node: ast.expr) -> list[str] | None:
 
 
 def answered_codes() -> set[str]:
-    own = {getattr(errors, name).code for name in OWN_CODES} | {DamagedResult("volume.h5", "").code}
+    own = {getattr(errors, name).code for name in OWN_CODES} | {errors.DamagedResult.code}
     found = own | set(assigned_codes())
     for name, call in calls():
         at, shape = CODES_AT.get(name, (99, ""))

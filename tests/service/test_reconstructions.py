@@ -3,6 +3,7 @@ import io
 import h5py
 import numpy as np
 import pytest
+from damaged_files import written_by_its_job
 from PIL import Image
 
 from sawmill_contracts.reconstructions import ReconstructionAsked
@@ -209,6 +210,7 @@ def test_pictures_that_the_client_holds_are_not_drawn(seeded):
 def test_a_volume_without_side_views_reports_what_to_do(seeded, store):
     with h5py.File(store.files.volume("example"), "r+") as file:
         del file["entry/side_view"]
+    written_by_its_job(store, store.files.folder / "reconstructions/example/volume.h5")
     answer = seeded.get("/v1/reconstructions/example/side.png")
     assert (answer.status_code, answer.json()["code"]) == (409, "no-side-view")
     assert "reconstruct the scan again" in answer.json()["detail"]

@@ -139,9 +139,8 @@ def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
     scan = upload(store)
     held = claim(store)
     output = store.files.make_attempt_folder(held.job_id, held.attempt)
-    given = store.jobs.handed_over(held.job_id)
     with pytest.raises(ValidationError):
-        store.jobs.check_output(job_kinds.INGEST, given, READING | {"surprise": 1}, output)
+        store.jobs.check_output(job_kinds.INGEST, READING | {"surprise": 1}, output)
     assert store.scans.get(scan.id).state is ScanState.INGESTING
     assert store.jobs.get(held.job_id).state is JobState.RUNNING
 

@@ -8,6 +8,22 @@ import h5py
 import numpy as np
 
 from sawmill_formats.nexus import PACKED
+from sawmill_platform.files.verified_results import compute_digest
+from sawmill_store.store import Store
+
+
+def written_by_its_job(store: Store, path: Path) -> None:
+    """Give the row of a result the digest of the file as a test has changed it."""
+    store.jobs.note_digest_of_result(path, compute_digest(path).sha256)
+
+
+def endless(path: Path) -> None:
+    """Write a file with a text whose place in the heap has a size that the library's reader never gets beyond."""
+    with h5py.File(path, "w") as file:
+        file["texts"] = np.array(["alpha", "beta"], h5py.string_dtype())
+    content = bytearray(path.read_bytes())
+    content[content.index(b"GCOL") + 24] = 255
+    path.write_bytes(content)
 
 
 def in_place_of(change: Callable[[h5py.File, str, tuple[int, ...], Path], None]) -> Callable[[Path, str], None]:

@@ -4,11 +4,9 @@ FileError
   UnreadableScan  a file that cannot be used
   OutOfRange      an index that a file of ours does not have
   NotStored       a part that a file of ours does not hold
-  DamagedResult   a file of ours that is not as it was written
 """
 
 import errno
-import os
 import re
 import stat
 import struct
@@ -16,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.whole_files import DISK_AWAY, DISK_FULL
 
 LONGEST_QUOTE = 200
@@ -64,16 +63,6 @@ class NotStored(FileError):  # noqa: N818
     """A part that a file of ours may hold and this file does not."""
 
 
-class DamagedResult(FileError):  # noqa: N818
-    """A file of ours that is damaged, or another one than the job wrote; `reason` says what is wrong with it."""
-
-    def __init__(self, name: str, reason: str) -> None:
-        sentence = f"{name} is damaged, or is another file than the job wrote ({reason})"
-        remedy = "restore it from a backup, or ask for it again"
-        super().__init__(code="result-damaged", message=f"{sentence}: {remedy}")
-        self.reason = reason
-
-
 class NotAsWritten(ValueError):  # noqa: N818
     """A fault in a file of ours; `damage_reported` makes a sentence of it."""
 
@@ -116,7 +105,7 @@ def damage_reported(name: str) -> Iterator[None]:
         yield
     except (NotAsWritten, UnreadableScan) as error:
         raise DamagedResult(name, str(error)) from error
-    except (FileError, MemoryError):
+    except (DamagedResult, FileError, MemoryError):
         raise
     except Exception as error:
         if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
@@ -150,19 +139,3 @@ def check_regular(path: Path) -> None:
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")
-
-
-def regular_status(path: Path) -> os.stat_result:
-    """Return the status of a result's file.
-
-    Raises
-    ------
-    DamagedResult
-        It is a link, a pipe, a device or a folder.
-    FileNotFoundError
-        There is no file.
-    """
-    status = path.lstat()
-    if not stat.S_ISREG(status.st_mode):
-        raise DamagedResult(path.name, "it is a link, a pipe, a device or a folder")
-    return status

@@ -9,6 +9,7 @@ StorageError
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
 ├── InvalidOutput       other files than the kind of job leaves
+├── DamagedResult       a stored result that is not as its job wrote it
 ├── BackupRefused       no backup or restore is possible now
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
@@ -89,6 +90,17 @@ class InvalidOutput(StorageError):  # noqa: N818
     """An attempt left other files than jobs of the kind leave: nothing is published."""
 
     code = "invalid-result"
+
+
+class DamagedResult(StorageError):  # noqa: N818
+    """A file of ours that is damaged, or another one than the job wrote; `reason` says what is wrong with it."""
+
+    code = "result-damaged"
+
+    def __init__(self, name: str, reason: str) -> None:
+        sentence = f"{name} is damaged, or is another file than the job wrote ({reason})"
+        super().__init__(f"{sentence}: restore it from a backup, or ask for it again")
+        self.reason = reason
 
 
 class BackupRefused(StorageError):  # noqa: N818

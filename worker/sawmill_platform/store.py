@@ -18,6 +18,7 @@ from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
+from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.subjects import Subjects
@@ -75,6 +76,9 @@ class JobServiceStore:
         self.places = Places(self.database, settings)
         self.uploads = Uploads(self.database, files, settings.disk_reserve_bytes)
         self.jobs = Jobs(self.database, files, subjects)
+        files.verified = VerifiedResults(
+            self.jobs.digest_of_result, subjects.read_apart, self.jobs.note_digest_of_result
+        )
         self.tallies = Tallies(self.database)
         self.events = Events(self.database)
         self.keys = KeyStore(self.database)

@@ -14,15 +14,16 @@ from sawmill_contracts import job_kinds
 from sawmill_platform.files.file_store import FileStore
 
 SCAN_FILE = "scan.h5"
+VOLUME_FILE = "volume.h5"
 
 
 class MillFiles(FileStore):
     """The data folder, with the files that pages and routes read."""
 
     def scan(self, scan_id: str) -> Path:
-        """Return the canonical file of a scan, which `ingest` wrote, or raise `NotFound`."""
+        """Return the canonical file of a scan, which `ingest` wrote; errors are those of `result`."""
         return self.result(job_kinds.INGEST, scan_id, SCAN_FILE)
 
     def volume(self, reconstruction_id: str) -> Path:
-        """Return the volume of a reconstruction, or raise `NotFound`."""
-        return self.result(job_kinds.RECONSTRUCT, reconstruction_id, "volume.h5")
+        """Return the volume of a reconstruction; errors are those of `result`."""
+        return self.result(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)

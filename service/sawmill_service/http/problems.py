@@ -16,11 +16,12 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from structlog.contextvars import get_contextvars
 
-from sawmill_formats.errors import DamagedResult, FileError, NotStored, OutOfRange
+from sawmill_formats.errors import FileError, NotStored, OutOfRange
 from sawmill_platform.errors import (
     Busy,
     Conflict,
     Damaged,
+    DamagedResult,
     FolderUnavailable,
     Invalid,
     NotFound,

@@ -12,6 +12,7 @@ from typing import Annotated, Self
 from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts import reconstructions as contract
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
@@ -31,6 +32,7 @@ from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
+from sawmill_store.mill_files import VOLUME_FILE
 from sawmill_vocabulary import ColorMap
 
 Window = tuple[float, float]
@@ -148,13 +150,13 @@ def get_slice(
     """Draw a slice; a row of the picture is +x, a column +y."""
     result = result_of(reconstructions, reconstruction_id)
     check_slice(result, index)
-    path = reconstructions.files.volume(reconstruction_id)
 
     def draw() -> bytes:
         from sawmill_formats.output import volume_reader
         from sawmill_worker.pictures.images import image_png, image_png16
         from sawmill_worker.pictures.windows import window_of
 
+        path = reconstructions.files.volume(reconstruction_id)
         if query.show is Shown.DEVIATION:
             image = volume_reader.deviation_slice(path, result.shape, index)
             window = window_to_draw(query, window_of(image.data))
@@ -274,15 +276,11 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, reconstruct
 )
 def get_volume(reconstruction_id: Identifier, request: Request, reconstructions: TheReconstructions) -> Response:
     """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
-    shape = result_of(reconstructions, reconstruction_id).shape
-    path = reconstructions.files.volume(reconstruction_id)
-
-    def check() -> None:
-        from sawmill_formats.output.volume_reader import check_volume
-
-        check_volume(path, shape)
-
-    return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5", check=check)
+    result_of(reconstructions, reconstruction_id)
+    files = reconstructions.files
+    path = files.unverified(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
+    name = f"reconstruction-{reconstruction_id}.h5"
+    return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
 
 
 @router.put(

@@ -34,6 +34,7 @@ from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind, Job
 from sawmill_platform.files.file_store import work_of
+from sawmill_store.subjects.outputs import check_file
 from sawmill_vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[2] / "support"))
@@ -265,6 +266,13 @@ def hang(_: Attempt) -> dict[str, Any]:
     return {}
 
 
+def loop(_: Attempt) -> dict[str, Any]:
+    """As a library does on a damaged file: with a core, and deaf to SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    while True:
+        pass
+
+
 def hang_once(attempt: Attempt) -> dict[str, Any]:
     """In the middle of its first attempt."""
     if attempt.job.attempt == 1:
@@ -376,6 +384,7 @@ BEHAVIOURS = {
         eat_memory,
         talk,
         hang,
+        loop,
         hang_once,
         repeat,
         freeze,
@@ -407,13 +416,19 @@ BEHAVIOURS = {
 def first_word(file: Path) -> str:
     """What the file asks for; a large one has a hole behind it."""
     with file.open("rb") as beginning:
-        return beginning.read(64).rstrip(b"\0").decode()
+        return beginning.read(64).rstrip(b"\0").decode(errors="replace")
 
 
 def needs_of(attempt: Attempt) -> Needs:
     if attempt.job.kind is job_kinds.INGEST and first_word(attempt.given.file) == "never-begin":
         time.sleep(600)
     return Needs(0, 0)
+
+
+def check(attempt: Attempt, answer: dict[str, Any]) -> None:
+    """Check a file as the product does."""
+    result = results.answer_of(attempt.job.kind, answer)
+    check_file(attempt.job.kind, attempt.given, result, attempt.given.file)
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from sawmill_contracts.inspections import PICTURE_PX, ScanPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.errors import InvalidOutput
-from sawmill_store.subjects.outputs import check_output
+from sawmill_store.subjects.outputs import check_file, output_file
 
 SHAPE = (1, 16, 16)
 VOLUME = "entry/reconstruction/data"
@@ -41,7 +41,8 @@ def output(tmp_path):
 
 def check(given, output, **changes):
     result = results.reconstruction_result(**{"shape": SHAPE} | changes)
-    check_output(job_kinds.RECONSTRUCT, given, results.answer_of(job_kinds.RECONSTRUCT, result), output)
+    answer = results.answer_of(job_kinds.RECONSTRUCT, result)
+    check_file(job_kinds.RECONSTRUCT, given, answer, output_file(job_kinds.RECONSTRUCT, output))
 
 
 def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, output):
@@ -49,7 +50,7 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
     with pytest.raises(InvalidOutput, match=r"the shape \(2, 16, 16\), and \(1, 16, 16\) was asked for"):
         check(given, output, shape=(2, 16, 16))
     with pytest.raises(InvalidOutput, match="and none is due"):
-        check_output(job_kinds.PLAN, given, results.answer_of(job_kinds.PLAN, results.plan_result()), output)
+        output_file(job_kinds.PLAN, output)
     (output / "more").mkdir()
     with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
         check(given, output)
@@ -57,13 +58,12 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
 
 def test_an_inspection_may_leave_one_picture_of_the_right_length(given, tmp_path):
     def check_inspection():
-        check_output(
-            job_kinds.INSPECT, given, results.answer_of(job_kinds.INSPECT, results.inspection_result()), folder
-        )
+        answer = results.answer_of(job_kinds.INSPECT, results.inspection_result())
+        check_file(job_kinds.INSPECT, given, answer, output_file(job_kinds.INSPECT, folder))
 
     folder = tmp_path / "inspected"
     folder.mkdir()
-    check_inspection()
+    assert output_file(job_kinds.INSPECT, folder) is None
     picture = folder / ScanPicture.VIEW
     picture.write_bytes(bytes(PICTURE_PX**2))
     check_inspection()

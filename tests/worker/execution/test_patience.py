@@ -6,21 +6,30 @@ from sawmill_contracts import job_kinds
 from sawmill_platform.attempts.failures import duration
 from sawmill_platform.attempts.patience import LATE_S, Patience
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 
 
 class Waiting:
-    """A supervisor's patience with a calibration, one look a second."""
+    """A supervisor's patience with a calibration, or with a reader of an upload, one look a second.
 
-    def __init__(self, *, begun: bool = True, **settings: float) -> None:
-        self.now = 1000.0
+    The reader has a share of a core.
+    """
+
+    def __init__(
+        self, *, begun: bool = True, upload_bytes: int | None = None, busy: float = 0.0, **settings: float
+    ) -> None:
+        self.now, self.busy = 1000.0, busy
         asked = ExecutionSettings(progress_s=1.0, broker_url=None, **settings)
-        self.patience = Patience(job_kinds.CALIBRATE, asked, monotonic=lambda: self.now)
+        kind = job_kinds.CALIBRATE if upload_bytes is None else job_kinds.INGEST
+        self.patience = Patience(kind, asked, upload_bytes=upload_bytes, monotonic=lambda: self.now)
         if begun:
             self.patience.moved()
+
+    def end(self) -> Failure | None:
+        return self.patience.end(self.busy * self.now)
 
     def until_ended(self, said: Progress | None = None, *, most_s: float = 200_000.0) -> float:
         begun = self.now
@@ -28,7 +37,7 @@ class Waiting:
             if said is not None:
                 self.patience.heard(said)
             self.now += 1.0
-            if self.patience.end() is not None:
+            if self.end() is not None:
                 return self.now - begun
         raise AssertionError("never")
 
@@ -37,10 +46,37 @@ def test_silence_ends_an_attempt_after_its_kinds_time():
     assert Waiting().until_ended() == declaration_of(job_kinds.CALIBRATE).stall_s
 
 
+@pytest.mark.parametrize(
+    ("upload_bytes", "busy", "seconds"),
+    [
+        (10_000, 1.0, 60.0),
+        (10_000, 0.55, 60.0),  # as where others keep the cores busy
+        (10_000, 0.25, 120.0),
+        (10_000, 4.0, 60.0),
+        (100 * 2**20, 1.0, 160.0),
+        (2**40, 1.0, 1800.0),
+        (10_000, 0.0, 1800.0),  # as while a disk is away
+    ],
+)
+def test_a_reader_that_is_busy_without_progress_has_a_minute_and_time_by_the_size(upload_bytes, busy, seconds):
+    waiting = Waiting(upload_bytes=upload_bytes, busy=busy)
+    assert waiting.until_ended() == pytest.approx(seconds, abs=2.0)
+    failure = waiting.end()
+    expected = (FailureKind.INPUT, "broken-file") if busy else (FailureKind.PASSING, "attempt-stalled")
+    assert (failure.kind, failure.code) == expected
+
+
+def test_a_reader_that_makes_progress_may_be_busy():
+    waiting = Waiting(upload_bytes=10_000, busy=1.0)
+    for step in range(1, 10):
+        with pytest.raises(AssertionError, match="never"):
+            waiting.until_ended(Progress(fraction=step / 10, stage="prepare"), most_s=50.0)
+
+
 def test_a_process_that_does_not_begin_has_a_minute():
     waiting = Waiting(begun=False)
     assert waiting.until_ended() == 60.0
-    failure = waiting.patience.end()
+    failure = waiting.end()
     assert (failure.kind, failure.code) == (FailureKind.PASSING, "attempt-stalled")
     assert failure.detail.startswith("the job's process sent nothing for 60 seconds after it was given the job")
 
@@ -70,7 +106,7 @@ def test_time_in_which_the_supervisor_was_stopped_does_not_count():
     waiting = Waiting(stall_s=60, time_limit_s=600)
     for _ in range(8):  # an hour each: a late look, 7 s here
         waiting.now += 3600.0
-        assert waiting.patience.end() is None
+        assert waiting.end() is None
     assert waiting.until_ended() == 60.0 - 8 * (LATE_S + 2.0)
 
 
@@ -79,9 +115,9 @@ def test_moving_on_does_not_help_beyond_the_time_limit():
     for step in range(599):
         waiting.patience.heard(Progress(fraction=step / 1000, stage="search"))
         waiting.now += 1.0
-        assert waiting.patience.end() is None
+        assert waiting.end() is None
     waiting.now += 1.0
-    beyond = waiting.patience.end()
+    beyond = waiting.end()
     assert (beyond.kind, beyond.code) == (FailureKind.INPUT, "too-long")
     assert "more than the 10 minutes that it may take: ask for fewer" in beyond.detail
 
@@ -113,6 +149,18 @@ def test_an_attempt_that_hangs_is_a_loss_and_the_third_is_final(store, start, qu
     assert fates(store, job) == [event_kinds.LOST] * 3 + [event_kinds.FAILED]
     assert store.events.of_job(job.id)[1].detail["code"] == "attempt-stalled"
     assert list((store.files.folder / "attempts").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_file_whose_reader_loops_fails_once_and_the_next_one_does_not_wait(store, start, queue):
+    job, honest = queue("loop"), queue("succeed")
+    runner = start(stall_s=1)
+    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]
+    failure = store.jobs.get(job.id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
+    assert "reading the file did not get on for" in failure.detail
+    assert (store.jobs.get(job.id).losses, fates(store, job)) == (0, [event_kinds.FAILED])
+    assert store.jobs.get(honest.id).attempt == 1
 
 
 @pytest.mark.slow
@@ -170,4 +218,4 @@ def test_a_hang_on_a_full_disk_is_its_consequence(store, start, queue, full_disk
 def test_an_attempt_that_never_said_a_word_hung_before_its_first_stage():
     waiting = Waiting()
     waiting.until_ended()
-    assert "nothing moved for 30 minutes before its first stage" in waiting.patience.end().detail
+    assert "nothing moved for 30 minutes before its first stage" in waiting.end().detail

@@ -1,6 +1,5 @@
 import errno
 import hashlib
-import math
 import os
 import signal
 import subprocess
@@ -27,7 +26,6 @@ from sawmill_platform.attempts.protocol import CHANNEL, Ready, to_line
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_platform.errors import StorageFull, StorageUnavailable
-from sawmill_platform.files.digests import NOTED_FROM_BYTES, read_note
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
@@ -91,7 +89,7 @@ def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, 
 
 def test_a_system_without_room_for_a_spare_process_loses_no_job(start, queue):
     queue("succeed")
-    runner = start(fork_attempts=False)
+    runner = start(fork_attempts=False, spare_processes=2)  # for the job, and for the check of what it leaves
     runner.warm_up()
     with at_call("subprocess.Popen", refusing(errno.EAGAIN)):
         assert runner.run_next() is JobState.SUCCEEDED
@@ -188,24 +186,23 @@ def test_checkpoints_are_no_results(store, runner, queue):
     assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
 
 
-def test_a_large_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
+def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
     store, start, store_with, queue, wait_for
 ):
     class Looking(Jobs):
         """Jobs whose results take long to look at."""
 
-        def check_output(self, kind, given, result, folder):
+        def check_output(self, kind, result, folder):
             (pulse,) = store.jobs.pulses()
             wait_for(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
-            return super().check_output(kind, given, result, folder)
+            return super().check_output(kind, result, folder)
 
     scan = queue("succeed").subject_id
-    size = math.isqrt(NOTED_FROM_BYTES // 2)  # of noise, which packing hardly makes smaller
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=size))
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=16))
     runner = start(on=store_with(Looking))
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
-    volume = store.files.volume(log.id)
-    assert read_note(volume).digest == hashlib.sha256(volume.read_bytes()).digest()
+    for path in (store.files.scan(scan), store.files.volume(log.id)):
+        assert store.jobs.digest_of_result(path) == hashlib.sha256(path.read_bytes()).digest()
 
 
 @pytest.mark.parametrize(

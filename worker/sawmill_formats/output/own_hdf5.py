@@ -16,9 +16,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_formats.errors import NotAsWritten, damage_reported, quoted, regular_status
+from sawmill_formats.errors import NotAsWritten, damage_reported, quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.hdf5_chunks import CHECKSUM_BYTES
+from sawmill_platform.files.verified_results import regular_status
 
 PACKED = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32)
 CHECKED = (h5py.h5z.FILTER_FLETCHER32,)
@@ -191,7 +192,7 @@ def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
     size_bytes, most_bytes = path.stat().st_size, int(1.05 * values_bytes) + OTHER_BYTES
     if size_bytes > most_bytes:
         raise NotAsWritten(f"it has {size_bytes} bytes, and at most {most_bytes} are due")
-    groups, seen, members = [file["/"]], {h5py.h5o.get_info(file.id).addr}, 0
+    groups, seen, members = [file["/"]], {h5py.h5g.get_objinfo(file.id).objno}, 0
     while groups:
         group = groups.pop()
         members += len(group)
@@ -199,7 +200,7 @@ def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
             raise NotAsWritten(f"it has more than {MOST_MEMBERS} groups and datasets")
         for name in group:
             member = _member(group, name)
-            address = h5py.h5o.get_info(member.id).addr
+            address = h5py.h5g.get_objinfo(member.id).objno
             if address in seen:
                 continue
             seen.add(address)

@@ -38,7 +38,7 @@ from sawmill_platform.attempts.work import Attempt, Work
 from sawmill_platform.confinement.confinement import confine_to, installation, move_into
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_platform.errors import FolderUnavailable
+from sawmill_platform.errors import FolderUnavailable, InvalidOutput
 from sawmill_platform.files.file_store import flush_tree, work_of
 from sawmill_platform.workers.logs import about_attempt, configure_logs
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -77,7 +77,9 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
         with about_attempt(assignment.job):
             attempt = _attempt_at(assignment, work, channel)
             answer, error = _answer(
-                _gone_files_are_outages(attempt)(partial(_run, attempt, work, settings, supervisor, channel)),
+                _gone_files_are_outages(attempt)(
+                    partial(_run, attempt, work, settings, supervisor, channel, assignment.answer)
+                ),
                 assignment.job.kind,
             )
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
@@ -104,6 +106,8 @@ def _answer(run: Callable[[], dict[str, object]], kind: JobKind) -> tuple[Succee
         return Succeeded(result=run()), None
     except JobFailure as error:
         return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
+    except InvalidOutput as error:
+        return Failed(failure=Failure(kind=FailureKind.INTERNAL, code=error.code, detail=str(error))), None
     except MemoryError as error:
         traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
         return Failed(failure=failure_of(error, kind)), None
@@ -157,20 +161,29 @@ def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> A
 
 
 def _run(
-    attempt: Attempt[Any], work: Work[Any], settings: ExecutionSettings, supervisor: BinaryIO, channel: BinaryIO
+    attempt: Attempt[Any],
+    work: Work[Any],
+    settings: ExecutionSettings,
+    supervisor: BinaryIO,
+    channel: BinaryIO,
+    to_check: dict[str, Any] | None,
 ) -> dict[str, object]:
     # Not earlier: the process was started before its job was known.
     limits = limits_of(
         attempt.job.kind, **work.needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes
     )
     keep_to(limits)
-    work.make_ready(attempt)
+    if to_check is None:
+        work.make_ready(attempt)
     move_into(work_of(attempt.output))
     if settings.confine_attempts:
         confine_to(attempt.given, attempt.output)
     # Not earlier: the function confines the threads that are started from then on.
     threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
     channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
+    if to_check is not None:
+        work.check(attempt, to_check)
+        return {}
     result = work.run(attempt)
     os.chdir(attempt.output)
     # The supervisor may be taking checkpoints; none is needed any more, and none of these files is a result.

@@ -53,13 +53,22 @@ def died(exit_code: int, kind: JobKind) -> Failure:
 def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
     declared = declaration_of(kind)
     if declared.upload is not None:
-        detail = (
-            f"reading the {declared.upload} crashed the reader ({how.name}): it is damaged, or needs more memory than "
-            "reading may take; export it again"
-        )
-        return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)
+        return Failure(kind=FailureKind.INPUT, code="broken-file", detail=crashed_reader(declared.upload, how))
     detail = f"the job's process crashed ({how.name}), which is a defect; please report it with the worker's log"
     return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
+
+
+def crashed_reader(what: str, how: signal.Signals) -> str:
+    """Return the sentence about a file whose reader crashed."""
+    return (
+        f"reading the {what} crashed the reader ({how.name}): it is damaged, or needs more memory than reading may "
+        "take; export it again"
+    )
+
+
+def endless_reader(what: str, still_s: float) -> str:
+    """Return the sentence about a file whose reader runs in a loop."""
+    return f"reading the {what} did not get on for {duration(still_s)}: it is damaged; export it again"
 
 
 def _beyond_a_limit(error: Exception, kind: JobKind) -> Failure | None:

@@ -98,12 +98,13 @@ class AttemptProcess:
         AttemptNotStarted
             The process ended, or used no processor time for `timeout_s`.
         """
-        deadline, ticks = time.monotonic() + timeout_s, self._processor_ticks()
+        importing = self._template_id or self._process.pid
+        deadline, used_s = time.monotonic() + timeout_s, processor_s_of(importing)
         while not self._ready:
             left_s = deadline - time.monotonic()
             if left_s <= 0:
-                before, ticks = ticks, self._processor_ticks()
-                if ticks == before:
+                before_s, used_s = used_s, processor_s_of(importing)
+                if used_s == before_s:
                     raise AttemptNotStarted(f"a process stood still for {timeout_s:g} s before it was ready")
                 deadline, left_s = time.monotonic() + timeout_s, timeout_s
             for message in self.receive(left_s):
@@ -111,13 +112,6 @@ class AttemptProcess:
                     self._ready = True
             if self.hung_up:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
-
-    def _processor_ticks(self) -> int:
-        """Return the importing process's processor time, ticks of the kernel (proc(5)); 0 if the process has ended."""
-        with suppress(FileNotFoundError, ProcessLookupError):
-            stat = Path(f"/proc/{self._template_id or self._process.pid}/stat").read_text()
-            return sum(map(int, stat.rpartition(")")[2].split()[11:13]))
-        return 0
 
     def assign(self, assignment: Assignment) -> None:
         """Send the attempt's assignment; if the process has died by now, `receive` finds out."""
@@ -201,6 +195,14 @@ class AttemptProcess:
         if self._process.poll() is None and self._process.pid is not None:
             with suppress(ProcessLookupError):  # forked this moment, it leads no group yet: SIGKILL follows
                 os.killpg(self._process.pid, number)
+
+
+def processor_s_of(process_id: int | None) -> float:
+    """Return the processor time that a process has used (proc(5)), seconds; 0 if the process has ended."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        stat = Path(f"/proc/{process_id}/stat").read_text()
+        return sum(map(int, stat.rpartition(")")[2].split()[11:13])) / os.sysconf("SC_CLK_TCK")
+    return 0.0
 
 
 class AttemptStarter(Protocol):

@@ -24,11 +24,16 @@ LONGEST_SENTENCE_BYTES = 2**16
 
 
 class Assignment(Contract):
-    """Order to run this attempt; `given_json` is an `AttemptInput` with the fields of the package of the job's kind."""
+    """Order to run this attempt; `given_json` is an `AttemptInput` with the fields of the package of the job's kind.
+
+    With an answer the order is to check a file that another attempt at the job wrote: it is the input's file, and must
+    fit the answer.
+    """
 
     job: Job
     given_json: str
     output: Path
+    answer: dict[str, Any] | None = None
 
 
 class Ready(Contract):

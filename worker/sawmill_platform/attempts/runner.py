@@ -4,25 +4,29 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import structlog
 from pydantic import ValidationError
 
-from sawmill_platform.attempts.failures import LIMITS_MET, died, failure_of
+from sawmill_platform.attempts.failures import LIMITS_MET, died, duration, failure_of
 from sawmill_platform.attempts.patience import Patience
 from sawmill_platform.attempts.process import (
     AttemptNotStarted,
     AttemptProcess,
     AttemptStarter,
     AttemptTalksNonsense,
+    processor_s_of,
 )
 from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
 from sawmill_platform.confinement.overuse import overuse
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kinds import declaration_of, reading_limit_s
 from sawmill_platform.errors import (
+    DamagedResult,
     InvalidOutput,
     LeaseLost,
     NotFound,
@@ -30,7 +34,7 @@ from sawmill_platform.errors import (
     StorageUnavailable,
     disk_outage_reported,
 )
-from sawmill_platform.files.digests import note_digests
+from sawmill_platform.files.verified_results import compute_digest
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.jobs.turns import ANY, Selection
 from sawmill_platform.store import JobServiceStore
@@ -41,6 +45,8 @@ from sawmill_vocabulary import Progress
 
 # Most that a library may have failed to write at once, and so most that a full disk may have free.
 BUFFER_BYTES = 16 * 2**20
+
+Read = TypeVar("Read")
 
 
 class Runner:
@@ -172,6 +178,12 @@ class Runner:
                 process.end(self._settings.kill_grace_s)
         return self._ready(self._attempts.start())
 
+    def _take_for_check(self) -> AttemptProcess:
+        """Take a process for the check of a result, and start another one for the next job."""
+        process = self._take_ready()
+        self.warm_up()
+        return process
+
     def _ready(self, process: AttemptProcess) -> AttemptProcess:
         try:
             process.wait_until_ready(self._attempts.patience_s(self._settings.start_timeout_s))
@@ -207,7 +219,9 @@ class Runner:
         output: Path | None = None
         try:
             output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            return _Supervision(self._store, self._settings, self._stop, claim, process).run(output)
+            return _Supervision(self._store, self._settings, self._stop, claim, process, self._take_for_check).run(
+                output
+            )
         finally:
             process.end(self._settings.kill_grace_s)
             if output is not None:
@@ -241,14 +255,15 @@ class _Supervision:
         stop: threading.Event,
         claim: Claim,
         process: AttemptProcess,
+        take_ready: Callable[[], AttemptProcess],
     ) -> None:
         self._store = store
         self._settings = settings
         self._stop = stop
         self._claim = claim
         self._process = process
+        self._take_ready = take_ready
         self._progress: Progress | None = None
-        self._patience = Patience(claim.job.kind, settings)
         self._last_beat = time.monotonic()
         self._missed = ""
         self._give_back_at: float | None = None
@@ -264,8 +279,8 @@ class _Supervision:
             if isinstance(answer, Succeeded):
                 # With all processes that it has started: nobody writes to files that are checked and published.
                 self._process.end(self._settings.kill_grace_s)
-                result = self._check(answer, output)
-                self._publish(result, answer.peak_memory_bytes, output)
+                result, sha256 = self._while_leased("checking a result", partial(self._check, answer, output))
+                self._publish(result, sha256, answer.peak_memory_bytes, output)
                 return JobState.SUCCEEDED
         except InvalidOutput as error:
             structlog.get_logger().exception("attempt-left-nonsense")
@@ -300,44 +315,94 @@ class _Supervision:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error, self._claim.job.kind))
         self._input = self._given.file
+        reads_upload = declaration_of(self._claim.job.kind).upload is not None
         if self._input is not None:
             self._store.files.check_file(self._input)
+            if not reads_upload:
+                try:
+                    self._while_leased("verifying a file", partial(self._store.files.verified.digest, self._input))
+                except DamagedResult as error:
+                    return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
+        upload_bytes = self._input.stat().st_size if reads_upload and self._input is not None else None
+        self._patience = Patience(self._claim.job.kind, self._settings, upload_bytes=upload_bytes)
         self._process.assign(Assignment(job=self._claim.job, given_json=self._given.model_dump_json(), output=output))
         return None
 
-    def _check(self, answer: Succeeded, output: Path) -> Contract:
-        """Return an attempt's result; check its files and note their digests, in a thread, while the lease is kept.
+    def _while_leased(self, doing: str, read: Callable[[], Read]) -> Read:
+        """Read files in a thread, and keep the lease in the meantime; raise `LeaseLost` if it is lost."""
+        with ThreadPoolExecutor(1) as pool:
+            reading = pool.submit(disk_outage_reported(doing)(read))
+            while not wait([reading], self._settings.progress_s).done:
+                self._cancellation_came_in()
+            return reading.result()
+
+    def _check(self, answer: Succeeded, output: Path) -> tuple[Contract, bytes | None]:
+        """Return an attempt's result, and the digest of the file that it left, if it left one.
 
         Raises
         ------
         InvalidOutput, pydantic.ValidationError
             The files or the answer are not of this kind of job.
         StorageFull, StorageUnavailable
-            There is no room for the digests, or the disk fails.
-        LeaseLost
-            The attempt no longer holds the job.
+            The disk is full or fails, or this worker stops.
         """
-        kind = self._claim.job.kind
+        left = self._store.jobs.check_output(self._claim.job.kind, answer.result, output)
+        if left.file is None:
+            return left.result, None
+        self._check_apart(left.file, answer)
+        # With this process gone as well, nobody writes to the file any more.
+        return left.result, compute_digest(left.file).sha256
 
-        def check() -> Contract:
-            with disk_outage_reported("checking a result"):
-                result = self._store.jobs.check_output(kind, self._given, answer.result, output)
-                if declaration_of(kind).result_file is not None:
-                    note_digests(output)
-                return result
+    def _check_apart(self, file: Path, answer: Succeeded) -> None:
+        """Have another confined process read the file: on some damaged files the readers in C crash or loop.
 
-        with ThreadPoolExecutor(1) as pool:
-            checking = pool.submit(check)
-            while not wait([checking], self._settings.progress_s).done:
-                self._cancellation_came_in()
-            return checking.result()
+        Raises
+        ------
+        InvalidOutput
+            The file is not of this kind of job, or its reader crashes or does not end.
+        StorageUnavailable
+            The process met an outage.
+        """
+        limit_s = reading_limit_s(file.stat().st_size)
+        folder = self._store.files.make_attempt_folder(self._claim.job_id, self._claim.attempt)
+        process = self._process_for_check()
+        try:
+            given_json = self._given.model_copy(update={"file": file}).model_dump_json()
+            process.assign(Assignment(job=self._claim.job, given_json=given_json, output=folder, answer=answer.result))
+            deadline = time.monotonic() + limit_s
+            while (left_s := deadline - time.monotonic()) > 0 and not process.hung_up:
+                for message in process.receive(left_s):
+                    if isinstance(message, Failed) and message.failure.kind is FailureKind.PASSING:
+                        raise StorageUnavailable(message.failure.detail)
+                    if isinstance(message, Failed):
+                        raise InvalidOutput(message.failure.detail)
+                    if isinstance(message, Succeeded):
+                        return
+            how = "crashes its reader" if process.hung_up else f"keeps its reader busy for {duration(limit_s)}"
+            raise InvalidOutput(f"the job left a {file.name} that {how}")
+        finally:
+            process.end(self._settings.kill_grace_s)
+            self._store.files.remove(folder)
 
-    def _publish(self, result: Contract, peak_memory_bytes: int | None, output: Path) -> None:
+    def _process_for_check(self) -> AttemptProcess:
+        """Return a process as soon as the system starts one: a result must not be computed again for want of it."""
+        said = ""
+        while True:
+            try:
+                return self._take_ready()
+            except (AttemptNotStarted, OSError) as error:
+                said = _say_once("check-put-off", error, said)
+                if self._stop.wait(self._settings.housekeeping_s):
+                    raise StorageUnavailable("the worker stopped before a result was checked") from error
+
+    def _publish(self, result: Contract, sha256: bytes | None, peak_memory_bytes: int | None, output: Path) -> None:
         """Publish as soon as the database answers: an outage must not make a job compute its result again."""
         said = ""
         while True:
             try:
-                self._store.jobs.succeed(self._claim, result, output, peak_memory_bytes=peak_memory_bytes)
+                self._store.jobs.succeed(
+                    self._claim, result, output, sha256=sha256, peak_memory_bytes=peak_memory_bytes
+                )
             except StorageUnavailable as error:
                 # Without its folder the result was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():
@@ -361,7 +426,9 @@ class _Supervision:
                 own_limit = failure.code in LIMITS_MET
                 return Failed(failure=failure if own_limit else self._outage() or failure)
             looking = self._time_to_look()
-            beyond = (self._overuse(output) if looking else None) or self._patience.end()
+            beyond = (self._overuse(output) if looking else None) or self._patience.end(
+                processor_s_of(self._process.process_id)
+            )
             if beyond is not None:
                 structlog.get_logger().warning("attempt-ended-by-limit", reason=beyond.detail)
                 self._process.end(self._settings.kill_grace_s)

@@ -89,5 +89,8 @@ class Work(Protocol[AnyAttempt]):
     def make_ready(self, attempt: AnyAttempt) -> None:
         """Compile what `run` needs: from then on the process may not write outside its own folder."""
 
+    def check(self, attempt: AnyAttempt, answer: dict[str, Any]) -> None:
+        """Check the file that an attempt wrote, which is this attempt's input; raise `InvalidOutput`."""
+
     def run(self, attempt: AnyAttempt) -> dict[str, Any]:
         """Do the job and return its answer as JSON, or raise `JobFailure`; any other exception is a defect."""

@@ -9,6 +9,8 @@ from sawmill_platform.contracts.jobs import JobKind
 # A file of this size is read in 5 s, one of 1.4 GB in 27 s (`make bench-memory`); a packed one may hold several
 # times as many samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
+# Time to read any file, and the fiftieth part of that rate.
+READING_S, READING_BYTES_PER_S = 60.0, 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +70,11 @@ class UploadedKind(KindDeclaration):
     def is_short(self, size_bytes: int) -> bool:
         """Return whether reading a file of this size takes seconds."""
         return size_bytes <= SHORT_UPLOAD_BYTES
+
+
+def reading_limit_s(size_bytes: int) -> float:
+    """Return the seconds after which the reader of a file of this size is in an endless loop."""
+    return READING_S + size_bytes / READING_BYTES_PER_S
 
 
 def declaration_of(kind: JobKind) -> KindDeclaration:

@@ -184,6 +184,8 @@ class JobRow(Resource):
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     progress: Mapped[Json | None]
     failure: Mapped[Json | None]
+    # Digest of the file that the job left (`files/verified_results.py`); null: it left none, or is of version 0.1.0.
+    output_sha256: Mapped[str | None] = mapped_column(String(64))
     # Id of the request that queued the job; null: no request did.
     request_id: Mapped[str | None] = mapped_column(String(64))
     key_id: Mapped[str | None] = mapped_column(String(64))

@@ -4,7 +4,6 @@ incoming/                       uploads while they arrive; incoming.lock is held
 unfinished/<id>                 uploads that can be resumed, until they are used
 uploads/<plural>/<id>/          the file that was uploaded for a job of a kind, unchanged
 <plural>/<id>/                  results of a job of a kind, by the plural of the subject (`contracts/jobs.py`)
-<plural>/<id>/.<name>.sha256    the digest of a large file, while the file does not change (`files/digests.py`)
 attempts/<job>-<attempt>-<…>/   where only one attempt writes; renamed to one of the folders above at its success
 attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
 attempts/<…>/work/              working folder of the process, where libraries write their own files; never published
@@ -47,6 +46,7 @@ from sawmill_platform.errors import (
     outage_of,
 )
 from sawmill_platform.files.upload_stream import Arriving, AsSent, Content, Received, check_free, receive_in_threads
+from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.files.whole_files import flush
 
 UPLOADED_FILE = "original"
@@ -78,6 +78,9 @@ class FileStore:
     folder
         Folder on a single file system: publishing is a rename. Nothing is made before `make_folders`.
     """
+
+    # Set by the store that has the rows with the digests.
+    verified: VerifiedResults
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
@@ -136,15 +139,23 @@ class FileStore:
         return self.folder / kind.plural / _checked(subject_id)
 
     def result(self, kind: JobKind, subject_id: str, name: str) -> Path:
-        """Return the path of one file of the subject's folder.
+        """Return the path of the file that a job wrote, verified (`verified_results`): a library may open it.
 
         Raises
         ------
         NotFound
             The job has not written the file.
+        DamagedResult
+            The file is not the one that the job wrote.
         FolderUnavailable
             The data folder is not in its place.
         """
+        path = self.unverified(kind, subject_id, name)
+        self.verified.digest(path)
+        return path
+
+    def unverified(self, kind: JobKind, subject_id: str, name: str) -> Path:
+        """Return the path that `result` returns, of a file that is sent and not opened by a library."""
         path = self.results(kind, subject_id) / name
         if not path.is_file():
             self.check_there()
@@ -519,11 +530,6 @@ def flush_tree(folder: Path) -> None:
         for path in folder.rglob("*"):
             flush(path)
         flush(folder)
-
-
-def note_of(path: Path) -> Path:
-    """Return the path of the note with a large file's digest (`files/digests.py`)."""
-    return path.with_name(f".{path.name}.sha256")
 
 
 def _checked(identifier: str) -> str:

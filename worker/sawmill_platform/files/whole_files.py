@@ -2,6 +2,7 @@
 
 import ctypes
 import errno
+import io
 import os
 import stat
 from collections.abc import Iterator
@@ -97,7 +98,7 @@ def flush_names(folder: Path) -> None:
             raise
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> io.BufferedReader:
     """Open a regular file to read: no link is followed and no pipe waited for.
 
     Raises

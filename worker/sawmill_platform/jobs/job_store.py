@@ -46,6 +46,13 @@ _CANCELLED = "its job was cancelled before it ended"
 RETRIES = Retries()
 
 
+class Output(NamedTuple):
+    """Answer of a job, and the file that the job left, if it left one."""
+
+    result: Contract
+    file: Path | None
+
+
 class Pulse(NamedTuple):
     """Number of heartbeats of a running attempt, for comparison with the number that an observer saw before."""
 
@@ -260,8 +267,10 @@ class Jobs:
         with self._database.read() as session:
             return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
 
-    def check_output(self, kind: JobKind, given: AttemptInput, result: dict[str, Any], folder: Path) -> Contract:
-        """Return the result that an attempt's process sent; refuse a folder with other files than its kind leaves.
+    def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> Output:
+        """Return what an attempt's process sent and left; refuse a folder with other files than its kind leaves.
+
+        The content of the file is not inspected: its readers run in processes of their own (`Subjects.check_file`).
 
         Raises
         ------
@@ -271,8 +280,18 @@ class Jobs:
             The result is not of the type that jobs of this kind answer with.
         """
         answer: Contract = declaration_of(kind).result.model_validate(result)
-        self._subjects.check_output(kind, given, answer, folder)
-        return answer
+        return Output(answer, self._subjects.output_file(kind, folder))
+
+    def digest_of_result(self, path: Path) -> bytes | None:
+        """Return the digest that was taken of a result, by its path in the data folder; None: there is none."""
+        with self._database.read() as session:
+            digest = session.scalar(select(JobRow.output_sha256).where(_wrote(path)))
+        return None if digest is None else bytes.fromhex(digest)
+
+    def note_digest_of_result(self, path: Path, sha256: bytes) -> None:
+        """Write the digest of a result that has none, of an earlier version, to the row of its job."""
+        with self._database.write() as session:
+            session.execute(update(JobRow).where(_wrote(path)).values(output_sha256=sha256.hex()))
 
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job, and reset the count of losses: the job has made progress.
@@ -303,6 +322,7 @@ class Jobs:
         result: Contract,
         output: Path,
         *,
+        sha256: bytes | None = None,
         peak_memory_bytes: int | None = None,
     ) -> None:
         """Publish an attempt's files and result, both or neither.
@@ -315,6 +335,8 @@ class Jobs:
             Answer of the job, as `check_output` returned it; stored with the job's subject.
         output
             Folder of the attempt, flushed (`flush_tree`) by its writer; renamed to the subject's folder.
+        sha256
+            Digest of the file in the folder, taken since no process of the attempt runs; null: the job left no file.
         peak_memory_bytes
             The largest memory that the attempt's process held, for its event.
 
@@ -326,6 +348,7 @@ class Jobs:
         kind, subject_id = claim.job.kind, claim.job.subject_id
         with self._ending() as session:
             row = _held(session, claim)
+            row.output_sha256 = None if sha256 is None else sha256.hex()
             event = self._end(
                 session, row, JobState.SUCCEEDED, event_kinds.SUCCEEDED, detail=_measured(peak_memory_bytes)
             )
@@ -555,6 +578,13 @@ def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
     return select(JobRow).where(QUEUED, due, ~unfinished, *selection.conditions())
+
+
+def _wrote(path: Path) -> ColumnElement[bool]:
+    """Return the condition on the row of the job that wrote the file `<plural>/<id>/<name>`."""
+    plural, subject_id = path.parts[-3:-1]
+    kinds = [kind for kind in JobKind.all() if kind.plural == plural]
+    return and_(JobRow.subject_id == subject_id, JobRow.kind.in_(kinds), JobRow.state == JobState.SUCCEEDED)
 
 
 def _held_by(attempt: Claim | Pulse) -> ColumnElement[bool]:

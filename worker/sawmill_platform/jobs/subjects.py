@@ -22,7 +22,7 @@ class Recorded(NamedTuple):
 
 
 class Subjects(Protocol):
-    """Rows that jobs work on; every method but the last is called within the job store's transaction."""
+    """Rows and files that jobs work on; methods with a session are called within the job store's transaction."""
 
     named_folders: Sequence[NamedFolder]
     """Folders in which these rows name files."""
@@ -46,11 +46,20 @@ class Subjects(Protocol):
     ) -> None:
         """Write to the job's subject that its job failed or was cancelled."""
 
-    def check_output(self, kind: JobKind, given: AttemptInput, result: Contract, folder: Path) -> None:
-        """Refuse a folder with other files than a job of the kind leaves.
+    def output_file(self, kind: JobKind, folder: Path) -> Path | None:
+        """Return the file that a job left, unopened; None: it left none.
 
         Raises
         ------
         InvalidOutput
-            One sentence states what is wrong.
+            The folder has other files than a job of the kind leaves; one sentence states what is wrong.
+        """
+
+    def read_apart(self, path: Path) -> None:
+        """Read a result of an earlier version, whose content no digest vouches for, in a process of its own.
+
+        Raises
+        ------
+        DamagedResult
+            The file cannot be read to its end.
         """

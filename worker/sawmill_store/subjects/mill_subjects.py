@@ -2,7 +2,6 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import cast
 
 from sqlalchemy.orm import Session
 
@@ -13,15 +12,17 @@ from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.reading_apart import read_apart
 from sawmill_mill.activation import activation_reason
 from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
-from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
+from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.subjects import Recorded
 from sawmill_platform.ledger.events import announce
@@ -86,9 +87,16 @@ class MillSubjects:
             phantom.state, phantom.reason = PhantomState.REFUSED, reason
             announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
-    def check_output(self, kind: JobKind, given: AttemptInput, result: Contract, folder: Path) -> None:
-        """Refuse a folder with files that a job of this kind does not write."""
-        outputs.check_output(kind, cast("HandedOver", given), result, folder)
+    def output_file(self, kind: JobKind, folder: Path) -> Path | None:
+        """Return the file that a job left; refuse a folder with files that a job of this kind does not write."""
+        return outputs.output_file(kind, folder)
+
+    def read_apart(self, path: Path) -> None:
+        """Read a result of version 0.1.0 in a process of its own; raise `DamagedResult` if it cannot be read."""
+        try:
+            read_apart(path)
+        except UnreadableScan as error:
+            raise DamagedResult(path.name, str(error)) from error
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> bool:

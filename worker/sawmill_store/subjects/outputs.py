@@ -1,11 +1,13 @@
-"""Output of a job in its folder, checked by the job's supervisor before anybody else reads the output.
+"""Output of a job in its folder, checked before anybody else reads the output.
 
-The process that wrote the output has read a stranger's upload and may be compromised. No science is imported here.
+The process that wrote the output has read a stranger's upload and may be compromised: the job's supervisor inspects
+names alone, and another confined process reads the file. No science is imported here.
 """
 # ruff: noqa: PLC0415 - a worker at rest does not hold h5py
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -18,14 +20,38 @@ from sawmill_contracts.inspections import PICTURE_PX, InspectionResult, ScanPict
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionResult
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
-from sawmill_formats.errors import DamagedResult, NotAsWritten, damage_reported, quoted, regular_status
+from sawmill_formats.errors import NotAsWritten, damage_reported, quoted
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.errors import InvalidOutput
+from sawmill_platform.errors import DamagedResult, InvalidOutput
+from sawmill_platform.files.verified_results import regular_status
 
 
-def check_output(kind: JobKind, given: HandedOver, result: Contract, folder: Path) -> None:
-    """Refuse a folder with anything but the file that a job of this kind writes, or with a file that does not fit.
+def output_file(kind: JobKind, folder: Path) -> Path | None:
+    """Return the file that a job of this kind left, unopened; None: jobs of this kind leave none.
+
+    Raises
+    ------
+    InvalidOutput
+        The folder has other files, or a file that is more than a name in it; one sentence gives the reason.
+    """
+    name, _ = _FILES.get(kind, (None, None))
+    with os.scandir(folder) as entries:
+        found = [entry.name for entry in islice(entries, 2)]
+    if kind == job_kinds.INSPECT and found and found[0] in set(ScanPicture):  # a picture, or nothing
+        name = found[0]
+    if found != ([] if name is None else [name]):
+        raise InvalidOutput(f"the job left the files {quoted(str(found))}, and {name or 'none'} is due")
+    if name is None:
+        return None
+    with _as_output(name):
+        if regular_status(folder / name).st_nlink > 1:
+            raise NotAsWritten("it has a second name elsewhere")
+    return folder / name
+
+
+def check_file(kind: JobKind, given: HandedOver, result: Contract, path: Path) -> None:
+    """Refuse a file that does not fit the job that wrote it; a reader in C may crash or loop.
 
     Parameters
     ----------
@@ -35,31 +61,23 @@ def check_output(kind: JobKind, given: HandedOver, result: Contract, folder: Pat
     Raises
     ------
     InvalidOutput
-        The output is wrong; one sentence gives the reason.
+        The file is wrong; one sentence gives the reason.
     """
-    try:
-        _check_files(kind, given, result, folder)
-    except PermissionError as error:
-        raise InvalidOutput("the job left files that nobody may read") from error
+    _, check = _FILES.get(kind, ("", _check_picture))
+    with _as_output(path.name):
+        check(path, given, result)
 
 
-def _check_files(kind: JobKind, given: HandedOver, answer: Any, folder: Path) -> None:  # noqa: ANN401 - by its kind
-    name, check = _FILES.get(kind, (None, None))
-    with os.scandir(folder) as entries:
-        found = [entry.name for entry in islice(entries, 2)]
-    if kind == job_kinds.INSPECT and found and found[0] in set(ScanPicture):  # a picture, or nothing
-        name, check = found[0], _check_picture
-    if found != ([] if name is None else [name]):
-        raise InvalidOutput(f"the job left the files {quoted(str(found))}, and {name or 'none'} is due")
-    if name is None or check is None:
-        return
+@contextmanager
+def _as_output(name: str) -> Iterator[None]:
+    """Turn the damage of a file that a job left into `InvalidOutput`."""
     try:
         with damage_reported(name):
-            if regular_status(folder / name).st_nlink > 1:
-                raise NotAsWritten("it has a second name elsewhere")
-            check(folder / name, given, answer)
+            yield
     except DamagedResult as error:
         raise InvalidOutput(f"the job left a {name} that jobs of its kind do not write: {error.reason}") from error
+    except PermissionError as error:
+        raise InvalidOutput("the job left files that nobody may read") from error
 
 
 def _check_picture(path: Path, _: HandedOver, __: InspectionResult) -> None:

@@ -22,6 +22,8 @@ from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
 from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.jobs import Job, JobKind
+from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_store.subjects.outputs import check_file
 from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
 from sawmill_vocabulary import ProgressCallback
@@ -71,6 +73,12 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     """
     with input_errors_translated():
         return _MODULES[attempt.job.kind].run(attempt)
+
+
+def check(attempt: MillAttempt, answer: dict[str, Any]) -> None:
+    """Check the file that an attempt at a job left, which is this attempt's input; raise `InvalidOutput`."""
+    kind = attempt.job.kind
+    check_file(kind, attempt.given, declaration_of(kind).result.model_validate(answer), attempt.file)
 
 
 def make_ready(attempt: MillAttempt) -> None:

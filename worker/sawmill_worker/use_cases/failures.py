@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sawmill_formats.errors import DamagedResult, UnreadableScan
+from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
+from sawmill_platform.errors import DamagedResult
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import GeometryError

@@ -11,10 +11,10 @@ from pydantic import Field
 from starlette.datastructures import Headers
 from starlette.types import Receive, Scope, Send
 
-from sawmill_formats.errors import regular_status
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.files.verified_results import compute_digest, regular_status
 from sawmill_platform.keys import sessions
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, check_conditions, spans_of
@@ -131,14 +131,14 @@ def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, di
 class Download(FileResponse):
     """A stored file, whole or in ranges, or 304 for a client that has it; sent once the digest is known."""
 
-    check: Callable[[], None]
+    compute_digest: Callable[[Path], bytes]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         status = cast("os.stat_result", self.stat_result)
         digests: Digests = scope["app"].state.digests
         try:
-            digest = await digests.of_file(Path(self.path), status, self.check)
+            digest = await digests.of_file(Path(self.path), status, self.compute_digest)
         except FileNotFoundError:
             raise _missing(Path(self.path)) from None
         tag, modified, request_headers = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
@@ -160,7 +160,7 @@ def file(
     media_type: str,
     *,
     save_as: str | None = None,
-    check: Callable[[], None] = lambda: None,
+    digest: Callable[[Path], bytes] = lambda path: compute_digest(path).sha256,
 ) -> Response:
     """Return a stored file as a download.
 
@@ -168,8 +168,8 @@ def file(
     ----------
     save_as
         Name under which a browser saves the file; None: from the request's path.
-    check
-        Function that refuses a damaged file; called before the digest is computed for the first time.
+    digest
+        Function that computes the file's digest, or refuses the file.
     """
     try:
         status = regular_status(path)
@@ -178,7 +178,7 @@ def file(
     disposition = "inline" if media_type.startswith("image/") else "attachment"
     headers = _saved(disposition, save_as or name_of(request))
     download = Download(path, media_type=media_type, stat_result=status, headers=headers)
-    download.check = check
+    download.compute_digest = digest
     return download
 
 

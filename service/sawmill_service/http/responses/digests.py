@@ -7,20 +7,19 @@ import threading
 from base64 import b64encode
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import nullcontext
 from pathlib import Path
 
-import structlog
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_formats.errors import DamagedResult
-from sawmill_platform.files.digests import NOTED_FROM_BYTES, compute_digest, note_digest, read_note
+from sawmill_platform.errors import StorageUnavailable
+from sawmill_platform.files.verified_results import identity_of, regular_status
 
 # Bytes of the pictures that are kept as they were sent; one picture may have a quarter.
 _KEPT_BYTES = 16 * 1024**2
 # A digest and its key have some 300 bytes.
 _MOST_DIGESTS = 10_000
-
-log = structlog.get_logger(__name__)
+LARGE_FROM_BYTES = 8 * 1024**2
 
 
 def tag_of(digest: bytes) -> str:
@@ -43,14 +42,14 @@ class Digests:
 
     Parameters
     ----------
-    noted_from_bytes
-        Size from which a file counts as large: its digest is noted next to it.
+    large_from_bytes
+        Size from which a file counts as large; a smaller one is read within some 30 ms.
     read_at_once
         Large files that are read at once, each in a thread: the other threads remain for further requests.
     """
 
-    def __init__(self, *, noted_from_bytes: int = NOTED_FROM_BYTES, read_at_once: int = 2) -> None:
-        self._noted_from_bytes = noted_from_bytes
+    def __init__(self, *, large_from_bytes: int = LARGE_FROM_BYTES, read_at_once: int = 2) -> None:
+        self._large_from_bytes = large_from_bytes
         self._lock = threading.Lock()
         self._reading: dict[Hashable, asyncio.Task[bytes]] = {}
         self._large = asyncio.Semaphore(read_at_once)
@@ -82,14 +81,17 @@ class Digests:
                 self._kept_bytes -= len(self._contents.popitem(last=False)[1])
         return digest
 
-    def compute(self, path: Path, status: os.stat_result) -> bytes:
-        """Compute a file's digest as `compute_digest` does."""
-        return compute_digest(path, status)
-
-    async def of_file(self, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
+    async def of_file(self, path: Path, status: os.stat_result, compute: Callable[[Path], bytes]) -> bytes:
         """Return the digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
         If many requests need one file, one of them computes the digest, and the rest hold no thread.
+
+        Parameters
+        ----------
+        path, status
+            The file, and its status as it is sent.
+        compute
+            Function that computes the digest, or refuses the file.
 
         Raises
         ------
@@ -98,30 +100,21 @@ class Digests:
         StorageUnavailable
             The file has been replaced.
         DamagedResult
-            `check` refuses the file, or its digest differs from the noted one.
+            `compute` refuses the file.
         """
-        key = (str(path), status.st_size, status.st_mtime_ns)
+        key = (path, identity_of(status))
         if (digest := self.known(key)) is not None:
             return digest
         if key not in self._reading:
-            self._reading[key] = asyncio.create_task(self._read(key, path, status, check))
+            self._reading[key] = asyncio.create_task(self._read(key, path, status, compute))
             self._reading[key].add_done_callback(lambda _: self._reading.pop(key))
         return await asyncio.shield(self._reading[key])  # a request that is cancelled leaves the task to the rest
 
-    async def _read(self, key: Hashable, path: Path, status: os.stat_result, check: Callable[[], None]) -> bytes:
-        await run_in_threadpool(check)
-        noted = await run_in_threadpool(read_note, path)
-        if noted is not None and noted.is_of(status):
-            digest = noted.digest
-        elif status.st_size < self._noted_from_bytes:
-            digest = await run_in_threadpool(self.compute, path, status)
-        else:
-            async with self._large:
-                digest = await run_in_threadpool(self.compute, path, status)
-        if noted is not None and noted.digest != digest:
-            raise DamagedResult(path.name, "its digest is not the one that was taken when it was written")
-        if status.st_size >= self._noted_from_bytes and (noted is None or not noted.is_of(status)):
-            await run_in_threadpool(_keep, path, status, digest)
+    async def _read(self, key: Hashable, path: Path, status: os.stat_result, compute: Callable[[Path], bytes]) -> bytes:
+        async with nullcontext() if status.st_size < self._large_from_bytes else self._large:
+            digest = await run_in_threadpool(compute, path)
+        if identity_of(regular_status(path)) != identity_of(status):
+            raise StorageUnavailable(f"{path.name} was replaced while it was read: ask for it again")
         with self._lock:
             self._note(key, digest)
         return digest
@@ -130,10 +123,3 @@ class Digests:
         self._digests[key] = digest
         if len(self._digests) > _MOST_DIGESTS:
             self._digests.popitem(last=False)
-
-
-def _keep(path: Path, status: os.stat_result, digest: bytes) -> None:
-    try:
-        note_digest(path, status, digest)
-    except OSError as error:  # a full disk: the file can be sent all the same
-        log.warning("digest-not-kept", file=path.name, reason=str(error))

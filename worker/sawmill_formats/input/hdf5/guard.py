@@ -25,6 +25,13 @@ LONGEST_NAME_BYTES = 1024
 DEEPEST_GROUP = 8
 
 Node: TypeAlias = h5py.Group | h5py.Dataset
+Address: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
+
+
+def address_of(node: Node) -> Address:
+    """Return the file and the address of an object; `h5py.h5o.get_info` measures a chunk index too, and may crash."""
+    about = h5py.h5g.get_objinfo(node.id)
+    return tuple(about.fileno), tuple(about.objno)
 
 
 def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | None:
@@ -71,7 +78,7 @@ def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | 
 
 def _beside(group: h5py.Group, key: bytes) -> Node:
     """Open a group's member; files that it names are searched for next to its own, not where this process runs."""
-    if h5py.h5o.get_info(group.id, key).type != h5py.h5o.TYPE_DATASET:
+    if h5py.h5g.get_objinfo(group.id, key).type != h5py.h5g.DATASET:
         return group[key]
     access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
     access.set_efile_prefix(b"${ORIGIN}")
@@ -141,7 +148,7 @@ def name_of(node: Node) -> str:
 
 def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, h5py.Dataset]]:
     """Yield every dataset of the file, and of files that it leads to, with its path, each object once."""
-    seen: set[tuple[int, int]] = set()
+    seen: set[Address] = set()
     members = 0
 
     def walk(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
@@ -149,8 +156,7 @@ def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[t
         members += len(group)
         check_members(members)
         for name, node in children(group, linked):
-            info = h5py.h5o.get_info(node.id)
-            address = (info.fileno, info.addr)
+            address = address_of(node)
             if address in seen:
                 continue
             seen.add(address)

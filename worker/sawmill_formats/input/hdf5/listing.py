@@ -9,7 +9,7 @@ import h5py
 from sawmill_formats.errors import quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.hdf5.guard import DEEPEST_GROUP, check_members, find, members, text_of
+from sawmill_formats.input.hdf5.guard import DEEPEST_GROUP, Address, address_of, check_members, find, members, text_of
 from sawmill_formats.input.hdf5.links import LinkedFiles, located
 from sawmill_formats.input.hdf5.storage import filter_names
 from sawmill_formats.input.hdf5.texts import attribute_text
@@ -37,7 +37,7 @@ class _Listing:
 
     def __init__(self, linked: LinkedFiles | None) -> None:
         self._linked = linked
-        self._names: dict[int, str] = {}
+        self._names: dict[Address, str] = {}
         self._members = 0
 
     def walk(self, group: h5py.Group, prefix: str, depth: int) -> Iterator[Part]:
@@ -68,7 +68,7 @@ class _Listing:
         if not isinstance(node, h5py.Group | h5py.Dataset):
             yield Part(name, PartKind.GROUP, type="a named type")
             return
-        address = h5py.h5o.get_info(node.id).addr
+        address = address_of(node)
         if address in self._names:
             yield Part(name, PartKind.LINK, leads_to=self._names[address])
             return

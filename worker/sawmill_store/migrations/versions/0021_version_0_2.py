@@ -144,7 +144,7 @@ def _change_tables_of_jobs() -> None:
         sa.Column("short", _FLAG, nullable=False, server_default=sa.false()),
         sa.Column("priority", _INTEGER, nullable=False, server_default="0"),
         sa.Column("group_id", _ID, nullable=False, server_default=""),
-        *_perhaps(request_id=_ID, key_id=_ID, asked_by=_NAME),
+        *_perhaps(output_sha256=_ID, request_id=_ID, key_id=_ID, asked_by=_NAME),
     ):
         op.add_column("jobs", column)
     for table in ("scans", "calibrations", "reconstructions", "drifts", "plans"):

@@ -19,6 +19,7 @@ from sawmill_formats.input.own.calibration import (
     read_calibration_json,
     read_time_of_writing,
 )
+from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
@@ -55,6 +56,7 @@ def read_calibration(path: Path) -> CalibrationResult:
     """
     with _refusing(path):
         if h5py.is_hdf5(path):
+            read_apart(path)
             return CalibrationResult.model_validate_json(read_calibration_json(path))
         return CalibrationFile.read(_text(path))
 
