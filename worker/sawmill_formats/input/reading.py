@@ -15,7 +15,7 @@ from sawmill_formats.input.averaged import AveragedRows
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import FileContents, Projections, reversed_axes
 from sawmill_formats.input.given_fields import with_fields
-from sawmill_formats.input.hdf5.links import LinkedFiles
+from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.recognising import recognise
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
@@ -133,7 +133,7 @@ def reading_contents(
     """
     recognised = recognise(path)
     with ExitStack() as files:
-        linked = LinkedFiles(files) if follow_links else None
+        linked = LinkedFilesOnDisk(files) if follow_links else None
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
         with library_errors_translated(recognised.name):
             contents = recognised.read(path, Wanted(dataset, deviations=deviations, transpose=transpose), bounds, files)
