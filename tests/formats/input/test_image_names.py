@@ -91,6 +91,16 @@ FIELDS = {
 }
 
 
+def test_images_of_one_camera_have_no_gap_where_fields_lie_between_them():
+    views = [f"scan_{n}.tif" for n in range(90) if n % 30 != 10]
+    flats = [f"flat_{n}.tif" for n in range(90) if n % 30 == 10]
+    assert sort(views + flats) == (views, flats, [], ())
+    *_, [gap] = sort([*views[:20], *views[21:], *flats])
+    assert (gap.message, gap.values["numbers"], gap.values["total"]) == (ReadingMessage.NUMBERS_LEFT_OUT, "21", 87)
+    *_, [gap] = sort([*views, *count("flat_{}.tif", 30)])
+    assert gap.values["numbers"] == "10, 40, 70"
+
+
 @pytest.mark.parametrize(("flats", "darks"), FIELDS.values(), ids=FIELDS)
 @pytest.mark.parametrize("views", [VIEWS, count("scan/proj/IMG_{:04d}.tif")])
 def test_fields_are_recognised_by_the_words_of_other_programs(views, flats, darks):

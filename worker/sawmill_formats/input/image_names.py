@@ -82,7 +82,10 @@ def sorted_images(
     by_kind = {kind: [image for image in images if kinds[image.place] is kind] for kind in (None, *FieldKind)}
     remarks: list[Reason] = []
     if fields is None:
-        by_kind[None], remarks = _sequence(by_kind[None])
+        of_fields = {
+            number for kind in FieldKind for image in by_kind[kind] for number in _decimals(image.numbers[-1:])
+        }
+        by_kind[None], remarks = _sequence(by_kind[None], of_fields)
     else:
         by_kind[None] = by_kind[None] or by_kind[fields]
     return {kind: [image.place for image in of_kind] for kind, of_kind in by_kind.items()}, remarks
@@ -118,7 +121,7 @@ def _field_words(part: str) -> dict[str, FieldKind]:
     return {"^" * stem.lower().startswith(word) + word: kind for word, kind in sure.items()} or kinds
 
 
-def _sequence(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
+def _sequence(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Image], list[Reason]]:
     """Return the views in their order, and remarks; a form of names that few images have is of no view."""
     forms = Counter(image.form for image in images)
     least = max([2, *forms.values()]) / 2
@@ -127,7 +130,7 @@ def _sequence(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
     if 2 * len(views) <= len(images):
         return images, [ReadingMessage.NAMES_OF_SEVERAL_FORMS(forms=len(forms), names=listed(forms))][: len(forms) - 1]
     if len(sequences) == 1:
-        views, remarks = _by_numbers(views)
+        views, remarks = _by_numbers(views, of_fields)
     else:
         last = {image.place: _decimals(image.numbers[-1:]) for image in views}
         if len({(image.form, last[image.place]) for image in views}) > len({*last.values()}):
@@ -148,7 +151,7 @@ def _several_scans(sequences: Iterable[str]) -> UnreadableScan:
     )
 
 
-def _by_numbers(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
+def _by_numbers(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Image], list[Reason]]:
     """Sort images of one form, by the number that counts them where several numbers vary."""
     folders, files = zip(*(image.name.rpartition("/")[::2] for image in images), strict=True)
     if len({*files}) < len(files) > len({*folders}) > 1:
@@ -157,7 +160,7 @@ def _by_numbers(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
     images.sort(key=lambda image: rows[image.place])
     columns = dict(enumerate(zip(*(rows[image.place] for image in images), strict=True)))
     varying = {place: column for place, column in columns.items() if len({*column}) > 1}
-    counters = {place: spacing for place, column in varying.items() if (spacing := _spacing(column))}
+    counters = {place: spacing for place, column in varying.items() if (spacing := _spacing(column, of_fields))}
     by = min(counters or varying, key=lambda place: place in counters and counters[place][0] != 1, default=0)
     remarks = counters[by][1] if by in counters else []
     in_order = all(before <= after for column in varying.values() for before, after in pairwise(column))
@@ -184,13 +187,16 @@ def _rows(images: Sequence[_Image]) -> dict[int, tuple[Decimal, ...]]:
     decimals = {image.place: _decimals(image.numbers) for image in images}
     integers = {image.place: _decimals(re.split("[.,]", ".".join(image.numbers))) for image in images}
     varying = [column for column in zip(*integers.values(), strict=False) if len({*column}) > 1]
-    spacing = _spacing(varying[0]) if len(varying) == 1 else None
+    spacing = _spacing(varying[0], set()) if len(varying) == 1 else None
     counts = spacing is not None and not spacing[1]
     return integers if counts or len({*decimals.values()}) < len({*integers.values()}) else decimals
 
 
-def _spacing(column: Sequence[Decimal]) -> tuple[Decimal, list[Reason]] | None:
-    """Return the step of equally spaced numbers, and a remark where some are missing; None for other numbers."""
+def _spacing(column: Sequence[Decimal], of_fields: set[Decimal]) -> tuple[Decimal, list[Reason]] | None:
+    """Return the step of equally spaced numbers, and a remark where some are missing; None for other numbers.
+
+    Numbers that fields have instead are not missing: a camera may count all images.
+    """
     numbers = sorted({*column})
     steps = [after - before for before, after in pairwise(numbers)]
     if len(numbers) < len(column) or not steps or max(map(abs, numbers)) >= LARGEST_COUNTER:
@@ -199,8 +205,11 @@ def _spacing(column: Sequence[Decimal]) -> tuple[Decimal, list[Reason]] | None:
     times = [round(each / step) for each in steps]
     if any(not n or abs(each - n * step) > ROUNDING * step for n, each in zip(times, steps, strict=True)):
         return None
-    missing = sum(times) - len(times)
-    absent = (f"{number + n * step:f}" for number, up in zip(numbers, times, strict=False) for n in range(1, up))
+    of_fields = of_fields if of_fields.isdisjoint(numbers) else set()
+    between = {n for n in of_fields if numbers[0] < n < numbers[-1] and not (n - numbers[0]) % step}
+    missing = sum(times) - len(times) - len(between)
+    steps_up = ((number, n) for number, up in zip(numbers, times, strict=False) for n in range(1, up))
+    absent = (f"{number + n * step:f}" for number, n in steps_up if number + n * step not in between)
     total = len(column) + missing
     gaps = [ReadingMessage.NUMBERS_LEFT_OUT(numbers=listed(absent), missing=missing, total=total)] if missing else []
     return step, gaps
