@@ -17,6 +17,8 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 MOST_QUOTED = 10
 # Larger numbers are dates and times, which have gaps.
 LARGEST_COUNTER = 10**9
+# Numbers from here on whose last four digits are minutes and seconds are taken for the time of the day.
+LEAST_CLOCK_TIME = 10**4
 # Share of the usual step by which numbers that were rounded may differ from equal steps.
 ROUNDING = Decimal("0.1")
 
@@ -75,7 +77,8 @@ def sorted_images(
     paths = [name.replace("\\", "/") for name in names]
     stems = [str(PurePosixPath(path.lower()).with_suffix("")) for path in paths]
     forms = {_NUMBER.sub("#", stem) for stem in stems}
-    number = _SIGNED if any("-#" in form and form.replace("-#", "#") in forms for form in forms) else _NUMBER
+    others = (form.replace("-#", sign) for form in forms if "-#" in form for sign in ("#", "+#"))
+    number = _NUMBER if forms.isdisjoint(others) else _SIGNED
     images = [_Image(n, paths[n], number.sub("#", stem), number.findall(stem)) for n, stem in enumerate(stems)]
     images.sort(key=lambda image: (natural_key(image.name), image.name))
     kinds = _kinds(paths, of_fields=fields is not None)
@@ -127,8 +130,9 @@ def _sequence(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Imag
     least = max([2, *forms.values()]) / 2
     sequences = [form for form, count in forms.items() if count > 1 and count >= least]
     views = [image for image in images if image.form in sequences]
+    several = ReadingMessage.NAMES_OF_SEVERAL_FORMS
     if 2 * len(views) <= len(images):
-        return images, [ReadingMessage.NAMES_OF_SEVERAL_FORMS(forms=len(forms), names=listed(forms))][: len(forms) - 1]
+        return images, [several(forms=len(forms), names=listed(forms))] if len(forms) > 1 else []
     if len(sequences) == 1:
         views, remarks = _by_numbers(views, of_fields)
     else:
@@ -136,7 +140,7 @@ def _sequence(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Imag
         if len({(image.form, last[image.place]) for image in views}) > len({*last.values()}):
             raise _several_scans(sequences)
         views.sort(key=lambda image: last[image.place])
-        remarks = [ReadingMessage.NAMES_OF_SEVERAL_FORMS(forms=len(sequences), names=listed(sequences))]
+        remarks = [several(forms=len(sequences), names=listed(sequences))]
     left_out = [image.name for image in images if image.form not in sequences]
     if left_out:
         remarks.append(ReadingMessage.IMAGES_LEFT_OUT(images=len(left_out), names=listed(left_out)))
@@ -167,6 +171,8 @@ def _by_numbers(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Im
     if by in counters:
         in_order = [*varying[by]] == sorted(varying[by])
         images.sort(key=lambda image: rows[image.place][by])
+    elif varying:  # angles in unequal steps, which may have been measured in another order
+        in_order = in_order and not any(number % 1 for number in varying[by])
     # Numbers below 0 alone may count down.
     if varying and (not in_order or max(varying[by]) <= 0):
         names = listed((image.name for image in images), 3)
@@ -200,6 +206,8 @@ def _spacing(column: Sequence[Decimal], of_fields: set[Decimal]) -> tuple[Decima
     numbers = sorted({*column})
     steps = [after - before for before, after in pairwise(numbers)]
     if len(numbers) < len(column) or not steps or max(map(abs, numbers)) >= LARGEST_COUNTER:
+        return None
+    if all(n >= LEAST_CLOCK_TIME and n % 100 < 60 and n // 100 % 100 < 60 for n in numbers):
         return None
     step = median_low(steps)
     times = [round(each / step) for each in steps]

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
 from sawmill_formats.input.arrays import Bounds
@@ -37,9 +36,10 @@ def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> 
         raise UnreadableScan("unknown-format", "the folder holds no TIFF files; give the folder that holds the views")
     folders = [each.name for each in members if each.is_dir()]
     others = [each.name for each in members if not (_is_image(each) or each.is_dir())]
-    files = [_file(each) for each in images]
-    opened = partial(_other_file, path)
-    contents = read_files("the folder", files, others, opened, selection, bounds, rows_missing=False)
+    files = [TiffFile(each.name, _size(each), partial(_opened, each)) for each in images]
+    contents = read_files(
+        "the folder", files, others, lambda name: (path / name).open("rb"), selection, bounds, rows_missing=False
+    )
     subfolders = [ReadingMessage.SUBFOLDERS(folders=len(folders), names=listed(folders))] if folders else []
     remarks = (*subfolders, *contents.remarks)
     return replace(contents, format="folder-of-tiffs", remarks=remarks, others=tuple(images))
@@ -78,14 +78,6 @@ def _is_image(path: Path) -> bool:
 def _size(path: Path) -> int:
     """Return the size in bytes; 0 for a link to no file, which is refused later."""
     return path.stat().st_size if path.exists() else 0
-
-
-def _other_file(folder: Path, name: str) -> BinaryIO:
-    return (folder / name).open("rb")
-
-
-def _file(path: Path) -> TiffFile:
-    return TiffFile(path.name, _size(path), partial(_opened, path))
 
 
 @contextmanager
