@@ -1,7 +1,6 @@
 """ZIP archives of TIFF files, one or more views each, flat and dark fields recognised by their names."""
 
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -50,8 +49,7 @@ def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, bound
         if is_tiff(info.filename)
     ]
     others = [info.filename for info in infos if not is_tiff(info.filename)]
-    contents = read_files("the archive", images, others, archive.open, selection, bounds, rows_missing=True)
-    return replace(contents, format="zip-of-tiffs")
+    return read_files("zip-of-tiffs", images, others, archive.open, selection, bounds, rows_missing=True)
 
 
 def _unpacked(archive: ZipFile, info: ZipInfo, bounds: Bounds) -> AbstractContextManager[TiffPages]:

@@ -30,7 +30,7 @@ def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> 
     """
     if selection.dataset is not None:
         raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(selection.dataset)!r}")
-    members = [each for each in entries(path) if each.resolve() not in selection.apart]
+    members = [each for each in entries(path) if not (selection.apart and each.resolve() in selection.apart)]
     images = [each for each in members if _is_image(each)]
     if not images:
         raise UnreadableScan("unknown-format", "the folder holds no TIFF files; give the folder that holds the views")
@@ -38,11 +38,11 @@ def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> 
     others = [each.name for each in members if not (_is_image(each) or each.is_dir())]
     files = [TiffFile(each.name, _size(each), partial(_opened, each)) for each in images]
     contents = read_files(
-        "the folder", files, others, lambda name: (path / name).open("rb"), selection, bounds, rows_missing=False
+        "folder-of-tiffs", files, others, lambda name: (path / name).open("rb"), selection, bounds, rows_missing=False
     )
     subfolders = [ReadingMessage.SUBFOLDERS(folders=len(folders), names=listed(folders))] if folders else []
     remarks = (*subfolders, *contents.remarks)
-    return replace(contents, format="folder-of-tiffs", remarks=remarks, others=tuple(images))
+    return replace(contents, remarks=remarks, others=tuple(images))
 
 
 def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:

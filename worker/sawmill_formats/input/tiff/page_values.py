@@ -49,7 +49,10 @@ class PageValues:
     def image(self, stored: NDArray[Any]) -> NDArray[np.float32]:
         """Return the image or stack (..., rows, detector) float32 that the stored numbers mean."""
         if (self.scale, self.offset) != (1.0, 0.0):
-            stored = self.scale * stored.astype(np.float64) + self.offset
+            # In single precision where this is exact for the stored numbers, and in place: a page may be large.
+            stored = stored.astype(np.result_type(stored.dtype, np.float32))
+            stored *= self.scale
+            stored += self.offset
         along_rows, along_cells = (-1 if self.orientation in of else 1 for of in (FROM_BOTTOM, FROM_RIGHT))
         return as_float32(stored)[..., ::along_rows, ::along_cells]
 

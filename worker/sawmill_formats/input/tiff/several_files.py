@@ -54,7 +54,7 @@ def is_tiff(name: str) -> bool:
 
 
 def read_files(
-    what: str,
+    format_name: str,
     images: Sequence[TiffFile],
     others: Sequence[str],
     opened: Callable[[str], IO[bytes]],
@@ -67,8 +67,8 @@ def read_files(
 
     Parameters
     ----------
-    what : str
-        The archive or the folder in sentences.
+    format_name : str
+        Name of the format: `zip-of-tiffs` or `folder-of-tiffs`.
     images, others : sequence of TiffFile, sequence of str
         The images, and the names of the other files.
     opened : callable
@@ -81,6 +81,7 @@ def read_files(
     UnreadableScan
         When there are no views, they belong to several scans, or a file cannot be read or is of another size.
     """
+    what = "the archive" if format_name == "zip-of-tiffs" else "the folder"
     kinds, remarks = sorted_images([image.name for image in images], selection.fields)
     views, flats, darks = ([images[n] for n in kinds[kind]] for kind in (None, *FieldKind))
     if not views:
@@ -107,7 +108,7 @@ def read_files(
     ignored = sorted({*others} - {scale_file})
     if ignored:
         remarks.insert(0, ReadingMessage.OTHER_FILES(files=len(ignored), names=listed(ignored)))
-    return FileContents("several-tiffs", projections, flat_fields, dark_fields, remarks=tuple(remarks))
+    return FileContents(format_name, projections, flat_fields, dark_fields, remarks=tuple(remarks))
 
 
 def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False) -> list[CheckedTiff]:
