@@ -1,10 +1,12 @@
 """The direction of imports (docs/understand/architecture.md#direction-of-imports), and what each part wakes up."""
 
+import ast
 import os
 import subprocess
 import sys
 import tomllib
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,24 @@ def imported_by(statements: str) -> frozenset[str]:
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return frozenset(done.stdout.splitlines()[-1].split())
+
+
+def imports_of(path: Path) -> set[str]:
+    """Every module that a file imports, also in functions and for types alone, and every name in it."""
+    nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    froms = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+    return plain | {
+        name for node in froms for alias in node.names for name in (node.module, f"{node.module}.{alias.name}")
+    }
+
+
+def test_formats_import_each_other_in_no_circle():
+    modules = modules_of("sawmill_formats").split(", ")
+    paths = (WORKER / name.replace(".", "/") for name in modules)
+    files = [path / "__init__.py" if path.is_dir() else path.with_suffix(".py") for path in paths]
+    imports = {name: (imports_of(file) & {*modules}) - {name} for name, file in zip(modules, files, strict=True)}
+    assert list(TopologicalSorter(imports).static_order())  # raises for a circle
 
 
 def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:

@@ -129,5 +129,5 @@ def test_inspect_a_folder(run, folder):
     assert [part["flag"] for part in answer["missing"] if part["needed"]] == [
         "--angles-deg or --angles-file", "--flats", "--detector-pitch-mm",
     ]  # fmt: skip
-    assert "1 files that are no TIFFs were ignored." in answer["reading"]["remarks"]
+    assert "1 files that are no TIFFs were ignored (notes.txt)." in answer["reading"]["remarks"]
     assert answer["size_bytes"] == sum(each.stat().st_size for each in folder.iterdir())

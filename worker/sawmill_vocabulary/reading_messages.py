@@ -31,12 +31,14 @@ class ReadingMessage(Message):
     MODULES_IGNORED = "modules-ignored", N_("The detector's modules in %(path)s were ignored: %(why)s.")
     NO_IMAGE_KEY = "no-image-key", N_("%(path)s is missing: every image is a view.")
     INVALID_IMAGES = "invalid-images", N_("%(images)d images marked invalid (image_key 3) were left out.")
-    OTHER_FILES = "other-files", N_("%(files)d files that are no TIFFs were ignored.")
-    SUBFOLDERS = "subfolders", N_("%(folders)d subfolders were not looked into.")
+    OTHER_FILES = "other-files", N_("%(files)d files that are no TIFFs were ignored (%(names)s).")
+    SUBFOLDERS = "subfolders", N_("%(folders)d subfolders were not looked into (%(names)s).")
     FEWER_ROWS = "fewer-rows", N_("Views of fewer than %(rows)d rows were read as lacking rows at their end.")
     NAMES_OF_SEVERAL_FORMS = (
         "names-of-several-forms",
-        N_("The files' names have %(forms)d forms (%(names)s): all were taken as views, in natural order."),
+        N_(
+            "The files' names have %(forms)d forms (%(names)s): all were taken as views, in the order of their numbers."
+        ),
     )
     NUMBERS_LEFT_OUT = (
         "numbers-left-out",
@@ -45,6 +47,38 @@ class ReadingMessage(Message):
             "the next view, and angles as START:STEP do not fit from there on."
         ),
     )
+    NUMBERS_REPEATED = (
+        "numbers-repeated",
+        N_("%(repeated)d numbers in the files' names are there twice (%(names)s): each file was taken as a view."),
+    )
+    IMAGES_LEFT_OUT = (
+        "images-left-out",
+        N_("%(images)d images were left out, because they are not named as the views are (%(names)s)."),
+        N_("If they are views, name them as the other views; call flat and dark fields flat and dark."),
+    )
+    SORTED_BY_NUMBER = (
+        "sorted-by-number",
+        N_("The views were put in order by number %(position)d of their names (%(names)s)."),
+        N_("Check that the angles are in this order."),
+    )
+    NO_WHOLE_TURN = (
+        "no-whole-turn",
+        N_("%(views)d views in steps of %(step_deg)s degrees cover %(covered_deg)s degrees, which are no whole turns."),
+        N_("Check the step and the number of views."),
+    )
+    PIXELS_UNPACKED = (
+        "pixels-unpacked",
+        N_("The images' values were unpacked by %(names)s: %(scale)s times the stored number, plus %(offset)s."),
+    )
+    WHITE_IS_ZERO = (
+        "white-is-zero",
+        N_("Min is white (PhotometricInterpretation 0): values are %(largest)d less the number."),
+    )
+    WHITE_IS_ZERO_UNUSED = (
+        "white-is-zero-unused",
+        N_("Min is white (PhotometricInterpretation 0) was ignored: only unsigned integers can be inverted."),
+    )
+    ORIENTATION = "orientation", N_("The images were flipped as their Orientation %(orientation)d states.")
 
 
 class PreparingMessage(Message):

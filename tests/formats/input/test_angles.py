@@ -5,6 +5,9 @@ import pytest
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleList, AngleSteps, parse_angles, read_angles_file
+from sawmill_formats.input.contents import FileContents, held
+from sawmill_formats.input.reading import agree_on_angles
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
 def test_start_and_step():
@@ -61,3 +64,31 @@ def test_file_that_is_too_large_is_not_read(tmp_path):
     os.truncate(path, 17 * 2**20)
     with pytest.raises(UnreadableScan, match="too large for a list of angles"):
         read_angles_file(path)
+
+
+# Views, their step, and the degrees that the remark states.
+STEPS = [
+    (90, 4.0, None),
+    (91, 4.0, None),
+    (92, 4.0, "368"),
+    (89, 4.0, "356"),
+    (103, -3.5, None),
+    (720, 1.0, None),
+    (1080, 0.333333, None),
+    (515, 0.7, None),
+    (180, 1.0, "180"),
+    (768, 4.0, "3072"),
+    (90, 222.4922359, None),
+    (6, 1.0, "6"),
+]
+
+
+@pytest.mark.parametrize(("views", "step_deg", "covered_deg"), STEPS)
+def test_steps_that_make_no_whole_turns_are_remarked(views, step_deg, covered_deg):
+    contents = FileContents("npy", held(np.zeros((views, 4), np.float32)))
+    angles_deg, remarks = agree_on_angles(contents, AngleSteps(0.5, step_deg))
+    assert angles_deg.tolist() == [0.5 + step_deg * n for n in range(views)]
+    assert [(remark.message, remark.values["covered_deg"]) for remark in remarks] == (
+        [] if covered_deg is None else [(ReadingMessage.NO_WHOLE_TURN, covered_deg)]
+    )
+    assert agree_on_angles(contents, AngleList(tuple(angles_deg)))[1] == ()

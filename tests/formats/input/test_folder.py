@@ -7,8 +7,9 @@ import tifffile
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
-STEPS = AngleSteps(0.0, 20.0)
+STEPS = AngleSteps(0.0, 30.0)
 
 
 @pytest.fixture
@@ -21,8 +22,8 @@ def folder(tmp_path, rng):
     return tmp_path / "views", images
 
 
-def read(path, **given):
-    with reading_scan(path, counts=False, angles_deg=STEPS, **given) as scan:
+def read(path, *, counts=False, **given):
+    with reading_scan(path, counts=counts, angles_deg=STEPS, **given) as scan:
         stack = np.full(scan.shape, np.nan, np.float32)
         for block in scan.blocks(1_000):
             stack[block.views, block.rows] = block.samples
@@ -44,8 +45,9 @@ def test_a_gap_in_the_numbers_is_reported(folder):
         (path / f"view_{index}.tif").unlink()
     stack, scan = read(path)
     np.testing.assert_array_equal(stack, np.delete(images, (3, 7), axis=0))
-    [remark] = scan.remarks
+    remark, turn = scan.remarks
     assert "leave out 3, 7 (2 of 12)" in remark
+    assert (turn.message, turn.values["covered_deg"]) == (ReadingMessage.NO_WHOLE_TURN, "300")
 
 
 def test_numbers_that_count_in_steps_have_no_gap(folder):
@@ -56,22 +58,47 @@ def test_numbers_that_count_in_steps_have_no_gap(folder):
 
 
 def test_other_files_subfolders_and_forms_are_reported(folder):
-    path, _ = folder
+    path, images = folder
     (path / "flats").mkdir()
     (path / "scan.log").write_text("at 120 kV")
     (path / "view_11.tif").rename(path / "last.tif")
-    remarks = read(path)[1].remarks
-    assert remarks[:2] == ("1 subfolders were not looked into.", "1 files that are no TIFFs were ignored.")
-    assert "2 forms (last.tif, view_#.tif)" in remarks[2]
+    stack, scan = read(path)
+    np.testing.assert_array_equal(stack, images[:11])
+    assert scan.remarks[:3] == (
+        "1 subfolders were not looked into (flats).",
+        "1 files that are no TIFFs were ignored (scan.log).",
+        ReadingMessage.IMAGES_LEFT_OUT(images=1, names="last.tif"),
+    )
 
 
-def test_fields_are_not_guessed_from_names(folder):
+def test_fields_are_recognised_by_their_names_unless_they_are_given(folder):
     path, images = folder
-    tifffile.imwrite(path / "flat_0.tif", images[0])
-    code, sentence = refusal(path)
+    for name, image in (("io_0.tif", 60_000), ("dark_0.tif", 100)):
+        tifffile.imwrite(path / name, np.full_like(images[0], image))
+    with reading_scan(path, counts=True, angles_deg=STEPS) as scan:
+        assert (scan.shape, scan.flats.max(), scan.darks.max(), scan.remarks) == ((12, 3, 8), 60_000, 100, ())
+    with reading_scan(path, counts=True, angles_deg=STEPS, flats=path / "io_0.tif") as scan:
+        assert (scan.shape, scan.flats.max(), scan.darks.max(), scan.remarks) == ((12, 3, 8), 60_000, 100, ())
+    code, sentence = refusal(path, counts=True, darks=path)
     assert code == "contradiction"
-    assert "'flat_0.tif'" in sentence
-    assert "--flats" in sentence
+    assert "--darks" in sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "scale"), [(b'{"scale": 0.5, "offset": 1000}', 0.5), (b'{"scale": 0}', None), (b"", None)]
+)
+def test_images_that_were_packed_with_a_scale_and_an_offset_beside_them_are_unpacked(folder, text, scale):
+    path, images = folder
+    (path / "scaleoffset.json").write_bytes(text)
+    if scale is None:
+        code, sentence = refusal(path)
+        assert code == "unsupported-storage"
+        assert "'scaleoffset.json'" in sentence
+        return
+    stack, scan = read(path)
+    np.testing.assert_allclose(stack, (images - 1000.0) / 0.5, rtol=1e-6)
+    [remark] = scan.remarks
+    assert remark == ReadingMessage.PIXELS_UNPACKED(names="scaleoffset.json", scale="2", offset="-2000")
 
 
 @pytest.mark.parametrize(("image", "code"), [(np.zeros((4, 8), np.uint16), "wrong-shape"), (None, "broken-file")])

@@ -192,7 +192,7 @@ def test_zip_of_tiffs_sorts_naturally_and_knows_flats_and_darks(tmp_path, rng):
     np.testing.assert_array_equal(scan.projections, views)
     assert np.all(scan.flats == 50_000)
     assert np.all(scan.darks == 5)
-    assert scan.remarks == ("2 files that are no TIFFs were ignored.",)
+    assert scan.remarks == ("2 files that are no TIFFs were ignored (__MACOSX/scan/view-0.tif, scan/readme.txt).",)
 
 
 @pytest.mark.parametrize("dtype", ["<f8", ">f4", "<u2", "|i1", "<f2"])

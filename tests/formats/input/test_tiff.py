@@ -1,4 +1,6 @@
-"""TIFF files whose images stand where no page names them."""
+"""TIFF files whose images stand where no page names them, or whose tags change what the numbers mean."""
+
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -6,7 +8,9 @@ import tifffile
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.reading import reading_contents
 from sawmill_formats.input.tiff.pages import open_pages
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 STACK = np.arange(12 * 4 * 16, dtype=np.uint16).reshape(12, 4, 16)
 BOUNDS = Bounds(array=2**20, piece=2**20)
@@ -46,3 +50,116 @@ def test_a_page_that_lacks_a_strip_or_tile_is_refused(tmp_path, options, counts)
     with pytest.raises(UnreadableScan, match="page 1 of the file has 1 of its 2 strips or tiles") as refusal:
         shape_of(tmp_path / "short.tif")
     assert refusal.value.code == "truncated-file"
+
+
+GDAL = (
+    '<GDALMetadata><Item name="SCALE" sample="0" role="scale">0.5</Item>'
+    '<Item name="OFFSET" sample="0" role="offset">-7</Item></GDALMetadata>'
+)
+UNPACKED, INVERTED = ReadingMessage.PIXELS_UNPACKED, ReadingMessage.WHITE_IS_ZERO
+
+
+def imagej(function):
+    return {"description": f"ImageJ=1.53t\nimages=12\nslices=12\n{function}vunit=Gray Value\n"}
+
+
+def tag(code, kind, value):
+    return {"extratags": [(code, kind, 0 if kind == 2 else 1, value, True)]}
+
+
+# Stored numbers, options of the writer, the values that they mean, and the remarks.
+MEANINGS = {
+    "min is white": (65_535 - STACK, {"photometric": "miniswhite"}, STACK, [INVERTED(largest=65_535)]),
+    "min is white, 8 bits": (
+        (255 - STACK % 256).astype(np.uint8),
+        {"photometric": "miniswhite"},
+        STACK % 256,
+        [INVERTED(largest=255)],
+    ),
+    "min is white, floating-point": (
+        STACK.astype(np.float32),
+        {"photometric": "miniswhite"},
+        STACK,
+        [ReadingMessage.WHITE_IS_ZERO_UNUSED()],
+    ),
+    "from the right": (STACK[..., ::-1], tag(274, 3, 2), STACK, [ReadingMessage.ORIENTATION(orientation=2)]),
+    "upside down": (STACK[:, ::-1, ::-1], tag(274, 3, 3), STACK, [ReadingMessage.ORIENTATION(orientation=3)]),
+    "from below": (STACK[:, ::-1], tag(274, 3, 4), STACK, [ReadingMessage.ORIENTATION(orientation=4)]),
+    "as it is": (STACK, tag(274, 3, 1), STACK, []),
+    "signed numbers": (STACK.astype(np.int16) - 300, {}, STACK - 300.0, []),
+    "signed numbers of ImageJ": (
+        STACK + 32_768,
+        imagej("cf=0\nc0=-32768.0\nc1=1.0\n"),
+        STACK,
+        [UNPACKED(names="ImageJ (c1, c0)", scale="1", offset="-32768")],
+    ),
+    "signed numbers of ImageJ, min is white": (
+        65_535 - STACK,
+        imagej("cf=0\nc0=-7\nc1=0.5\n") | {"photometric": "miniswhite"},
+        STACK / 2 - 7.0,
+        [INVERTED(largest=65_535), UNPACKED(names="ImageJ (c1, c0)", scale="0.5", offset="-7")],
+    ),
+    "32-bit numbers of ImageJ": (STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK, []),
+    "no function of ImageJ": (STACK, imagej("min=0\nmax=9\n"), STACK, []),
+    "GDAL's scale": (
+        STACK,
+        tag(42112, 2, GDAL),
+        STACK / 2 - 7.0,
+        [UNPACKED(names="GDAL (scale, offset)", scale="0.5", offset="-7")],
+    ),
+    "GDAL's scale of 1": (STACK, tag(42112, 2, GDAL.replace("0.5", "1").replace("-7", "0.0")), STACK, []),
+}
+
+
+def paged(path, stack, options):
+    with tifffile.TiffWriter(path) as file:
+        for image in stack:
+            file.write(image, contiguous=False, metadata=None, **{"photometric": "minisblack"} | options)
+
+
+@pytest.mark.parametrize(("stored", "options", "values", "remarks"), MEANINGS.values(), ids=MEANINGS)
+def test_tags_and_descriptions_that_change_the_values_are_followed(tmp_path, stored, options, values, remarks):
+    paged(tmp_path / "scan.tif", stored, options)
+    with reading_contents(tmp_path / "scan.tif") as contents:
+        np.testing.assert_array_equal(contents.projections.read(slice(0, 12), slice(1, 3)), values[:, 1:3])
+        assert [(each.message, each.values) for each in contents.remarks] == [
+            (each.message, each.values) for each in remarks
+        ]
+
+
+def test_fields_of_another_convention_are_read_by_their_own_tags(tmp_path):
+    paged(tmp_path / "scan.tif", STACK, {})
+    paged(tmp_path / "flats.tif", 65_535 - STACK[:, ::-1], {"photometric": "miniswhite"} | tag(274, 3, 4))
+    with reading_contents(tmp_path / "scan.tif", flats=tmp_path / "flats.tif") as contents:
+        np.testing.assert_array_equal(contents.flats, STACK)
+    with ZipFile(tmp_path / "scan.zip", "w") as archive:
+        for n, image in enumerate(STACK):
+            paged(tmp_path / "view.tif", 65_535 - image[np.newaxis], {"photometric": "miniswhite"})
+            archive.write(tmp_path / "view.tif", f"view_{n}.tif")
+    with reading_contents(tmp_path / "scan.zip") as contents:
+        np.testing.assert_array_equal(contents.projections.read(slice(0, 12), slice(0, 4)), STACK)
+        assert [(each.message, each.values) for each in contents.remarks] == [(INVERTED, {"largest": 65_535})]
+
+
+COLOURS = {"photometric": "palette", "colormap": np.zeros((3, 256), np.uint16)}
+REFUSED = {
+    "palette": (COLOURS, "wrong-type", "PhotometricInterpretation 3"),
+    "colour filter": ({"photometric": 32803}, "wrong-type", "PhotometricInterpretation 32803"),
+    "rows as columns": (tag(274, 3, 6), "unsupported-storage", "Orientation 6"),
+    "a curve of ImageJ": (imagej("cf=3\nc0=1\nc1=1\n"), "unsupported-storage", "function '3' of ImageJ"),
+    "no number of ImageJ": (imagej("cf=0\nc0=NaN\nc1=1\n"), "unsupported-storage", "'NaN'"),
+    "GDAL's scale of 0": (
+        tag(42112, 2, GDAL.replace("0.5", "0")),
+        "unsupported-storage",
+        "GDAL (scale, offset), are '0'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("options", "code", "named"), REFUSED.values(), ids=REFUSED)
+def test_numbers_whose_meaning_cannot_be_followed_are_refused_by_their_tag(tmp_path, options, code, named):
+    paged(tmp_path / "scan.tif", STACK.astype(np.uint8), options)
+    with pytest.raises(UnreadableScan) as refusal:
+        shape_of(tmp_path / "scan.tif")
+    assert refusal.value.code == code
+    assert named in str(refusal.value)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sawmill_formats.errors import UnreadableScan
 
 if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
+    import h5py
 
 MAX_BYTES = 8 * 2**30
 
@@ -32,6 +32,24 @@ OTHER_KINDS = {
 }
 
 
+class LinkedFiles(Protocol):
+    """The files that an HDF5 file leads to.
+
+    Attributes
+    ----------
+    missing : list of UnreadableScan
+        Links to missing files that were met while members were listed.
+    """
+
+    missing: list[UnreadableScan]
+
+    def root(self, beside: "h5py.Group | h5py.Dataset", name: str, path: str) -> "h5py.Group":
+        """Return the root group of the file that an external link names."""
+
+    def stored_bytes(self, where: str, dataset: "h5py.Dataset", bounds: "Bounds") -> int:
+        """Return the bytes stored of a dataset whose data are in other files."""
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Limits of reading: the number of bytes, as float32 or as stored, whichever is more, and the files.
@@ -48,7 +66,7 @@ class Bounds:
 
     array: int
     piece: int
-    linked: "LinkedFiles | None" = None
+    linked: LinkedFiles | None = None
 
     @property
     def whole(self) -> "Bounds":

@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,39 +23,29 @@ def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, 
     UnreadableScan
         `contradiction` where the scan's file has its own; or the file of the fields cannot be read as such.
     """
-    own = _Fields(contents.flats), _Fields(contents.darks)
-    of_flats = _either(own[0], flats, FieldKind.FLATS, bounds.whole)
-    of_darks = _either(own[1], darks, FieldKind.DARKS, bounds.whole)
-    files = (*contents.others, *of_flats.files, *of_darks.files)
-    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=files)
+    fields = {FieldKind.FLATS: contents.flats, FieldKind.DARKS: contents.darks}
+    others = contents.others
+    for kind, path in ((FieldKind.FLATS, flats), (FieldKind.DARKS, darks)):
+        if path is None:
+            continue
+        if fields[kind] is not None:
+            raise UnreadableScan(
+                "contradiction",
+                f"the file carries {kind} of its own and {quoted(path.name)!r} was given for them (--{kind}); leave "
+                "one of them out",
+            )
+        fields[kind], files = _read(path, kind, bounds.whole)
+        others = (*others, *files)
+    return replace(contents, flats=fields[FieldKind.FLATS], darks=fields[FieldKind.DARKS], others=others)
 
 
-@dataclass(frozen=True, eq=False)
-class _Fields:
-    """Fields (n, rows, detector) or, for one image, (rows, detector); without rows for sinograms; and their files."""
-
-    images: NDArray[np.float32] | None
-    files: tuple[Path, ...] = ()
-
-
-def _either(in_file: _Fields, path: Path | None, kind: FieldKind, bounds: Bounds) -> _Fields:
-    if path is None:
-        return in_file
-    if in_file.images is not None:
-        raise UnreadableScan(
-            "contradiction",
-            f"the file carries {kind} of its own and {quoted(path.name)!r} was given for them (--{kind}); leave one "
-            "of them out",
-        )
-    return _read(path, kind, bounds)
-
-
-def _read(path: Path, kind: FieldKind, bounds: Bounds) -> _Fields:
+def _read(path: Path, kind: FieldKind, bounds: Bounds) -> tuple[NDArray[np.float32], tuple[Path, ...]]:
+    """Return the fields (n, rows, detector), or one (rows, detector), without rows for sinograms; and their files."""
     try:
         recognised = recognise(path)
         with ExitStack() as files, library_errors_translated(recognised.name):
             contents = recognised.read(path, Wanted(fields=kind), bounds, files)
-            return _Fields(_images_of(contents, kind, bounds), contents.others or (path,))
+            return _images_of(contents, kind, bounds), contents.others or (path,)
     except UnreadableScan as error:
         raise UnreadableScan(error.code, f"--{kind} {quoted(path.name)!r}: {error}") from error
 

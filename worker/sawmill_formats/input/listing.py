@@ -7,11 +7,11 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 from sawmill_formats.errors import quoted
 from sawmill_formats.input.archives import members, opened
 from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.image_names import natural_key
 from sawmill_formats.input.matlab.mat5_variables import list_variables
 from sawmill_formats.input.npy import read_header
 from sawmill_formats.input.parts import Part, PartKind
 from sawmill_formats.input.tiff.pages import opened_tiff, page_type
-from sawmill_formats.input.tiff.several_files import natural_key
 from sawmill_formats.input.zipped import is_npz
 
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
-from sawmill_formats.input.angles import AngleList, AnglesGiven
+from sawmill_formats.input.angles import AngleList, AnglesGiven, AngleSteps
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds, as_fields
 from sawmill_formats.input.averaged import AveragedRows
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import FileContents, Projections, reversed_axes
 from sawmill_formats.input.given_fields import with_fields
-from sawmill_formats.input.hdf5.links import LinkedFiles
+from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.recognising import recognise
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
@@ -133,10 +133,12 @@ def reading_contents(
     """
     recognised = recognise(path)
     with ExitStack() as files:
-        linked = LinkedFiles(files) if follow_links else None
+        linked = LinkedFilesOnDisk(files) if follow_links else None
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
+        apart = frozenset(file.resolve() for file in (flats, darks) if file is not None)
+        selection = Wanted(dataset, deviations=deviations, transpose=transpose, apart=apart)
         with library_errors_translated(recognised.name):
-            contents = recognised.read(path, Wanted(dataset, deviations=deviations, transpose=transpose), bounds, files)
+            contents = recognised.read(path, selection, bounds, files)
         contents = with_fields(contents, flats, darks, bounds)
         if transpose:
             contents = _transposed(contents)
@@ -259,9 +261,23 @@ def agree_on_angles(
     if contents.angles_deg is not None:
         _check_same_angles(contents.angles_deg, angles)
         return contents.angles_deg, ()
+    turn = _no_whole_turn(angles_given, angles.size)
     if contents.angles_unusable is not None:
-        return angles, (ReadingMessage.ANGLES_GIVEN(contents.angles_unusable),)
-    return angles, () if hint is None else (ReadingMessage.ANGLES_GIVEN_BUT(why=hint),)
+        return angles, (*turn, ReadingMessage.ANGLES_GIVEN(contents.angles_unusable))
+    return angles, turn if hint is None else (*turn, ReadingMessage.ANGLES_GIVEN_BUT(why=hint))
+
+
+def _no_whole_turn(angles_given: AnglesGiven, views: int) -> tuple[Reason, ...]:
+    """Remark steps that make no whole number of turns, of which the last view may repeat the first one."""
+    if not isinstance(angles_given, AngleSteps):
+        return ()
+    step_deg = abs(angles_given.step_deg)
+    covered_deg = views * step_deg
+    # Half a step less than a turn to half a step more than a turn and one view.
+    beyond_deg = (covered_deg + step_deg / 2) % 360.0
+    if covered_deg + step_deg / 2 >= 360.0 and beyond_deg <= 2.0 * step_deg:
+        return ()
+    return (ReadingMessage.NO_WHOLE_TURN(views=views, step_deg=f"{step_deg:g}", covered_deg=f"{covered_deg:g}"),)
 
 
 def _check_axis(who: str, number: int | None, contents: FileContents) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 
 class FieldKind(StrEnum):
@@ -25,12 +26,15 @@ class Wanted:
         Whether the file may hold the projections' standard deviations.
     transpose : bool
         Whether the file has the axes in reverse order; readers give them as they are stored.
+    apart : frozenset of Path
+        Files of a folder that are read apart, as fields.
     """
 
     dataset: str | None = None
     fields: FieldKind | None = None
     deviations: bool = False
     transpose: bool = False
+    apart: frozenset[Path] = frozenset()
 
     @property
     def least_images(self) -> int:

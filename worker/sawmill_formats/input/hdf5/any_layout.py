@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sawmill_formats import nxtomo
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
-from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.arrays import Bounds, LinkedFiles
 from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
 from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
@@ -25,9 +25,6 @@ from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
-
-if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
 
 
 def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
@@ -56,7 +53,7 @@ def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
     return _read_plain(file, selection, bounds)
 
 
-def _choose_entry(file: h5py.File, dataset: str | None, linked: "LinkedFiles | None") -> h5py.Group | None:
+def _choose_entry(file: h5py.File, dataset: str | None, linked: LinkedFiles | None) -> h5py.Group | None:
     entries = find_entries(file, linked)
     if dataset is not None:
         chosen = find(file, f"/{dataset}", linked)

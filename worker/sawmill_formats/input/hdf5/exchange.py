@@ -1,27 +1,22 @@
 """HDF5 in the Data Exchange layout: /exchange/data, with data_white, data_dark and theta in the same group."""
 
-from typing import TYPE_CHECKING
-
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.arrays import Bounds, check_scan_dimensions
+from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions
 from sawmill_formats.input.contents import FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch
 from sawmill_formats.input.hdf5.guard import find, numbers, read_float32
 from sawmill_formats.input.hdf5.projections import all_views
 from sawmill_formats.input.hdf5.texts import attribute_text
 
-if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
-
 DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"
 
 
-def is_exchange(file: h5py.File, linked: "LinkedFiles | None" = None) -> bool:
+def is_exchange(file: h5py.File, linked: LinkedFiles | None = None) -> bool:
     """Return whether the file has the group and the dataset of this layout."""
     return isinstance(find(file, DATA, linked), h5py.Dataset)
 

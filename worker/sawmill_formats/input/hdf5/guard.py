@@ -5,7 +5,7 @@ Everything here is decided from the file's structure, before any data are read.
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
@@ -13,11 +13,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5_chunks import read_chunked
-from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.arrays import Bounds, LinkedFiles
 from sawmill_formats.input.hdf5.storage import check_dataset
-
-if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
 
 MOST_LINKS = 16
 MOST_MEMBERS = 10_000
@@ -34,7 +31,7 @@ def address_of(node: Node) -> Address:
     return tuple(about.fileno), tuple(about.objno)
 
 
-def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | None:
+def find(start: Node, path: str, linked: LinkedFiles | None = None) -> Node | None:
     """Follow a path link by link; None where it leads to nothing.
 
     Raises
@@ -85,7 +82,7 @@ def _beside(group: h5py.Group, key: bytes) -> Node:
     return h5py.Dataset(h5py.h5d.open(group.id, key, access))
 
 
-def children(group: h5py.Group, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, Node]]:
+def children(group: h5py.Group, linked: LinkedFiles | None = None) -> Iterator[tuple[str, Node]]:
     """Yield every member that exists, by name; in a name that is not UTF-8 the other bytes are surrogates.
 
     Where links are followed, those that lead to no file are noted and skipped: the request does not name them.
@@ -146,7 +143,7 @@ def name_of(node: Node) -> str:
     return repr(quoted(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)))
 
 
-def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, h5py.Dataset]]:
+def datasets(file: h5py.File, linked: LinkedFiles | None = None) -> Iterator[tuple[str, h5py.Dataset]]:
     """Yield every dataset of the file, and of files that it leads to, with its path, each object once."""
     seen: set[Address] = set()
     members = 0

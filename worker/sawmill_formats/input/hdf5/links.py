@@ -36,8 +36,8 @@ class _Taken(Protocol):
     dset_name: str
 
 
-class LinkedFiles:
-    """The files that an HDF5 file leads to; files behind links stay open as long as the given stack.
+class LinkedFilesOnDisk:
+    """Linked files on the user's own disk; files behind external links stay open as long as the given stack.
 
     Attributes
     ----------

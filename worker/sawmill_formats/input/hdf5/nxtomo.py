@@ -1,14 +1,13 @@
 """HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.arrays import Bounds, check_scan_dimensions, check_size
+from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
 from sawmill_formats.input.contents import FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
@@ -30,11 +29,8 @@ from sawmill_formats.nxtomo import (
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
-if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
 
-
-def find_entries(file: h5py.File, linked: "LinkedFiles | None" = None) -> list[h5py.Group]:
+def find_entries(file: h5py.File, linked: LinkedFiles | None = None) -> list[h5py.Group]:
     """Find every group, at the top or one level below it, whose `definition` is NXtomo."""
     top = [node for _, node in children(file["/"], linked) if isinstance(node, h5py.Group)]
     check_members(sum(map(len, top)))
@@ -42,7 +38,7 @@ def find_entries(file: h5py.File, linked: "LinkedFiles | None" = None) -> list[h
     return [group for group in (*top, *below) if _is_nxtomo(group, linked)]
 
 
-def _is_nxtomo(node: Node, linked: "LinkedFiles | None") -> bool:
+def _is_nxtomo(node: Node, linked: LinkedFiles | None) -> bool:
     return isinstance(node, h5py.Group) and read_text(node, "definition", linked=linked) == DEFINITION
 
 

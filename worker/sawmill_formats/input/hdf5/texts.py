@@ -1,24 +1,22 @@
 """Texts of HDF5 files and attributes of datasets, whose lengths are checked before they are read."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 
 from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.input.arrays import LinkedFiles
 from sawmill_formats.input.hdf5.guard import Node, find, name_of, read_values
 from sawmill_formats.input.hdf5.storage import check_chunks, check_storage
-
-if TYPE_CHECKING:
-    from sawmill_formats.input.hdf5.links import LinkedFiles
 
 # Most bytes of a name, a unit or a similar text.
 LONGEST_TEXT_BYTES = 4096
 
 
 def read_text(
-    start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: "LinkedFiles | None" = None
+    start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: LinkedFiles | None = None
 ) -> str | None:
     """Read the one string at a path; None where there is none.
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +16,15 @@ from sawmill_formats.input.arrays import (
     HARMLESS_BYTES,
     LARGEST_RATIO,
     Bounds,
-    as_float32,
     check_number_type,
     check_size,
 )
 from sawmill_formats.input.contents import FileContents, Projections, held
 from sawmill_formats.input.tiff.page_chain import check_chain
+from sawmill_formats.input.tiff.page_values import LONGEST_DESCRIPTION, PageValues, page_values
 from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_formats.input.wanted import Wanted
+from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
-_LONGEST_DESCRIPTION = 4096
 # A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or the
 # usual 256 x 256 for a small page.
 MOST_TILE_PAGES, USUAL_TILE_PIXELS = 4, 256 * 256
@@ -45,10 +45,18 @@ class TiffPages:
     Attributes
     ----------
     shape : (pages, rows, detector)
+    values : sequence of PageValues
+        Meaning of each page's numbers.
     """
 
     shape: tuple[int, int, int]
     tiff: "tifffile.TiffFile"
+    values: Sequence[PageValues]
+
+    @property
+    def remarks(self) -> tuple[Reason, ...]:
+        """Steps from stored numbers to images, each as the first page has it that needs it."""
+        return tuple({remark.message: remark for values in self.values[::-1] for remark in values.remarks}.values())
 
     def read(self, pages: slice, rows: slice) -> NDArray[np.float32]:
         """Read some rows of some pages, (pages, rows, detector) float32."""
@@ -58,7 +66,7 @@ class TiffPages:
             _check_unpacked(page, f"a strip or tile of page {index}")
             # Zeros, because the library does not write the parts that it does not fill.
             stored = np.zeros(page.shape, page.dtype)
-            image[:] = as_float32(page.asarray(out=stored, maxworkers=1)[rows])
+            image[:] = self.values[index].image(page.asarray(out=stored, maxworkers=1))[rows]
         return block
 
 
@@ -78,8 +86,8 @@ def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -
     count, rows, _ = pages.shape
     if count == 1:
         sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
-        return FileContents("tiff", sinogram, remarks=(ReadingMessage.SINGLE_PAGE(),))
-    return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)))
+        return FileContents("tiff", sinogram, remarks=(ReadingMessage.SINGLE_PAGE(), *pages.remarks))
+    return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)), remarks=pages.remarks)
 
 
 @contextmanager
@@ -123,8 +131,10 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
             check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
         claimed = unpacked = 0
         offsets: set[int] = set()
+        values: list[PageValues] = []
         for index, page in enumerate(tiff.pages):
             _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
+            values.append(page_values(page, f"page {index} of {name}"))
             claimed += sum(page.databytecounts)
             is_shared = not offsets.isdisjoint(page.dataoffsets)
             offsets.update(page.dataoffsets)
@@ -145,7 +155,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
         if count == 1:
             _check_nothing_follows(tiff.pages.first, name, size_bytes)
         rows, cells = first.shape
-        yield TiffPages((count, rows, cells), tiff)
+        yield TiffPages((count, rows, cells), tiff, values)
 
 
 def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
@@ -153,7 +163,7 @@ def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int
 
     ImageJ writes stacks of more than 4 GiB in this way, and tifffile with `truncate`.
     """
-    description = page.description[:_LONGEST_DESCRIPTION]
+    description = page.description[:LONGEST_DESCRIPTION]
     images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
     stated = int(images[1]) if images else 2 if '"truncated": true' in description else 1
     if stated > 1 and page.dataoffsets[0] + stated * page.nbytes <= size_bytes:

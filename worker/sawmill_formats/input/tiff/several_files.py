@@ -1,23 +1,31 @@
 """Several TIFF files, of one or more views each, as one stack: from an archive or from a folder."""
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import PurePosixPath
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, check_size
-from sawmill_formats.input.contents import Projections
+from sawmill_formats.input.contents import FileContents, Projections
+from sawmill_formats.input.image_names import listed, sorted_images
+from sawmill_formats.input.tiff.page_values import PageValues, values_of_scale_file
 from sawmill_formats.input.tiff.pages import TiffPages
+from sawmill_formats.input.wanted import FieldKind, Wanted
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 TIFF_SUFFIXES = frozenset({".tif", ".tiff"})
 # Views of which one has less than this share of the rows of another are not views of one log.
 LEAST_SHARE = 0.5
+# The Core Imaging Library writes this file next to images that it packed: value = (stored - offset) / scale.
+SCALE_FILE, LONGEST_SCALE_FILE = "scaleoffset.json", 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,7 @@ class CheckedTiff:
 
     file: TiffFile
     shape: tuple[int, int, int]
+    remarks: tuple[Reason, ...]
 
 
 def is_tiff(name: str) -> bool:
@@ -44,25 +53,65 @@ def is_tiff(name: str) -> bool:
     return path.suffix.lower() in TIFF_SUFFIXES and not path.name.startswith(".") and "__MACOSX" not in path.parts
 
 
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sort view-2 before view-10."""
-    return [
-        (0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name.lower()) if part
-    ]
+def read_files(
+    format_name: str,
+    images: Sequence[TiffFile],
+    others: Sequence[str],
+    opened: Callable[[str], IO[bytes]],
+    selection: Wanted,
+    bounds: Bounds,
+    *,
+    rows_missing: bool,
+) -> FileContents:
+    """Read the views of an archive or a folder in the order of their names, and the fields that are called so.
+
+    Parameters
+    ----------
+    format_name : str
+        Name of the format: `zip-of-tiffs` or `folder-of-tiffs`.
+    images, others : sequence of TiffFile, sequence of str
+        The images, and the names of the other files.
+    opened : callable
+        Function that opens one of the other files.
+    rows_missing : bool
+        Whether views may have fewer rows than others.
+
+    Raises
+    ------
+    UnreadableScan
+        When there are no views, they belong to several scans, or a file cannot be read or is of another size.
+    """
+    what = "the archive" if format_name == "zip-of-tiffs" else "the folder"
+    kinds, remarks = sorted_images([image.name for image in images], selection.fields)
+    views, flats, darks = ([images[n] for n in kinds[kind]] for kind in (None, *FieldKind))
+    if not views:
+        raise UnreadableScan(
+            "unknown-format",
+            f"{what} holds no TIFF files of views, but {len(flats) + len(darks)} of flat and dark fields and "
+            f"{len(others)} other files; give the views as .tif files whose names begin neither with flat nor with "
+            "dark",
+        )
+    checked = _checked(what, views, bounds, rows_missing=rows_missing)
+    flat_fields, dark_fields = (_fields(what, of_kind, bounds.whole) for of_kind in (flats, darks))
+    rows = max(member.shape[1] for member in checked)
+    remarks += {remark.message: remark for member in checked for remark in member.remarks}.values()
+    if any(member.shape[1] < rows for member in checked):
+        rows = max(rows, 0 if flat_fields is None else flat_fields.shape[1])
+        remarks.append(ReadingMessage.FEWER_ROWS(rows=rows))
+    projections = _stacked(checked, rows, bounds)
+    scale_file = str(PurePosixPath(views[0].name).with_name(SCALE_FILE))
+    if scale_file in others:
+        with opened(scale_file) as stream:
+            values = values_of_scale_file(quoted(scale_file), stream.read(LONGEST_SCALE_FILE))
+        projections = replace(projections, read=partial(_unpacked, projections, values))
+        remarks += values.remarks
+    ignored = sorted({*others} - {scale_file})
+    if ignored:
+        remarks.insert(0, ReadingMessage.OTHER_FILES(files=len(ignored), names=listed(ignored)))
+    return FileContents(format_name, projections, flat_fields, dark_fields, remarks=tuple(remarks))
 
 
-def image_kind(name: str) -> str:
-    """Return `flat` or `dark` where the name of the file or its folder is that word or begins with it, else `view`."""
-    for part in PurePosixPath(name.lower()).parts:
-        for kind in ("flat", "dark"):
-            if part.startswith(kind):
-                return kind
-    return "view"
-
-
-def checked_files(
-    what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False
-) -> list[CheckedTiff]:
+def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False) -> list[CheckedTiff]:
     """Check each file's pages, all of one size; views may lack rows.
 
     Raises
@@ -74,7 +123,7 @@ def checked_files(
     before = 0
     for file in files:
         with file.opened(replace(bounds, array=bounds.array - before)) as pages:
-            member = CheckedTiff(file, pages.shape)
+            member = CheckedTiff(file, pages.shape, pages.remarks)
         _check_like(member, (checked or [member])[0], rows_missing=rows_missing)
         checked.append(member)
         before += 4 * math.prod(member.shape)
@@ -94,7 +143,7 @@ def _check_like(member: CheckedTiff, first: CheckedTiff, *, rows_missing: bool) 
         )
 
 
-def stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projections:
+def _stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projections:
     """Stack all pages of the files; pages with fewer rows are filled with NaN at their end."""
     ends = np.cumsum([member.shape[0] for member in files])
     cells = files[0].shape[2]
@@ -115,3 +164,15 @@ def stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Projecti
         return block
 
     return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
+
+
+def _fields(what: str, files: Sequence[TiffFile], bounds: Bounds) -> NDArray[np.float32] | None:
+    if not files:
+        return None
+    checked = _checked(what, files, bounds)
+    fields = _stacked(checked, checked[0].shape[1], bounds)
+    return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))
+
+
+def _unpacked(stored: Projections, values: PageValues, views: slice, rows: slice) -> NDArray[np.float32]:
+    return values.image(stored.read(views, rows))

@@ -24,7 +24,7 @@ from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import FileContents, Projections
-from sawmill_formats.input.hdf5.links import LinkedFiles
+from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.own.file_kind import OwnKind, own_kind
 from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
@@ -160,7 +160,7 @@ def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[
     parts: list[FilePart] = []
     try:
         with ExitStack() as files, library_errors_translated(format_.name if format_ else PNG):
-            linked = LinkedFiles(files) if follow_links else None
+            linked = LinkedFilesOnDisk(files) if follow_links else None
             bounds = replace(reading_bounds(memory_available()), linked=linked)
             listed = format_.parts(path, bounds) if format_ else picture_parts(path)
             parts.extend(FilePart.model_validate(asdict(part)) for part in alike_together(listed))
