@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.plausible import Profile, check_finite
+from sawmill_formats.input.plausible import LARGEST_LOGARITHM, Profile, check_finite
 
 # Share of a view's rays. Masked rays are interpolated, and a log's shadow is a third of the detector or more.
 MOST_MASKED = 0.2
-# Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
-LARGEST_LOGARITHM = 50.0
 # Least line integral of air. The beam behind air is the flat field's but for the tube's drift: e times as many counts
 # are impossible.
 LEAST_AIR = -1.0

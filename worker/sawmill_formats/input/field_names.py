@@ -14,8 +14,8 @@ from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 KINDS = {
-    FieldKind.FLATS: re.compile("flat(s|fields?)?|whites?|bright(fields?)?|open(beam)?|ob|ff|i[0o]"),
-    FieldKind.DARKS: re.compile("dark(s|fields?|current)?|offsets?|df|di"),
+    FieldKind.FLATS: re.compile("(flat|white|bright)(s|fields?)?|open(beam)?|blanks?|air|ob|ff|i_?[0o]"),
+    FieldKind.DARKS: re.compile("dark(s|fields?|current)?|offsets?|pedestal|bias|df|di"),
 }
 # Words next to them. With any other word an array is something else, such as `flat_corrected`.
 TIMES = re.compile("pre|post|before|after|start|end|begin")
@@ -37,7 +37,7 @@ def kind_of(name: str) -> FieldKind | None:
 
 
 def _words(name: str) -> list[str]:
-    return re.findall("i0|[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower())
+    return re.findall("i_?0|[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower())
 
 
 def with_similar_fields(

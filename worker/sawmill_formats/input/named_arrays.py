@@ -152,7 +152,7 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
         name for name, info in infos.items() if name not in reserved_names and not _unfit(info, selection.least_images)
     ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
-    candidates = usual or [name for name in possible if kind_of(name) is None] or possible
+    candidates = usual or [name for name in possible if kind_of(name) is selection.fields] or possible
     in_cells = [name for name in candidates if name.startswith(CELL_CONTENTS)]
     if not candidates or len(candidates) == len(in_cells) > 1:
         outside = {name: info for name, info in infos.items() if not name.startswith(CELL_CONTENTS)}

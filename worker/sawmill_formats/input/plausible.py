@@ -13,9 +13,11 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 
 # 2 777 turns. At this angle double precision still tells directions 1e-10 degrees apart; no scan turns so long.
 LARGEST_ANGLE_DEG = 1e6
-# A detector measures less than 50: a transmission of exp(-50) is one quantum of 5e21. But files give line integrals in
+# A detector measures less than `LARGEST_LOGARITHM`. But files give line integrals in
 # units of their own, as the published log's 160 (mm of wood); this is a metre of wood in micrometres.
 LARGEST_LINE_INTEGRAL = 1e6
+# Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
+LARGEST_LOGARITHM = 50.0
 # Mean flat fields: from transmissions, whose flats are 1 or less, to the sum of hundreds of 32-bit images.
 LEAST_FLAT, LARGEST_FLAT = 1e-6, 1e12
 # Where a dark signal was subtracted, noise leaves counts below 0; beyond this share of the flats they are no noise.
@@ -66,8 +68,8 @@ def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> t
         return ()
     ends = np.array([angles_deg.min(), angles_deg.max()])
     step_deg = float(np.ptp(ends)) / (views - 1)
-    # Golden angles leave a gap of up to two steps.
-    if np.ptp(ends) <= 4.0 * np.pi and (closes(views, step_deg, np.pi) or closes(views + 1, step_deg, np.pi)):
+    # From five sixths of a half turn to two turns; no scan for tomography spans as few degrees.
+    if 2.6 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
         return (ReadingMessage.RADIANS_ASKED(least_deg=float(ends[0]), most_deg=float(ends[1])),)
     ends = np.deg2rad(ends)
     if (
@@ -250,9 +252,11 @@ class SamplesOutside:
     def check_rise(self) -> None:
         """Refuse line integrals that fall behind the log, in the row in which they vary most: `contradiction`."""
         profile = self._profile
-        if not profile.falls or profile.highest - profile.level > MOST_ABOVE_AIR * profile.span:
-            return
         near_zero = abs(profile.level) < MOST_ABOVE_AIR * profile.span
+        near_one_or_counts = 0.5 < profile.level < 1.5 or profile.level > LARGEST_LOGARITHM
+        is_top = profile.highest - profile.level <= MOST_ABOVE_AIR * profile.span
+        if not (profile.falls and is_top and (near_zero or near_one_or_counts)):
+            return
         take = "take -ln of transmissions, or declare counts and give their flat fields"
         looks = "their sign is wrong: multiply them by -1" if near_zero else f"these look like transmissions: {take}"
         raise UnreadableScan(

@@ -6,15 +6,14 @@ import h5py
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, check_scan_dimensions
-from sawmill_formats.input.contents import FileContents, named_axes
+from sawmill_formats.input.contents import FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
 from sawmill_formats.input.hdf5.guard import find, numbers
 from sawmill_formats.input.hdf5.packed_values import packing_remarks, read_unpacked
 from sawmill_formats.input.hdf5.projections import all_views
-from sawmill_formats.input.hdf5.stated_axes import stated_order
+from sawmill_formats.input.hdf5.stated_axes import stated_order, with_stated_axes
 from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.wanted import Wanted
-from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
     from sawmill_formats.input.hdf5.links import LinkedFiles
@@ -40,9 +39,8 @@ def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileCon
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    axes, given_order = attribute_text(dataset, "axes"), selection.order(dataset.ndim)
-    order = None if given_order else stated_order(dataset)
-    if axes is not None and not axes.startswith("theta") and not (order or given_order):
+    axes, known = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or stated_order(dataset)
+    if axes is not None and not axes.startswith("theta") and known is None:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
@@ -51,7 +49,6 @@ def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileCon
     white, dark, theta = (
         numbers(file, f"exchange/{name}", bounds.whole) for name in ("data_white", "data_dark", "theta")
     )
-    remarks = (*packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks)
     contents = FileContents(
         format="hdf5-data-exchange",
         projections=all_views(dataset),
@@ -60,11 +57,11 @@ def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileCon
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=angles.unusable,
-        order=order,
         detector_pitch_mm=pitch.mm,
         row_pitch_mm=row_pitch.mm,
         detector_binning=pitch.binning,
         row_binning=row_pitch.binning,
-        remarks=remarks if order is None else (*remarks, ReadingMessage.AXES_STATED(axes=named_axes(order))),
+        remarks=(*packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
     )
+    contents = with_stated_axes(contents, dataset, selection)
     return with_fields_beside(contents, dataset, bounds.whole, selection)

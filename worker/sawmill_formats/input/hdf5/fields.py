@@ -110,9 +110,8 @@ def with_fields_beside(
     shapes = {name: node.shape or () for name, node in nodes.items() if isinstance(node, h5py.Dataset)}
 
     def load(name: str) -> NDArray[np.float32]:
-        images = numbers(group, name, bounds)
-        assert images is not None  # noqa: S101 - it was found
-        return read_unpacked(images)
+        check_dataset(repr(quoted(name)), nodes[name], bounds)
+        return read_unpacked(nodes[name])
 
     return with_similar_fields(contents, shapes, load, selection)
 

@@ -15,6 +15,7 @@ from sawmill_formats.input.hdf5.guard import Node, check_members, children, name
 from sawmill_formats.input.hdf5.modules import read_modules
 from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
 from sawmill_formats.input.hdf5.projections import chosen_views
+from sawmill_formats.input.hdf5.stated_axes import with_stated_axes
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
@@ -83,6 +84,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         detector_modules=modules,
         remarks=(*keys.remarks, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
+    contents = with_stated_axes(contents, dataset, selection)
     return with_fields_beside(contents, dataset, bounds.whole, selection)
 
 

@@ -29,57 +29,53 @@ Float = TypeVar("Float", np.float32, np.float64)
 
 @dataclass(frozen=True)
 class Packing:
-    """A scale and an offset, and the names of the attributes that state them; none where values are not packed."""
+    """A scale and an offset, the stored number of missing values, and the attributes that state the first two."""
 
-    names: tuple[str, ...] = ()
-    scale: float = 1.0
-    offset: float = 0.0
+    names: tuple[str, ...]
+    scale: float
+    offset: float
+    missing: float
 
     def unpack(self, values: NDArray[Float]) -> NDArray[Float]:
-        """Make values of stored numbers, in place."""
+        """Make values of stored numbers, in place; missing ones become NaN."""
         if self.names:
+            values[values == self.missing] = np.nan
             values *= self.scale
             values += self.offset
         return values
 
 
 def packing_of(dataset: h5py.Dataset) -> Packing:
-    """Return how a dataset's values are packed.
+    """Return how a dataset's values are packed, without names where they are not.
 
     Raises
     ------
     UnreadableScan
         `contradiction`: attributes state a scale or an offset that cannot be applied.
     """
-    packings = [packing for pair in PAIRS if (packing := _stated(dataset, pair)).names]
-    if len(packings) > 1 or not all(np.isfinite([each.scale, each.offset]).all() and each.scale for each in packings):
+    by_cil = CIL_WRITER in str(attribute(dataset.file, "creator"))
+    neutral = {name: number for pair in PAIRS for name, number in zip(pair, (1.0, 0.0), strict=True)}
+    stated = {name: _number(dataset, name) for name in neutral if name in dataset.attrs}
+    stated = {name: number for name, number in stated.items() if number != neutral[name]}
+    if not by_cil and (dataset.dtype.kind == "f" or any(np.isnan(stated.get(name, 0.0)) for name in CIL)):
+        # Packed values are integers, and CIL's names are of something else in other files.
+        stated = {name: number for name, number in stated.items() if name not in CIL}
+    pair = next((pair for pair in PAIRS if stated.keys() <= {*pair}), None)
+    scale, offset = (stated.get(name, neutral[name]) for name in pair) if pair else (np.nan, np.nan)
+    if stated and pair == CIL:
+        scale, offset = (1.0 / scale, -offset / scale) if by_cil and scale else (np.nan, np.nan)
+    if not (np.isfinite([scale, offset]).all() and scale):
         raise UnreadableScan(
             "contradiction",
-            f"the numbers of {name_of(dataset)} seem to be packed, and its attributes "
-            f"{', '.join(name for each in packings for name in each.names)} do not state how: write scale_factor and "
-            "add_offset as one number each, or write the values themselves without such attributes",
+            f"the numbers of {name_of(dataset)} seem to be packed, and its attributes {', '.join(stated)} do not state "
+            "how: write scale_factor and add_offset as one number each, or the values themselves without attributes",
         )
-    return packings[0] if packings else Packing()
+    return Packing(tuple(stated), scale, offset, _number(dataset, "_FillValue"))
 
 
-def _stated(dataset: h5py.Dataset, pair: tuple[str, str]) -> Packing:
-    """Return what a pair of attributes states: not a number where that is no number."""
-    by_cil = CIL_WRITER in str(attribute(dataset.file, "creator"))
-    if pair == CIL and not (by_cil or dataset.dtype.kind in "iu"):  # packed values are integers
-        return Packing()
-    stated, names = [1.0, 0.0], []
-    for index, name in enumerate(pair):
-        value = np.asarray(attribute(dataset, name) if name in dataset.attrs else stated[index])
-        is_number = value.size == 1 and value.dtype.kind in "iuf"
-        # Of CIL's names, anything else than a number is of another program.
-        number = float(value.item()) if is_number else stated[index] if pair == CIL else np.nan
-        if number != stated[index]:
-            stated[index] = number
-            names.append(name)
-    scale, offset = stated
-    if names and pair == CIL:
-        scale, offset = (1.0 / scale, -offset / scale) if by_cil and scale else (np.nan, np.nan)
-    return Packing(tuple(names), scale, offset)
+def _number(dataset: h5py.Dataset, name: str) -> float:
+    value = np.asarray(attribute(dataset, name))
+    return float(value.item()) if value.size == 1 and value.dtype.kind in "iuf" else np.nan
 
 
 def read_unpacked(dataset: h5py.Dataset) -> NDArray[np.float32]:
