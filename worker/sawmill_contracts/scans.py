@@ -66,9 +66,8 @@ Axes = Annotated[
         description="Order of the file's axes, the first one first: an order of views, rows and cells, or of views and "
         "cells. An alternative to `transpose`. The same holds for its flat and dark fields and `deviations`. Null: the "
         "order that the file states, else (views, rows, cells).",
-        max_length=20,
+        pattern="^(views|rows|cells)(,(views|rows|cells)){1,2}$",
         examples=["rows,views,cells"],
-        json_schema_extra={"pattern": patterns.LINE},
     ),
 ]
 

@@ -138,7 +138,7 @@ READ = {
     ),
     "axes asked for": (
         npz(projections=STACK.swapaxes(0, 1), flats=FLATS.swapaxes(0, 1), darks=DARKS[0], angles_deg=ANGLES),
-        {**COUNTS, "axes": "rows, views,cells"},
+        {**COUNTS, "axes": "rows,views,cells"},
         "axes-ordered",
         {"axes": "rows,views,cells"},
     ),

@@ -267,6 +267,7 @@ def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp
             "contradiction",
             "view 1 is at 10 degrees and the angles given say 2",
         ),
+        ({"axes": "cells,views"}, "contradiction", "it must name views, rows, cells"),
         ({"data": "line-integrals"}, "contradiction", "declared line integrals but the file carries flat"),
         ({"data": "counts", "dataset": "nothing"}, "dataset-missing", "no array named 'nothing'; it holds"),
     ],

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -39,11 +39,22 @@ CELL_CONTENTS = "#refs#/"
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """Properties of an array that are known before it is read; `kind` names its type where that is no number."""
+    """Properties of an array that are known before it is read; `kind` names its type where that is no number.
+
+    `order` has the array's axes in our order, where the file states it.
+    """
 
     shape: tuple[int, ...]
     numeric: bool
     kind: str = ""
+    order: tuple[int, ...] | None = None
+
+    def shape_in_order(self, selection: Wanted) -> tuple[int, ...]:
+        """Return the shape in our order, or as stored where another number of axes is named."""
+        if selection.axes is not None and len(self.shape) != selection.axes.count(",") + 1:
+            return self.shape
+        order = selection.order(len(self.shape)) or self.order or range(len(self.shape))
+        return tuple(self.shape[axis] for axis in order)
 
 
 @dataclass(frozen=True)
@@ -64,8 +75,6 @@ class NamedArrays:
         Reads a short text; None where the array is none.
     remarks : function of a name
         Remarks on how an array is read.
-    stated_order : function of a name
-        The array's axes in our order, where the file states it; else None.
     stated_angles : function of a name
         The angles of projections, where the layout has a place for them.
     """
@@ -76,7 +85,6 @@ class NamedArrays:
     projections: Callable[[str], Projections]
     text: Callable[[str], str | None] = lambda _: None
     remarks: Callable[[str], tuple[Reason, ...]] = lambda _: ()
-    stated_order: Callable[[str], tuple[int, ...] | None] = lambda _: None
     stated_angles: Callable[[str], FileAngles] = lambda _: FileAngles()
 
 
@@ -100,10 +108,10 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Rea
             format=arrays.format, projections=arrays.projections(name), remarks=(*remarks, *arrays.remarks(name))
         )
     given_order = selection.order(len(shape))
-    order = given_order or arrays.stated_order(name)
+    order = given_order or arrays.infos[name].order
     angles = _angles(arrays)
     angles = angles if angles.deg is not None else arrays.stated_angles(name)
-    views, *others = (shape[axis] for axis in order or range(len(shape)))
+    views, *others = arrays.infos[name].shape_in_order(selection)
     lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
     possible_angles = None
     if not lists and angles.deg is None and order is None:
@@ -148,8 +156,11 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
     if selection.fields is not None and selection.fields in infos:
         return selection.fields
     reserved_names = OTHER_NAMES | {DEVIATIONS} if selection.deviations else OTHER_NAMES
+    in_order = {name: replace(info, shape=info.shape_in_order(selection)) for name, info in infos.items()}
     possible = [
-        name for name, info in infos.items() if name not in reserved_names and not _unfit(info, selection.least_images)
+        name
+        for name, info in in_order.items()
+        if name not in reserved_names and not _unfit(info, selection.least_images)
     ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or [name for name in possible if kind_of(name) is selection.fields] or possible

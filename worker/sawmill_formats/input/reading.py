@@ -33,7 +33,7 @@ PITCH_TOLERANCE = 1e-6
 ROWS_FIRST = "axes=rows,views,cells, on the command line --axes rows,views,cells"
 TRANSPOSE = "transpose, on the command line --transpose"
 ROWS_LAST = "axes=views,cells,rows, on the command line --axes views,cells,rows"
-# A line of so few cells shows no log, a stack of so many rows of them is rather a line.
+# A line of this few cells shows no log; a stack of this many rows is rather the line.
 LEAST_ROWS_DOUBTED, MOST_CELLS_DOUBTED = 256, 32
 # Share of the free memory for data that are read as a whole; the rest is for one block at a time, and the libraries.
 MEMORY_SHARE = 0.9

@@ -57,7 +57,7 @@ class Wanted:
         """
         if self.axes is None:
             return tuple(reversed(range(dimensions))) if self.transpose else None
-        ours, names = AXES if dimensions == 3 else AXES[::2], [name.strip() for name in self.axes.split(",")]
+        ours, names = AXES if dimensions == 3 else AXES[::2], self.axes.split(",")
         if self.transpose or sorted(names) != sorted(ours):
             raise UnreadableScan(
                 "contradiction",

@@ -87,7 +87,6 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         projections=partial(_projections, by_name, bounds),
         text=partial(_text, by_name, bounds.whole),
         remarks=lambda name: packing_remarks(by_name[name]),
-        stated_order=lambda name: None if matlab else stated_order(by_name[name]),
         stated_angles=lambda name: _angles_of_cil(file, name, bounds.whole),
     )
     remarks = (ReadingMessage.MATLAB_AXES(),) if matlab else ()
@@ -106,7 +105,10 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     shape = node.shape or ()
     matlab_class = attribute_text(node, "MATLAB_class")
     numeric = node.dtype.kind in "iuf" and (matlab_class is None or matlab_class in MATLAB_NUMBERS)
-    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, quoted(matlab_class or node.dtype.name))
+    kind = quoted(matlab_class or node.dtype.name)
+    if matlab_class is not None:
+        return ArrayInfo(shape[::-1], numeric, kind)
+    return ArrayInfo(shape, numeric, kind, stated_order(node) if len(shape) in {2, 3} else None)
 
 
 def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
