@@ -176,6 +176,15 @@ def test_several_candidates_are_missing_a_choice(inspect, tmp_path):
     assert flags_of(answer) == ["--dataset"]
 
 
+def test_sinograms_are_read_in_the_order_that_is_given_and_darks_by_a_similar_name(inspect, tmp_path):
+    flats = np.full((1, ROWS, CELLS), 40_000)
+    np.savez(tmp_path / "scan.npz", projections=COUNTS.swapaxes(0, 1), flats=flats, dark=flats)
+    reading = inspect(tmp_path / "scan.npz", "--data", "counts", "--axes", "rows,views,cells", *ANGLES)["reading"]
+    assert reading["shape"] == {"views": VIEWS, "rows": ROWS, "detector": CELLS}
+    assert [remark["code"] for remark in reading["coded_remarks"]] == ["darks-by-name", "axes-ordered"]
+    assert reading["darks"] == 1
+
+
 def test_a_picture_and_a_text(inspect, run, tmp_path):
     Image.new("L", (20, 10)).save(tmp_path / "phantom.png")
     picture = inspect(tmp_path / "phantom.png")

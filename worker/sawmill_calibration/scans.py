@@ -217,6 +217,7 @@ def read_scan(
     views: int | None = None,
     averaged_rows: int | None = None,
     transpose: bool = False,
+    axes: str | None = None,
     air: AirCorrection | str = AirCorrection.AUTO,
     faulty_cells: FaultyCells | str = FaultyCells.AUTO,
     rings: RingRemoval | str = RingRemoval.OFF,
@@ -255,6 +256,8 @@ def read_scan(
         The number of detector rows whose line integrals were averaged into the file's one row.
     transpose : bool
         Whether the axes are in reverse order: (cells, views), as MATLAB's radon writes, or (cells, rows, views).
+    axes : str, optional
+        Order of the file's axes, such as `rows,views,cells`, as an alternative to `transpose`.
     air : str
         Correction of the source's drift by the air beside the log (docs/understand/preparation.md).
     faulty_cells : str
@@ -283,6 +286,7 @@ def read_scan(
             "darks": None if darks is None else Path(darks),
             "averaged_rows": averaged_rows,
             "transpose": transpose,
+            "axes": axes,
             "air": air,
             "faulty_cells": faulty_cells,
             "rings": rings,

@@ -22,6 +22,7 @@ FILES = frozenset(
         "dataset-missing",
         "empty-file",
         "external-storage",
+        "file-in-use",
         "flats-missing",
         "linked-file-missing",
         "no-signal",

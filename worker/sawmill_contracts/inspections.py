@@ -9,7 +9,7 @@ from pydantic import Field
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import AskedKind, Operation
-from sawmill_contracts.scans import AnglesText, Dataset, ReadingRemarks, ScanShape, Transpose
+from sawmill_contracts.scans import AnglesText, Axes, Dataset, ReadingRemarks, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
@@ -188,6 +188,7 @@ class InspectionOptions(Contract):
     dataset: Dataset = None
     angles_deg: AnglesText = None
     transpose: Transpose = False
+    axes: Axes = None
 
 
 class InspectedFile(InspectionOptions):

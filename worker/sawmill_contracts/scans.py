@@ -60,6 +60,18 @@ Transpose = Annotated[
 ]
 
 
+Axes = Annotated[
+    str | None,
+    Field(
+        description="Order of the file's axes, the first one first: an order of views, rows and cells, or of views and "
+        "cells. An alternative to `transpose`. The same holds for its flat and dark fields and `deviations`. Null: the "
+        "order that the file states, else (views, rows, cells).",
+        pattern="^(views|rows|cells)(,(views|rows|cells)){1,2}$",
+        examples=["rows,views,cells"],
+    ),
+]
+
+
 class ScanFileOptions(PrepareOptions):
     """Options of reading a file. What the file itself carries needs no repeating, and may not be contradicted."""
 
@@ -67,6 +79,7 @@ class ScanFileOptions(PrepareOptions):
     dataset: Dataset = None
     angles_deg: AnglesText = None
     transpose: Transpose = False
+    axes: Axes = None
     averaged_rows: int | None = Field(
         None,
         ge=1,

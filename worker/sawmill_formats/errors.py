@@ -23,6 +23,8 @@ LONGEST_SENTENCE, SENTENCE_END = 1000, 250
 # Errors of a parser that trusted the file: their texts are about the parser.
 OF_THE_PROGRAM = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError, struct.error)
 OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no addresses
+# What HDF5 reports of a file that its writer still holds, and of one whose writer ended before it closed the file.
+LOCKED, NOT_CLOSED = "unable to lock file", "h5clear"
 FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
 
 # Faults of the machine, not of the file: another attempt may succeed.
@@ -47,8 +49,8 @@ class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot 
     Attributes
     ----------
     code : str
-        Stable, for programs: `empty-file`, `picture-file`, `picture-not-png`, `unknown-format`, `broken-file`,
-        `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
+        Stable, for programs: `empty-file`, `file-in-use`, `picture-file`, `picture-not-png`, `unknown-format`,
+        `broken-file`, `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
         `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`,
         `angles-malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`,
         `flats-missing`, `contradiction`, `unsafe-archive`.
@@ -93,6 +95,16 @@ def library_errors_translated(what: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
             raise
+        if LOCKED in str(error):
+            raise UnreadableScan(
+                "file-in-use", f"another program has this {what} file open for writing; try again when it is closed"
+            ) from error
+        if NOT_CLOSED in str(error):
+            raise UnreadableScan(
+                "broken-file",
+                f"the program that writes this {what} file has not closed it; wait until it has finished, or export "
+                "the file again if that program ended early (h5clear -s marks the file as closed)",
+            ) from error
         reason = _reason(error)
         code = "truncated-file" if "truncated file" in reason else "broken-file"
         raise UnreadableScan(code, f"this {what} file is incomplete or damaged ({reason}); export it again") from error

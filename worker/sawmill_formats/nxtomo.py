@@ -7,10 +7,12 @@ DEFINITION = "NXtomo"
 DETECTOR = "instrument/detector"
 DATA = f"{DETECTOR}/data"
 IMAGE_KEY = f"{DETECTOR}/image_key"
+# Written by nxtomo and nxtomomill: as the image key, with -1 for images that show whether the sample has moved.
+IMAGE_KEY_CONTROL = f"{DETECTOR}/image_key_control"
 # Distances between cells and between rows.
 CELL_PITCH = f"{DETECTOR}/x_pixel_size"
 ROW_PITCH = f"{DETECTOR}/y_pixel_size"
 ANGLES = "sample/rotation_angle"
 
 # Kind of an image of the stack, by its image key.
-PROJECTION, FLAT, DARK, INVALID = 0, 1, 2, 3
+PROJECTION, FLAT, DARK, INVALID, ALIGNMENT = 0, 1, 2, 3, -1

@@ -13,6 +13,51 @@ class ReadingMessage(Message):
     DARKS_ZERO = "darks-zero", N_("All dark fields are 0: the detector's offset was taken as zero.")
     AXES_REVERSED = "axes-reversed", N_("The axes were put into the reverse order, as was asked for.")
     MATLAB_AXES = "matlab-axes", N_("The arrays were transposed: MATLAB stores the last axis first.")
+    AXES_ORDERED = "axes-ordered", N_("The axes were read in the order %(axes)s, as was asked for.")
+    AXES_STATED = "axes-stated", N_("The axes were read in the order %(axes)s, as the file states it.")
+    AXES_DOUBTED = (
+        "axes-doubted",
+        N_("The file was read as %(views)d views of %(rows)d rows and %(cells)d cells: are these the axes?"),
+        N_("If they are not, give their order: %(option)s."),
+    )
+    UNPACKED = (
+        "unpacked",
+        N_("Values of %(path)s were unpacked by %(names)s: %(scale)s times the stored number, plus %(offset)s."),
+    )
+    FLATS_BY_NAME = "flats-by-name", N_("The flat fields were taken from %(arrays)s, by name and shape.")
+    DARKS_BY_NAME = "darks-by-name", N_("The dark fields were taken from %(arrays)s, by name and shape.")
+    DARKS_UNCLEAR = (
+        "darks-unclear",
+        N_(
+            "No dark fields were used, because it is not clear which of %(arrays)s they are: the detector's offset was "
+            "taken as zero."
+        ),
+        N_("Name the right array darks, or give its file as the dark fields."),
+    )
+    RADIANS_ASKED = (
+        "radians-asked",
+        N_("The angles lie between %(least_deg).4g and %(most_deg).4g degrees: are these radians?"),
+        N_("Then state the unit rad in the file, or give degrees."),
+    )
+    DEGREES_ASKED = (
+        "degrees-asked",
+        N_("The angles lie between %(least_rad).4g and %(most_rad).4g radians: are these degrees?"),
+        N_("Then state the unit deg in the file."),
+    )
+    BINNED = (
+        "binned",
+        N_(
+            "%(path)s is %(pixel_mm)s mm and %(binning_path)s is %(binning)d: the distance between cells is "
+            "%(pitch_mm)s mm, unless %(pixel_mm)s mm is given for it."
+        ),
+    )
+    PITCH_ASKED = (
+        "pitch-asked",
+        N_(
+            "The distance between cells is %(pitch_mm).4g mm; detectors have at most %(largest_mm)d mm: is the unit "
+            "right?"
+        ),
+    )
     SINGLE_PAGE = "single-page", N_("The single page was read as the sinogram of one row.")
     ANGLES_GIVEN = "angles-given", N_("The angles given were used: %(headline)s.")
     ANGLES_GIVEN_BUT = "angles-given-but", N_("The angles given were used, but %(why)s.")
@@ -22,15 +67,21 @@ class ReadingMessage(Message):
         "angles-of-other-unit",
         N_("the unit '%(unit)s' of the angles in %(path)s is not a known unit of angle"),
     )
+    ANGLES_OF_OTHER_NUMBER = (
+        "angles-of-other-number",
+        N_("%(path)s has %(angles)d angles for %(images)d images, of which %(views)d are views"),
+    )
     UNUSED_VALUES = "unused-values", N_("No name states meaning and unit of %(arrays)s: not used.")
     LENGTH_IGNORED = "length-ignored", N_("%(path)s was ignored: %(headline)s.")
     LENGTH_OF_SEVERAL = "length-of-several", N_("it has %(values)d values instead of one")
     LENGTH_WITHOUT_UNIT = "length-without-unit", N_("it has no units attribute")
     LENGTH_OF_OTHER_UNIT = "length-of-other-unit", N_("its unit '%(unit)s' is not a known unit of length")
+    BINNING_UNCLEAR = "binning-unclear", N_("the binning in %(path)s is no single whole number")
     LENGTH_STATES_NOTHING = "length-states-nothing", N_("it is %(length_mm)s mm, which states no distance")
     MODULES_IGNORED = "modules-ignored", N_("The detector's modules in %(path)s were ignored: %(why)s.")
     NO_IMAGE_KEY = "no-image-key", N_("%(path)s is missing: every image is a view.")
     INVALID_IMAGES = "invalid-images", N_("%(images)d images marked invalid (image_key 3) were left out.")
+    ALIGNMENT_IMAGES = "alignment-images", N_("%(images)d alignment images (%(key)s -1) were left out.")
     OTHER_FILES = "other-files", N_("%(files)d files that are no TIFFs were ignored (%(names)s).")
     SUBFOLDERS = "subfolders", N_("%(folders)d subfolders were not looked into (%(names)s).")
     FEWER_ROWS = "fewer-rows", N_("Views of fewer than %(rows)d rows were read as lacking rows at their end.")

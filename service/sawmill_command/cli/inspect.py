@@ -25,6 +25,7 @@ def inspect(
     row_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "row_pitch_mm")] = None,
     follow_links: Annotated[bool, option(shared.ScanOptions, "follow_links", flag="--follow-links")] = False,
     transpose: Annotated[bool, option(shared.ScanOptions, "transpose", flag="--transpose")] = False,
+    axes: Annotated[str | None, option(shared.ScanOptions, "axes")] = None,
     flats: shared.FlatsFile = None,
     darks: shared.DarksFile = None,
     as_json: shared.JsonFlag = False,
@@ -36,7 +37,17 @@ def inspect(
 
         result = inspect_file(
             InspectionInput(
-                file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links, transpose
+                file,
+                data,
+                dataset,
+                angles,
+                detector_pitch_mm,
+                row_pitch_mm,
+                flats,
+                darks,
+                follow_links,
+                transpose,
+                axes,
             ),
         )
     if as_json:

@@ -373,11 +373,11 @@ class TestHdf5:
             h5["exchange/data"] = stack
         refused(file, "angles-missing", "carries no angles; give the angles", angles_deg=None)
 
-    def test_data_exchange_in_sinogram_order(self, file, stack):
+    def test_data_exchange_of_unknown_axes(self, file, stack):
         with h5py.File(file, "w") as h5:
             h5["exchange/data"] = stack
-            h5["exchange/data"].attrs["axes"] = "y:theta:x"
-        refused(file, "wrong-shape", "has the axes 'y:theta:x'; store it as theta:y:x")
+            h5["exchange/data"].attrs["axes"] = "y:energy:x"
+        refused(file, "wrong-shape", "has the axes 'y:energy:x'; store it as theta:y:x")
 
     def test_nxtomo_angles_without_units(self, nxtomo):
         path = nxtomo(angle_units=None)

@@ -8,11 +8,12 @@ import pytest
 from sawmill_formats.input import units
 
 IN_MM = {
-    1e-6: ["nm"],
-    1e-3: ["um", "\u00b5m", "\u03bcm", "micron", "microns", "micrometer", "micrometre"],
-    1.0: ["mm", "millimeter", "millimetre"],
-    10.0: ["cm"],
-    1000.0: ["m", "meter", "metre"],
+    1e-6: ["nm", "nanometer", "nanometers", "nanometre", "nanometres"],
+    1e-3: ["um", "\u00b5m", "\u03bcm", "micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"],
+    1.0: ["mm", "millimeter", "millimeters", "millimetre", "millimetres"],
+    10.0: ["cm", "centimeter", "centimeters", "centimetre", "centimetres"],
+    25.4: ["in", "inch", "inches"],
+    1000.0: ["m", "meter", "meters", "metre", "metres"],
 }
 IN_DEGREES = {1.0: ["deg", "degree", "degrees", "°"], 180.0 / math.pi: ["rad", "radian", "radians"]}
 

@@ -234,7 +234,7 @@ def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
 def test_reading_reports_how_far_it_is(upload, attempt, exposed, monkeypatch):
     reported = []
     monkeypatch.setattr(preparing, "_within", lambda _, shape: max(1, 2**19 // (4 * math.prod(shape))))
-    upload(exposed[0], align_rows="profile", air="background")
+    upload(exposed[1] - exposed[0], align_rows="profile", air="background")
     with pytest.raises(JobFailure):
         run(attempt(job_kinds.INGEST, reported))
     fractions = [progress.fraction for progress in reported]
@@ -293,6 +293,7 @@ def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp
             "contradiction",
             "view 1 is at 10 degrees and the angles given say 2",
         ),
+        ({"axes": "cells,views"}, "contradiction", "it must name views, rows, cells"),
         ({"data": "line-integrals"}, "contradiction", "declared line integrals but the file carries flat"),
         ({"data": "counts", "dataset": "nothing"}, "dataset-missing", "no array named 'nothing'; it holds"),
     ],

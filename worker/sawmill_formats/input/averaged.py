@@ -7,18 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.plausible import check_finite
+from sawmill_formats.input.plausible import LARGEST_LOGARITHM, Profile, check_finite
 
 # Share of a view's rays. Masked rays are interpolated, and a log's shadow is a third of the detector or more.
 MOST_MASKED = 0.2
-# Share of the detector's cells, on either side, in which there is air in every view.
-AIR_SHARE = 0.02
-# Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to
-# their range, several times as far from the air's level: 0.09 for a log of a tenth of the detector
-# (tests/formats/input/test_averaged.py).
-LEAST_FALL = 0.05
-# Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
-LARGEST_LOGARITHM = 50.0
 # Least line integral of air. The beam behind air is the flat field's but for the tube's drift: e times as many counts
 # are impossible.
 LEAST_AIR = -1.0
@@ -115,19 +107,16 @@ def _check_logarithms(rays: NDArray[np.float32]) -> None:
             f"the values reach {largest:.3g} and no -ln of a transmission is above {LARGEST_LOGARITHM:.0f}, so they "
             f"are counts or in another unit: {take}",
         )
-    profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
-    air = max(1, round(AIR_SHARE * profile.size))
-    level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
-    mean, span = float(profile.mean()), float(np.ptp(profile))
-    if level - mean > LEAST_FALL * span:
+    profile = Profile.of(rays)
+    if profile.falls:
         raise UnreadableScan(
             "contradiction",
-            f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, as counts "
-            f"and transmissions do, and line integrals rise: {take}",
+            f"the values fall from {profile.level:.3g} at the detector's ends to {profile.lowest:.3g} behind the log, "
+            f"as counts and transmissions do, and line integrals rise: {take}",
         )
-    if level < LEAST_AIR:
+    if profile.level < LEAST_AIR:
         raise UnreadableScan(
             "contradiction",
-            f"the values are {level:.3g} at the detector's ends, where air has nearly 0, as where counts were not "
-            f"divided by the flat field: {take}",
+            f"the values are {profile.level:.3g} at the detector's ends, where air has nearly 0, as where counts were "
+            f"not divided by the flat field: {take}",
         )

@@ -133,6 +133,8 @@ class CanonicalScan:
                 yield self._block(at, across, missing, outside)
         if self.counts:
             outside.check_signal()
+        else:
+            outside.check_rise()
         for view in np.flatnonzero(missing.any(axis=1)):
             _check_ends(int(view), missing[view])
 

@@ -1,12 +1,13 @@
 """Contents of one file, before they are compared with the client's parameters."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats.input.wanted import AXES, FieldKind
 from sawmill_vocabulary import DetectorModule
 from sawmill_vocabulary.messages import Reason
 
@@ -39,21 +40,43 @@ def held(array: NDArray[np.float32]) -> Projections:
     return Projections(array.shape, lambda views, rows: stack[views, rows].copy(), (1, 1))
 
 
-def reversed_axes(stored: Projections) -> Projections:
-    """Return projections of a file that has the axes in reverse order, the detector's first and the views' last."""
-    cells, *rows, views = stored.shape
-    if not rows:  # the one row is read as a whole
-        whole = slice(0, cells), slice(0, 1)
-        return Projections(
-            (views, cells),
-            lambda part, _: np.ascontiguousarray(stored.read(*whole)[:, 0, part].T[:, np.newaxis]),
-            (views, 1),
-        )
-    return Projections(
-        (views, *rows, cells),
-        lambda part, of_rows: np.ascontiguousarray(stored.read(slice(0, cells), of_rows)[:, :, part].T),
-        (views, stored.together[1]),
-    )
+def in_order(stored: Projections, order: tuple[int, ...]) -> Projections:
+    """Return projections of a file whose axes have another order; `order` has the file's axes in ours."""
+    shape = tuple(stored.shape[axis] for axis in order)
+    # A sinogram is read as a stack of one row, whose axis is the middle one.
+    axes = order if len(order) == 3 else (2 * order[0], 1, 2 * order[1])
+    together = (*stored.together, stored.shape[-1])
+
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        parts = dict(zip(axes, (views, rows, slice(0, shape[-1])), strict=True))
+        return np.ascontiguousarray(stored.read(parts[0], parts[1])[..., parts[2]].transpose(axes))
+
+    return Projections(shape, read, (together[axes[0]], together[axes[1]]))
+
+
+def named_axes(order: tuple[int, ...]) -> str:
+    """Name the axes of a file in its own order."""
+    names = AXES if len(order) == 3 else AXES[::2]
+    return ",".join(names[order.index(axis)] for axis in range(len(order)))
+
+
+def axes_of_fields(dimensions: int, order: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the axes of fields in our order: as many as the projections have, or without the views' for one field."""
+    if dimensions == len(order):
+        return order
+    others = order[1:]
+    return tuple(sorted(others).index(axis) for axis in others) if dimensions == len(others) else ()
+
+
+def fields_in_order(
+    fields: NDArray[np.float32] | None, order: tuple[int, ...], shape: tuple[int, ...]
+) -> NDArray[np.float32] | None:
+    """Return fields of a file with the axes of projections of this shape; fields that fit as they are stay so."""
+    if fields is None or not (axes := axes_of_fields(fields.ndim, order)):
+        return fields
+    ordered = np.ascontiguousarray(fields.transpose(axes))
+    fits_as_stored = fields.shape[1 - len(shape) :] == shape[1:] != ordered.shape[1 - len(shape) :]
+    return fields if fits_as_stored else ordered
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +116,16 @@ class FileContents:
         Unit of the angles in the file.
     angles_unusable : Reason or None
         Reason why the angles in the file cannot be used, where it has some.
-    angles_of_last_axis : str or None
-        Array that could be angles by its name and has the length of the last axis, not of the first.
-    transposed : bool
-        Whether the file has the axes in the reverse of this order.
+    angles_of_axis : (int, str) or None
+        Another axis than the views', with the arrays that could be angles by their names and have its length.
+    order : tuple of int or None
+        The file's axes in our order, where the file states it or it was given.
+    possible_fields : mapping of FieldKind to str
+        Arrays that could be fields by their names, where it is not clear which.
     detector_pitch_mm, row_pitch_mm : float or None
         Distance between cells and between rows.
+    detector_binning, row_binning : int
+        Factors by which the file's pixel sizes were multiplied for these distances.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first.
     unused : str or None
@@ -117,10 +144,13 @@ class FileContents:
     angles_deg: NDArray[np.float64] | None = None
     angles_unit: str | None = None
     angles_unusable: Reason | None = None
-    angles_of_last_axis: str | None = None
-    transposed: bool = False
+    angles_of_axis: tuple[int, str] | None = None
+    order: tuple[int, ...] | None = None
+    possible_fields: Mapping[FieldKind, str] = field(default_factory=dict)
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
+    detector_binning: int = 1
+    row_binning: int = 1
     detector_modules: tuple[DetectorModule, ...] = ()
     unused: str | None = None
     remarks: tuple[Reason, ...] = ()

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import as_float32, check_scan_dimensions
-from sawmill_formats.input.contents import FileAngles, FileContents, Projections
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections, named_axes
+from sawmill_formats.input.field_names import kind_of, with_similar_fields
 from sawmill_formats.input.units import to_degrees
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
@@ -27,16 +28,33 @@ MOST_NAMES_QUOTED = 12
 LONGEST_TEXT = 20
 # Arrays with such a name could be angles, but only a person who knows their meaning and unit can say so.
 ANGLES = re.compile("angle|theta", re.IGNORECASE)
-LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
+LENGTHS = re.compile(
+    # Scales and offsets of packed values too, under their whole names.
+    "distance|pixel|pitch|spacing|^(data_|projections_)?(scale(_factor)?|scaling_factor|(add_)?offset|slope|intercept)$",
+    re.IGNORECASE,
+)
+# Contents of a cell array lie in this group of a MATLAB 7.3 file.
+CELL_CONTENTS = "#refs#/"
 
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """Properties of an array that are known before it is read; `kind` names its type where that is no number."""
+    """Properties of an array that are known before it is read; `kind` names its type where that is no number.
+
+    `order` has the array's axes in our order, where the file states it.
+    """
 
     shape: tuple[int, ...]
     numeric: bool
     kind: str = ""
+    order: tuple[int, ...] | None = None
+
+    def shape_in_order(self, selection: Wanted) -> tuple[int, ...]:
+        """Return the shape in our order, or as stored where another number of axes is named."""
+        if selection.axes is not None and len(self.shape) != selection.axes.count(",") + 1:
+            return self.shape
+        order = selection.order(len(self.shape)) or self.order or range(len(self.shape))
+        return tuple(self.shape[axis] for axis in order)
 
 
 @dataclass(frozen=True)
@@ -55,6 +73,10 @@ class NamedArrays:
         Reads the projections, which need not be read as a whole, after the same checks.
     text : function of a name
         Reads a short text; None where the array is none.
+    remarks : function of a name
+        Remarks on how an array is read.
+    stated_angles : function of a name
+        The angles of projections, where the layout has a place for them.
     """
 
     format: str
@@ -62,6 +84,8 @@ class NamedArrays:
     load: Callable[[str], NDArray[Any]]
     projections: Callable[[str], Projections]
     text: Callable[[str], str | None] = lambda _: None
+    remarks: Callable[[str], tuple[Reason, ...]] = lambda _: ()
+    stated_angles: Callable[[str], FileAngles] = lambda _: FileAngles()
 
 
 def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Reason, ...] = ()) -> FileContents:
@@ -80,16 +104,23 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Rea
     shape = arrays.infos[name].shape
     check_scan_dimensions(repr(quoted(name)), shape)
     if selection.fields is not None:
-        return FileContents(format=arrays.format, projections=arrays.projections(name))
+        return FileContents(
+            format=arrays.format, projections=arrays.projections(name), remarks=(*remarks, *arrays.remarks(name))
+        )
+    given_order = selection.order(len(shape))
+    order = given_order or arrays.infos[name].order
     angles = _angles(arrays)
-    views = shape[-1] if selection.transpose else shape[0]
+    angles = angles if angles.deg is not None else arrays.stated_angles(name)
+    views, *others = arrays.infos[name].shape_in_order(selection)
     lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, views)
-    possible_angles = (
-        [] if lists or angles.deg is not None or selection.transpose else _could_serve(arrays, name, ANGLES, shape[-1])
-    )
+    possible_angles = None
+    if not lists and angles.deg is None and order is None:
+        of_axes = [(axis, _could_serve(arrays, name, ANGLES, size)) for axis, size in enumerate(others, 1) if size > 2]
+        possible_angles = next(((axis, ", ".join(named)) for axis, named in reversed(of_axes) if named), None)
     values = _could_serve(arrays, name, LENGTHS, 1)
     unused = ", ".join(values) if values else None
-    return FileContents(
+    used = [name, *(other for other in (*OTHER_NAMES, DEVIATIONS) if other in arrays.infos)]
+    contents = FileContents(
         format=arrays.format,
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
@@ -97,11 +128,19 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Rea
         deviations=_optional(arrays, DEVIATIONS) if selection.deviations else None,
         angles_deg=angles.deg,
         angles_unit=angles.unit,
-        angles_unusable=ReadingMessage.ANGLES_UNNAMED(arrays=", ".join(lists)) if lists else None,
-        angles_of_last_axis=", ".join(possible_angles) if possible_angles else None,
+        angles_unusable=ReadingMessage.ANGLES_UNNAMED(arrays=", ".join(lists)) if lists else angles.unusable,
+        angles_of_axis=possible_angles,
+        order=order,
         unused=unused,
-        remarks=remarks if unused is None else (*remarks, ReadingMessage.UNUSED_VALUES(arrays=unused)),
+        remarks=(
+            *remarks,
+            *(remark for each in used for remark in arrays.remarks(each)),
+            *(() if order is None or given_order else (ReadingMessage.AXES_STATED(axes=named_axes(order)),)),
+            *(() if unused is None else (ReadingMessage.UNUSED_VALUES(arrays=unused),)),
+        ),
     )
+    shapes = {other: info.shape for other, info in arrays.infos.items() if info.numeric and other != name}
+    return with_similar_fields(contents, shapes, lambda other: as_float32(arrays.load(other)), selection)
 
 
 def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
@@ -117,16 +156,21 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
     if selection.fields is not None and selection.fields in infos:
         return selection.fields
     reserved_names = OTHER_NAMES | {DEVIATIONS} if selection.deviations else OTHER_NAMES
+    in_order = {name: replace(info, shape=info.shape_in_order(selection)) for name, info in infos.items()}
     possible = [
-        name for name, info in infos.items() if name not in reserved_names and not _unfit(info, selection.least_images)
+        name
+        for name, info in in_order.items()
+        if name not in reserved_names and not _unfit(info, selection.least_images)
     ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
-    candidates = usual or possible
-    if not candidates:
+    candidates = usual or [name for name in possible if kind_of(name) is selection.fields] or possible
+    in_cells = [name for name in candidates if name.startswith(CELL_CONTENTS)]
+    if not candidates or len(candidates) == len(in_cells) > 1:
+        outside = {name: info for name, info in infos.items() if not name.startswith(CELL_CONTENTS)}
         raise UnreadableScan(
             "dataset-missing",
             "the file holds no array of (views, rows, detector) or (views, detector); it holds "
-            f"{_listed(infos, reasons=True)}",
+            f"{_listed(outside, reasons=True)}",
         )
     if len(candidates) > 1:
         raise UnreadableScan(
@@ -139,6 +183,8 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
 
 def _unfit(info: ArrayInfo, least_views: int) -> str:
     """Return why an array cannot be projections, as words that follow its shape."""
+    if info.kind == "cell":
+        return ", a cell array: store one array of numbers instead"
     if not info.numeric:
         return f" of {info.kind or 'something else'}, not of real numbers"
     if len(info.shape) not in {2, 3}:

@@ -1,17 +1,23 @@
 """Plausible numbers in a scan: angles, counts and line integrals in the ranges that measurements have."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.units import RADIANS
+from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 # 2 777 turns. At this angle double precision still tells directions 1e-10 degrees apart; no scan turns so long.
 LARGEST_ANGLE_DEG = 1e6
-# A detector measures less than 50: a transmission of exp(-50) is one quantum of 5e21. But files give line integrals in
+# A detector measures less than `LARGEST_LOGARITHM`. But files give line integrals in
 # units of their own, as the published log's 160 (mm of wood); this is a metre of wood in micrometres.
 LARGEST_LINE_INTEGRAL = 1e6
+# Largest logarithm: a transmission of exp(-50) is one quantum of 5e21.
+LARGEST_LOGARITHM = 50.0
 # Mean flat fields: from transmissions, whose flats are 1 or less, to the sum of hundreds of 32-bit images.
 LEAST_FLAT, LARGEST_FLAT = 1e-6, 1e12
 # Where a dark signal was subtracted, noise leaves counts below 0; beyond this share of the flats they are no noise.
@@ -21,6 +27,18 @@ MOST_BELOW_ZERO, MOST_ABOVE_FLAT = 0.05, 1e6
 # Share of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few faulty cells are no
 # fault of the scan, and are bridged.
 MOST_WILD = 0.2
+# Cells of detectors for logs have some tenths of a mm to some mm.
+LARGEST_USUAL_PITCH_MM = 20
+# Share of the detector's cells, on either side, in which there is air in every view.
+AIR_SHARE = 0.02
+# Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to
+# their range, several times as far from the air's level: 0.09 for a log of a tenth of the detector
+# (tests/formats/input/test_averaged.py).
+LEAST_FALL = 0.05
+# Where values fall behind the log, none are far above the air's level.
+MOST_ABOVE_AIR = 0.25
+# Fewest cells and views of a scan that are enough for a profile, the most views of a block that it needs, and rows.
+LEAST_CELLS, LEAST_VIEWS, MOST_VIEWS, MOST_ROWS = 64, 16, 64, 8
 
 
 def check_angles(angles_deg: NDArray[np.float64]) -> None:
@@ -34,6 +52,61 @@ def check_angles(angles_deg: NDArray[np.float64]) -> None:
         f"the angle of view {view} is {angles_deg[view]:g} degrees; it must be a number between "
         f"{-LARGEST_ANGLE_DEG:.0f} and {LARGEST_ANGLE_DEG:.0f}",
     )
+
+
+def closes(views: int, step: float, period: float) -> bool:
+    """Return whether equidistant views make a whole number of periods, with or without the closing view."""
+    covered = views * abs(step)
+    periods = round(covered / period)
+    return periods > 0 and -0.5 * abs(step) <= covered - periods * period <= 1.5 * abs(step)
+
+
+def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> tuple[Reason, ...]:
+    """Return the question whether angles are in another unit, where they are half turns in that unit alone."""
+    views = angles_deg.size
+    if views < LEAST_VIEWS or not (np.abs(angles_deg) <= LARGEST_ANGLE_DEG).all():
+        return ()
+    ends = np.array([angles_deg.min(), angles_deg.max()])
+    step_deg = float(np.ptp(ends)) / (views - 1)
+    # From five sixths of a half turn to two turns; no scan for tomography spans as few degrees.
+    if 2.6 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
+        return (ReadingMessage.RADIANS_ASKED(least_deg=float(ends[0]), most_deg=float(ends[1])),)
+    ends = np.deg2rad(ends)
+    if (
+        (unit or "").strip().lower() in RADIANS
+        and np.ptp(ends) > 8.0 * np.pi
+        and closes(views, np.deg2rad(step_deg), 180.0)
+    ):
+        return (ReadingMessage.DEGREES_ASKED(least_rad=float(ends[0]), most_rad=float(ends[1])),)
+    return ()
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A scan along the detector: the level of air, at the detector's ends, and the values between them."""
+
+    level: float = 0.0
+    mean: float = 0.0
+    lowest: float = 0.0
+    highest: float = 0.0
+
+    @classmethod
+    def of(cls, rays: NDArray[np.float32]) -> Self:
+        """Take the median of rays (rays, detector), in which NaN is missing."""
+        profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
+        air = max(1, round(AIR_SHARE * profile.size))
+        level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
+        return cls(level, float(profile.mean()), float(profile.min()), float(profile.max()))
+
+    @property
+    def span(self) -> float:
+        """Range of the values."""
+        return self.highest - self.lowest
+
+    @property
+    def falls(self) -> bool:
+        """Whether the values fall behind the log."""
+        return self.level - self.mean > LEAST_FALL * self.span
 
 
 @dataclass(frozen=True)
@@ -121,7 +194,7 @@ class SamplesOutside:
     def __init__(self, allowed: SampleRange, samples: int, name: str = "view") -> None:
         self._allowed, self._most, self._samples = allowed, allowed.most_outside * samples, samples
         self._name, self._outside, self._first = name, 0, ""
-        self.largest = -np.inf
+        self.largest, self._profile = -np.inf, Profile()
 
     def add(self, images: NDArray[np.float32], first: int = 0, first_row: int = 0) -> None:
         """Count samples outside of the range in images (images, rows, cells); missing samples (NaN) do not count.
@@ -138,6 +211,11 @@ class SamplesOutside:
                 high = float(np.fmax.reduce(image, axis=None))
                 self._count(image, index, first_row)
             self.largest = max(self.largest, high)
+        views, rows, cells = images.shape
+        if self._allowed is LINE_INTEGRALS and cells >= LEAST_CELLS and views >= LEAST_VIEWS:
+            some = images[:: -(-views // MOST_VIEWS), :: -(-rows // MOST_ROWS)]
+            profiles = [Profile.of(some[:, row]) for row in range(some.shape[1]) if np.isfinite(some[:, row]).any()]
+            self._profile = max(self._profile, *profiles, key=lambda profile: profile.span)
 
     def _count(self, image: NDArray[np.float32], index: int, first_row: int) -> None:
         outside = (image < self._allowed.low) | (image > self._allowed.high)
@@ -170,3 +248,19 @@ class SamplesOutside:
                 f"all {self._samples} counts of the scan are 0 or less (the largest is {self.largest:g}); they must be "
                 "above 0 where the beam reaches the detector",
             )
+
+    def check_rise(self) -> None:
+        """Refuse line integrals that fall behind the log, in the row in which they vary most: `contradiction`."""
+        profile = self._profile
+        near_zero = abs(profile.level) < MOST_ABOVE_AIR * profile.span
+        near_one_or_counts = 0.5 < profile.level < 1.5 or profile.level > LARGEST_LOGARITHM
+        is_top = profile.highest - profile.level <= MOST_ABOVE_AIR * profile.span
+        if not (profile.falls and is_top and (near_zero or near_one_or_counts)):
+            return
+        take = "take -ln of transmissions, or declare counts and give their flat fields"
+        looks = "their sign is wrong: multiply them by -1" if near_zero else f"these look like transmissions: {take}"
+        raise UnreadableScan(
+            "contradiction",
+            f"the values fall from {profile.level:.3g} at the detector's ends to {profile.lowest:.3g} behind the log, "
+            f"and line integrals rise; {looks}",
+        )

@@ -6,23 +6,17 @@ from numpy.typing import NDArray
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
-LENGTHS_MM = {
-    "nm": 1e-6,
-    "um": 1e-3,
-    "µm": 1e-3,  # the micro sign
-    "\u03bcm": 1e-3,  # the Greek letter
-    "micron": 1e-3,
-    "microns": 1e-3,
-    "micrometer": 1e-3,
-    "micrometre": 1e-3,
-    "mm": 1.0,
-    "millimeter": 1.0,
-    "millimetre": 1.0,
-    "cm": 10.0,
-    "m": 1000.0,
-    "meter": 1000.0,
-    "metre": 1000.0,
+# The micro sign, and the Greek letter.
+_MICRONS = "um \u00b5m \u03bcm micron microns micrometer micrometers micrometre micrometres"
+_UNITS_MM = {
+    "nm nanometer nanometers nanometre nanometres": 1e-6,
+    _MICRONS: 1e-3,
+    "mm millimeter millimeters millimetre millimetres": 1.0,
+    "cm centimeter centimeters centimetre centimetres": 10.0,
+    "in inch inches": 25.4,
+    "m meter meters metre metres": 1000.0,
 }
+LENGTHS_MM = {name: mm for names, mm in _UNITS_MM.items() for name in names.split()}
 DEGREES = {"deg", "degree", "degrees", "°"}
 RADIANS = {"rad", "radian", "radians"}
 # Distances between cells, in mm: from a nanometre to a metre.

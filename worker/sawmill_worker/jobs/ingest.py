@@ -34,6 +34,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         rows_missing=scan.align_rows is not RowAlignment.OFF,
         averaged_rows=scan.averaged_rows,
         transpose=scan.transpose,
+        axes=scan.axes,
         free_bytes=memory_available(),
     )
     with reading as read:

@@ -19,6 +19,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         dataset=options.dataset,
         angles=None if options.angles_deg is None else parse_angles(options.angles_deg),
         transpose=options.transpose,
+        axes=options.axes,
         uploaded=True,
         pictures=attempt.output,
     )

@@ -13,15 +13,18 @@ from sawmill_formats import nxtomo
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
-from sawmill_formats.input.contents import FileContents, Projections
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections
 from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
 from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
+from sawmill_formats.input.hdf5.fields import read_angles
 from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
+from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
 from sawmill_formats.input.hdf5.projections import all_views, transposed
+from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
-from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS
+from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS, check_matlab_class
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
@@ -47,9 +50,9 @@ def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -
 def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
     entry = _choose_entry(file, selection.dataset, bounds.linked)
     if entry is not None:
-        return read_nxtomo(entry, bounds)
+        return read_nxtomo(entry, bounds, selection)
     if is_exchange(file, bounds.linked) and (selection.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
-        return read_exchange(file, bounds)
+        return read_exchange(file, bounds, selection)
     return _read_plain(file, selection, bounds)
 
 
@@ -80,20 +83,35 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         load=partial(_load, by_name, bounds.whole),
         projections=partial(_projections, by_name, bounds),
         text=partial(_text, by_name, bounds.whole),
+        remarks=lambda name: packing_remarks(by_name[name]),
+        stated_angles=lambda name: _angles_of_cil(file, name, bounds.whole),
     )
     remarks = (ReadingMessage.MATLAB_AXES(),) if matlab else ()
     return read_named_arrays(arrays, selection, remarks)
+
+
+def _angles_of_cil(file: h5py.File, name: str, bounds: Bounds) -> FileAngles:
+    """Read the angles next to projections that CIL wrote: in the group config of their entry."""
+    entry, _, place = name.rpartition("/data/data")
+    return (
+        read_angles(file, f"{entry}/config/angles", bounds, default_unit=None) if entry and not place else FileAngles()
+    )
 
 
 def _info(node: h5py.Dataset) -> ArrayInfo:
     shape = node.shape or ()
     matlab_class = attribute_text(node, "MATLAB_class")
     numeric = node.dtype.kind in "iuf" and (matlab_class is None or matlab_class in MATLAB_NUMBERS)
-    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, quoted(matlab_class or node.dtype.name))
+    kind = quoted(matlab_class or node.dtype.name)
+    if matlab_class is not None:
+        return ArrayInfo(shape[::-1], numeric, kind)
+    return ArrayInfo(shape, numeric, kind, stated_order(node) if len(shape) in {2, 3} else None)
 
 
 def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
     node, where = by_name[name], repr(quoted(name))
+    if attribute_text(node, "MATLAB_class") != "char":
+        check_matlab_class(where, attribute_text(node, "MATLAB_class"))
     check_dataset(where, node, bounds)
     if np.any(attribute(node, "MATLAB_empty")):
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
@@ -108,6 +126,7 @@ def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) ->
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
+    values = packing_of(node).unpack(values)
     return values.T if "MATLAB_class" in node.attrs else values
 
 

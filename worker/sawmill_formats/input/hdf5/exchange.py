@@ -1,16 +1,17 @@
 """HDF5 in the Data Exchange layout: /exchange/data, with data_white, data_dark and theta in the same group."""
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions
 from sawmill_formats.input.contents import FileContents
-from sawmill_formats.input.hdf5.fields import read_angles, read_pitch
-from sawmill_formats.input.hdf5.guard import find, numbers, read_float32
+from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
+from sawmill_formats.input.hdf5.guard import find, numbers
+from sawmill_formats.input.hdf5.packed_values import packing_remarks, read_unpacked
 from sawmill_formats.input.hdf5.projections import all_views
+from sawmill_formats.input.hdf5.stated_axes import stated_order, with_stated_axes
 from sawmill_formats.input.hdf5.texts import attribute_text
+from sawmill_formats.input.wanted import Wanted
 
 DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"
@@ -21,7 +22,7 @@ def is_exchange(file: h5py.File, linked: LinkedFiles | None = None) -> bool:
     return isinstance(find(file, DATA, linked), h5py.Dataset)
 
 
-def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:
+def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileContents:
     """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it.
 
     Raises
@@ -33,28 +34,29 @@ def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    axes = attribute_text(dataset, "axes")
-    if axes is not None and not axes.startswith("theta"):
+    axes, known = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or stated_order(dataset)
+    if axes is not None and not axes.startswith("theta") and known is None:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
     angles = read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
-    detector_pitch_mm, remarks_x = read_pitch(file, f"{DETECTOR}/x_pixel_size", bounds.whole)
-    row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", bounds.whole)
-    return FileContents(
+    pitch, row_pitch = (read_pitch(file, f"{DETECTOR}/{axis}_pixel_size", bounds.whole) for axis in "xy")
+    white, dark, theta = (
+        numbers(file, f"exchange/{name}", bounds.whole) for name in ("data_white", "data_dark", "theta")
+    )
+    contents = FileContents(
         format="hdf5-data-exchange",
         projections=all_views(dataset),
-        flats=_optional(file, "exchange/data_white", bounds.whole),
-        darks=_optional(file, "exchange/data_dark", bounds.whole),
+        flats=None if white is None else read_unpacked(white),
+        darks=None if dark is None else read_unpacked(dark),
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=angles.unusable,
-        detector_pitch_mm=detector_pitch_mm,
-        row_pitch_mm=row_pitch_mm,
-        remarks=(*remarks_x, *remarks_y),
+        detector_pitch_mm=pitch.mm,
+        row_pitch_mm=row_pitch.mm,
+        detector_binning=pitch.binning,
+        row_binning=row_pitch.binning,
+        remarks=(*packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
     )
-
-
-def _optional(file: h5py.File, path: str, bounds: Bounds) -> NDArray[np.float32] | None:
-    dataset = numbers(file, path, bounds)
-    return None if dataset is None else read_float32(dataset)
+    contents = with_stated_axes(contents, dataset, selection)
+    return with_fields_beside(contents, dataset, bounds.whole, selection)

@@ -1,6 +1,6 @@
 """HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import h5py
 import numpy as np
@@ -8,13 +8,17 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
-from sawmill_formats.input.contents import FileContents
-from sawmill_formats.input.hdf5.fields import read_angles, read_pitch
+from sawmill_formats.input.contents import FileAngles, FileContents
+from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
 from sawmill_formats.input.hdf5.modules import read_modules
+from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
 from sawmill_formats.input.hdf5.projections import chosen_views
+from sawmill_formats.input.hdf5.stated_axes import with_stated_axes
 from sawmill_formats.input.hdf5.texts import read_text
+from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
+    ALIGNMENT,
     ANGLES,
     CELL_PITCH,
     DARK,
@@ -22,6 +26,7 @@ from sawmill_formats.nxtomo import (
     DEFINITION,
     FLAT,
     IMAGE_KEY,
+    IMAGE_KEY_CONTROL,
     INVALID,
     PROJECTION,
     ROW_PITCH,
@@ -42,7 +47,7 @@ def _is_nxtomo(node: Node, linked: LinkedFiles | None) -> bool:
     return isinstance(node, h5py.Group) and read_text(node, "definition", linked=linked) == DEFINITION
 
 
-def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
+def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileContents:
     """Read one NXtomo entry.
 
     Raises
@@ -55,27 +60,41 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
         raise UnreadableScan("dataset-missing", f"the NXtomo entry {name_of(entry)} has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
     keys = _read_image_key(entry, len(dataset), bounds.whole)
-    angles = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
-    if angles.deg is not None and len(angles.deg) != len(dataset):
-        raise UnreadableScan(
-            "angles-mismatch", f"{ANGLES} has {len(angles.deg)} angles for {len(dataset)} images; each image needs one"
-        )
-    detector_pitch_mm, remarks_x = read_pitch(entry, CELL_PITCH, bounds.whole)
-    row_pitch_mm, remarks_y = read_pitch(entry, ROW_PITCH, bounds.whole)
-    modules, of_modules = read_modules(entry, dataset.shape[-1], detector_pitch_mm, bounds)
-    return FileContents(
+    views = keys.values == PROJECTION
+    angles = _angles_of_views(read_angles(entry, ANGLES, bounds.whole, default_unit=None), views)
+    pitch, row_pitch = read_pitch(entry, CELL_PITCH, bounds.whole), read_pitch(entry, ROW_PITCH, bounds.whole)
+    modules, of_modules = read_modules(entry, dataset.shape[-1], pitch.mm, bounds)
+    packed = packing_remarks(dataset, numbers(entry, ANGLES, bounds.whole))
+    contents = FileContents(
         format="hdf5-nxtomo",
-        projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
+        projections=chosen_views(dataset, np.flatnonzero(views)),
         flats=_fields(dataset, keys.values, FLAT, bounds),
         darks=_fields(dataset, keys.values, DARK, bounds),
-        angles_deg=None if angles.deg is None else angles.deg[keys.values == PROJECTION],
+        angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=angles.unusable,
-        detector_pitch_mm=detector_pitch_mm,
-        row_pitch_mm=row_pitch_mm,
+        detector_pitch_mm=pitch.mm,
+        row_pitch_mm=row_pitch.mm,
+        detector_binning=pitch.binning,
+        row_binning=row_pitch.binning,
         detector_modules=modules,
-        remarks=(*keys.remarks, *remarks_x, *remarks_y, *of_modules),
+        remarks=(*keys.remarks, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
+    contents = with_stated_axes(contents, dataset, selection)
+    return with_fields_beside(contents, dataset, bounds.whole, selection)
+
+
+def _angles_of_views(angles: FileAngles, views: NDArray[np.bool_]) -> FileAngles:
+    """Select the angles of the views from those of all images; a list for the views alone is one already."""
+    if angles.deg is None or len(angles.deg) == np.count_nonzero(views):
+        return angles
+    if len(angles.deg) == len(views):
+        return replace(angles, deg=angles.deg[views])
+    number = int(np.count_nonzero(views))
+    unusable = ReadingMessage.ANGLES_OF_OTHER_NUMBER(
+        path=ANGLES, angles=len(angles.deg), images=len(views), views=number
+    )
+    return FileAngles(unusable=unusable)
 
 
 @dataclass(frozen=True)
@@ -92,8 +111,12 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
         raise UnreadableScan(
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
         )
-    raw = read_values(dataset, np.float64)
-    unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID))
+    raw, alignment_key = read_values(dataset, np.float64), IMAGE_KEY
+    control = numbers(entry, IMAGE_KEY_CONTROL, bounds)
+    if control is not None and control.shape == raw.shape:
+        aligning = read_values(control, np.float64) == ALIGNMENT
+        raw, alignment_key = np.where(aligning, ALIGNMENT, raw), IMAGE_KEY_CONTROL if aligning.any() else IMAGE_KEY
+    unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID, ALIGNMENT))
     if unknown.any():
         image = int(np.argmax(unknown))
         raise UnreadableScan(
@@ -101,8 +124,10 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
             f"{IMAGE_KEY} of image {image} is {raw[image]:g}; "
             "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
         )
-    invalid = int(np.count_nonzero(raw == INVALID))
+    invalid, alignment = (int(np.count_nonzero(raw == key)) for key in (INVALID, ALIGNMENT))
     remarks = (ReadingMessage.INVALID_IMAGES(images=invalid),) if invalid else ()
+    if alignment:
+        remarks = (*remarks, ReadingMessage.ALIGNMENT_IMAGES(images=alignment, key=alignment_key.rpartition("/")[2]))
     return _ImageKeys(raw.astype(np.int64), remarks)
 
 
@@ -117,4 +142,4 @@ def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bo
         stored_bytes=stored,
         max_bytes=bounds.piece,
     )
-    return read_images(dataset, images) if len(images) else None
+    return packing_of(dataset).unpack(read_images(dataset, images)) if len(images) else None

@@ -45,15 +45,20 @@ def read_mat5(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> Fi
 
 def _load(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> NDArray[Any]:
     variable, where = variables[name], repr(quoted(name))
-    if variable.kind not in MATLAB_NUMBERS:
-        fields = ", or name a field of it by its path" if variable.kind == "struct" else ""
-        raise UnreadableScan(
-            "wrong-type", f"{where} is a MATLAB {variable.kind}; a scan is an array of real numbers{fields}"
-        )
+    check_matlab_class(where, variable.kind)
     check_number_type(where, np.dtype(np.complex128 if variable.is_complex else variable.kind))
     itemsize = np.dtype(variable.kind).itemsize
     check_size(where, variable.shape, itemsize, stored_bytes=variable.stored_bytes, max_bytes=bounds.piece)
     return read_numbers(path, variable, bounds.array)
+
+
+def check_matlab_class(where: str, kind: str | None) -> None:
+    """Refuse variables of MATLAB's classes that are no real numbers: `wrong-type`."""
+    if kind is None or kind in MATLAB_NUMBERS:
+        return
+    fields = ", or name a field of it by its path" if kind == "struct" else ""
+    noun = "cell array" if kind == "cell" else quoted(kind)
+    raise UnreadableScan("wrong-type", f"{where} is a MATLAB {noun}; a scan is one array of real numbers{fields}")
 
 
 def _text(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> str | None:

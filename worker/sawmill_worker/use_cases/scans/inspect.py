@@ -72,6 +72,7 @@ class InspectionInput:
     darks: Path | None = None
     follow_links: bool = False
     transpose: bool = False
+    axes: str | None = None
     uploaded: bool = False
     """Whether a service has it, which reads one file alone and has no flags."""
     pictures: Path | None = None
@@ -177,6 +178,8 @@ def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
             source.path,
             dataset=source.dataset,
             transpose=source.transpose,
+            axes=source.axes,
+            counts=source.data is DataKind.COUNTS,
             flats=source.flats,
             darks=source.darks,
             follow_links=source.follow_links,

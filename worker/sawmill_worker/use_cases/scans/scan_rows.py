@@ -112,7 +112,7 @@ def open_rows(
 def _needs_no_preparing(source: ScanSource) -> bool:
     """Return whether no flag must be compared with the file or applied to it."""
     options = source.options
-    of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows)
+    of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows, options.axes)
     beside = (*of_file, options.flats, options.darks)
     bare = all(given is None for given in beside)
     if not (
@@ -152,6 +152,7 @@ def _prepared_rows(
             rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
             transpose=source.options.transpose,
+            axes=source.options.axes,
             flats=source.options.flats,
             darks=source.options.darks,
             follow_links=source.options.follow_links,

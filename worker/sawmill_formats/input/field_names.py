@@ -1,0 +1,80 @@
+"""Flat and dark fields among the arrays of a file, by names as other programs write them."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats.errors import quoted
+from sawmill_formats.input.contents import FileContents, axes_of_fields
+from sawmill_formats.input.wanted import FieldKind, Wanted
+from sawmill_vocabulary.reading_messages import ReadingMessage
+
+KINDS = {
+    FieldKind.FLATS: re.compile("(flat|white|bright)(s|fields?)?|open(beam)?|blanks?|air|ob|ff|i_?[0o]"),
+    FieldKind.DARKS: re.compile("dark(s|fields?|current)?|offsets?|pedestal|bias|df|di"),
+}
+# Words next to them. With any other word an array is something else, such as `flat_corrected`.
+TIMES = re.compile("pre|post|before|after|start|end|begin")
+OTHER_WORDS = re.compile(
+    f"{TIMES.pattern}|data|fields?|frames?|images?|imgs?|beam|current|mean|avg|average|median|ref(erences?)?|"
+    "proj(ections?)?|stack|array|raw"
+)
+
+
+def kind_of(name: str) -> FieldKind | None:
+    """Return the kind of fields that an array has by its name, or by its group's where its own states none."""
+    for part in reversed(name.split("/")[-2:]):
+        words = _words(part)
+        kinds = {kind for word in words for kind, pattern in KINDS.items() if pattern.fullmatch(word)}
+        others = not all(any(each.fullmatch(word) for each in (OTHER_WORDS, *KINDS.values())) for word in words)
+        if kinds or others:
+            return kinds.pop() if len(kinds) == 1 and not others else None
+    return None
+
+
+def _words(name: str) -> list[str]:
+    return re.findall("i_?0|[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower())
+
+
+def with_similar_fields(
+    contents: FileContents,
+    shapes: Mapping[str, tuple[int, ...]],
+    load: Callable[[str], NDArray[np.float32]],
+    selection: Wanted,
+) -> FileContents:
+    """Return contents with the fields that arrays of these shapes are by their names, where the usual names lack."""
+    order = contents.order or tuple(range(len(contents.projections.shape)))
+    of_view = tuple(contents.projections.shape[axis] for axis in order[1:])
+    fields, possible, remarks = {FieldKind.FLATS: contents.flats, FieldKind.DARKS: contents.darks}, {}, []
+    for kind in (kind for kind, images in fields.items() if images is None and kind in selection.similar):
+        named = [name for name, shape in shapes.items() if math.prod(shape) > 1 and kind_of(name) is kind]
+        fitting = [name for name in named if _fits(shapes[name], order, of_view)]
+        listed = ", ".join(f"{quoted(name)} {shapes[name]}" for name in fitting or named)
+        # Fields before and after a scan are of one kind; of others it is not clear which are meant.
+        stems = {tuple(word for word in _words(name) if not TIMES.fullmatch(word)) for name in fitting}
+        if len(stems) == 1 and (len(fitting) == 1 or contents.order is None):
+            images = [load(name) for name in fitting]
+            fields[kind] = (
+                images[0] if len(images) == 1 else np.concatenate([each.reshape(-1, *of_view) for each in images])
+            )
+            taken = ReadingMessage.FLATS_BY_NAME if kind is FieldKind.FLATS else ReadingMessage.DARKS_BY_NAME
+            remarks.append(taken(arrays=listed))
+        elif named:
+            possible[kind] = listed
+    return replace(
+        contents,
+        flats=fields[FieldKind.FLATS],
+        darks=fields[FieldKind.DARKS],
+        possible_fields=possible,
+        remarks=(*contents.remarks, *remarks),
+    )
+
+
+def _fits(shape: tuple[int, ...], order: tuple[int, ...], of_view: tuple[int, ...]) -> bool:
+    """Return whether fields of this shape have the rows and cells of the views, as stored or in our order."""
+    axes = axes_of_fields(len(shape), order)
+    return bool(axes) and of_view in {shape[-len(of_view) :], tuple(shape[axis] for axis in axes)[-len(of_view) :]}
