@@ -11,6 +11,16 @@ class ReadingMessage(Message):
 
     NO_DARKS = "no-darks", N_("There are no dark fields: the detector's offset was taken as zero.")
     DARKS_ZERO = "darks-zero", N_("All dark fields are 0: the detector's offset was taken as zero.")
+    FLATS_LEFT_OUT = (
+        "flats-left-out",
+        N_("%(odd)d of %(fields)d flat fields differ from the others and were left out: flat field %(numbers)s."),
+        N_("Take flat fields with the beam on and nothing in it."),
+    )
+    DARKS_LEFT_OUT = (
+        "darks-left-out",
+        N_("%(odd)d of %(fields)d dark fields differ from the others and were left out: dark field %(numbers)s."),
+        N_("Take dark fields with the beam off."),
+    )
     AXES_REVERSED = "axes-reversed", N_("The axes were put into the reverse order, as was asked for.")
     MATLAB_AXES = "matlab-axes", N_("The arrays were transposed: MATLAB stores the last axis first.")
     AXES_ORDERED = "axes-ordered", N_("The axes were read in the order %(axes)s, as was asked for.")

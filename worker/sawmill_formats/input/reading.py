@@ -17,6 +17,7 @@ from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import FileContents, Projections, fields_in_order, in_order, named_axes
 from sawmill_formats.input.given_fields import with_fields
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
+from sawmill_formats.input.odd_fields import without_odd_fields
 from sawmill_formats.input.plausible import (
     LARGEST_USUAL_PITCH_MM,
     closes,
@@ -216,12 +217,17 @@ def canonical_scan(
             "counts need at least one flat field, and it is not clear which of these arrays they are: "
             f"{contents.possible_fields[FieldKind.FLATS]}; name the right one flats, or give its file (--flats)",
         )
+    flats = None if contents.flats is None else as_fields("flat", contents.flats, dimensions)
+    darks = None if contents.darks is None else as_fields("dark", contents.darks, dimensions)
+    if flats is not None and (darks is None or darks.shape[1:] == flats.shape[1:]):
+        flats, darks, of_fields = without_odd_fields(flats, darks)
+        remarks = (*remarks, *of_fields)
     return CanonicalScan(
         projections=projections,
         angles_rad=np.deg2rad(angles),
         counts=counts,
-        flats=None if contents.flats is None else as_fields("flat", contents.flats, dimensions),
-        darks=None if contents.darks is None else as_fields("dark", contents.darks, dimensions),
+        flats=flats,
+        darks=darks,
         detector_pitch_mm=pitch_mm,
         row_pitch_mm=row_pitch_mm,
         format=contents.format,

@@ -1,0 +1,64 @@
+"""Flat and dark fields that depart from the others are left out and named; drifts and groups are not."""
+
+import numpy as np
+import pytest
+
+from sawmill_formats.input.odd_fields import without_odd_fields
+from sawmill_vocabulary.reading_messages import ReadingMessage
+
+CELLS = 200
+SHADOW = np.where(np.abs(np.arange(CELLS) - 90) < 30, 0.45, 1.0)
+DRIFT = np.linspace(1.0, 0.9, 10)[:, None, None]
+
+
+def fields(level, seed):
+    """Ten fields (n, 2 rows, cells) with the noise of their counts."""
+    return np.random.default_rng(seed).poisson(level, (10, 2, CELLS)).astype(np.float32)
+
+
+def changed(stack, numbers, factor):
+    stack = stack.copy()
+    stack[numbers] *= factor
+    return stack
+
+
+FLATS, DARKS = fields(20_000, 1), fields(150, 2)
+BEAM_ON = DARKS.copy()
+BEAM_ON[0] = FLATS[0]
+
+
+@pytest.mark.parametrize(
+    ("flats", "darks", "odd_flats", "odd_darks"),
+    [
+        (FLATS, DARKS, [], []),
+        (FLATS, None, [], []),
+        (FLATS * DRIFT, DARKS, [], []),
+        (changed(FLATS, slice(5, None), 0.95), DARKS, [], []),
+        (FLATS[:2] * np.array([1.0, 0.1])[:, None, None], DARKS, [], []),
+        (FLATS * np.linspace(1.0, 10.0, 10)[:, None, None], DARKS, [], []),
+        (FLATS, BEAM_ON, [], [0]),
+        (changed(FLATS, 3, SHADOW), DARKS, [3], []),
+        (changed(FLATS, [8, 9], 0.0), BEAM_ON, [8, 9], [0]),
+        (changed(FLATS, 4, 0.5), None, [4], []),
+    ],
+    ids=[
+        "honest",
+        "no darks",
+        "drift",
+        "before and after",
+        "two",
+        "doses",
+        "beam on",
+        "phantom",
+        "shutter",
+        "half open",
+    ],
+)
+def test_odd_fields_are_left_out_and_named(flats, darks, odd_flats, odd_darks):
+    kept_flats, kept_darks, remarks = without_odd_fields(flats, darks)
+    assert np.array_equal(kept_flats, np.delete(flats, odd_flats, axis=0))
+    assert kept_darks is None if darks is None else np.array_equal(kept_darks, np.delete(darks, odd_darks, axis=0))
+    expected = {ReadingMessage.FLATS_LEFT_OUT: odd_flats, ReadingMessage.DARKS_LEFT_OUT: odd_darks}
+    assert {each.message: each.values["odd"] for each in remarks} == {
+        message: len(odd) for message, odd in expected.items() if odd
+    }

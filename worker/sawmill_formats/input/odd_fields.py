@@ -1,0 +1,48 @@
+"""Flat and dark fields that depart from the others, such as a dark field that was taken with the beam on."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_vocabulary.messages import Reason, Value, numbered
+from sawmill_vocabulary.reading_messages import ReadingMessage
+
+Fields = NDArray[np.float32]
+
+# Fields are compared by their means in this number of parts of the detector. A field is odd if a part departs from the
+# median field by this share of the air's level: tubes drift by some per cent, dark levels by less than a hundredth.
+PARTS, ODD_FLAT, ODD_DARK = 16, 0.2, 0.02
+# If a larger share departs, it is not clear which fields are odd.
+MOST_ODD = 0.34
+
+
+def without_odd_fields(flats: Fields, darks: Fields | None) -> tuple[Fields, Fields | None, tuple[Reason, ...]]:
+    """Leave out flats and darks (n, rows, detector) that depart from the others, and return remarks on them."""
+    air = np.median(_levels(flats), axis=0)
+    kept_flats, odd_flats = _kept(flats, ODD_FLAT * air)
+    remarks = [ReadingMessage.FLATS_LEFT_OUT(**odd_flats)] if odd_flats else []
+    if darks is None:
+        return kept_flats, None, tuple(remarks)
+    kept_darks, odd_darks = _kept(darks, ODD_DARK * air)
+    return kept_flats, kept_darks, (*remarks, *([ReadingMessage.DARKS_LEFT_OUT(**odd_darks)] if odd_darks else []))
+
+
+def _levels(fields: Fields) -> NDArray[np.float64]:
+    """Compute the means (n, parts) of the parts of each field."""
+    profiles = fields.mean(axis=1, dtype=np.float64)
+    parts = min(PARTS, profiles.shape[1])
+    starts = np.arange(parts) * profiles.shape[1] // parts
+    return np.asarray(np.add.reduceat(profiles, starts, axis=1) / np.diff(starts, append=profiles.shape[1]))
+
+
+def _kept(fields: Fields, allowed: NDArray[np.float64]) -> tuple[Fields, dict[str, Value]]:
+    """Return the fields within the allowed departure (parts,) from the median field, and the numbers of the others."""
+    levels = _levels(fields)
+    odd = (np.abs(levels - np.median(levels, axis=0)) > allowed).any(axis=1)
+    if not 0 < odd.sum() <= MOST_ODD * len(fields):
+        return fields, {}
+    left_out: dict[str, Value] = {
+        "numbers": numbered(np.flatnonzero(odd).tolist()),
+        "odd": int(odd.sum()),
+        "fields": len(fields),
+    }
+    return fields[~odd], left_out
