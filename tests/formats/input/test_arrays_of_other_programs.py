@@ -314,6 +314,12 @@ REFUSED = {
         "contradiction",
         "attributes scale_factor do",
     ),
+    "a packed value that is declared missing": (
+        exchange(*SCALED, (DATA, "_FillValue", (STACK[4, 1, 3] + 2000) / 2), data=(STACK + 2000) / 2),
+        COUNTS,
+        "not-finite",
+        "view 4, row 1, cell 3 is nan",
+    ),
     "two conventions": (
         exchange((DATA, "scale_factor", 2), (DATA, "slope", 3)),
         COUNTS,
@@ -465,6 +471,7 @@ def log(views=24, cells=96, noise=0.02):
         (20_000 * np.exp(-log()), "look like transmissions"),
         (-log(), "their sign is wrong: multiply them by -1"),
         (-1000 * log(), "their sign is wrong"),
+        (np.exp(-log(views=4)), "look like transmissions"),
         (log(), None),
         (log() - 0.5, None),
         (np.abs(log()[:, 1:]), None),

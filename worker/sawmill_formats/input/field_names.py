@@ -13,6 +13,7 @@ from sawmill_formats.input.contents import FileContents, axes_of_fields
 from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
+MOST_NAMES = 12
 KINDS = {
     FieldKind.FLATS: re.compile("(flat|white|bright)(s|fields?)?|open(beam)?|blanks?|air|ob|ff|i_?[0o]"),
     FieldKind.DARKS: re.compile("dark(s|fields?|current)?|offsets?|pedestal|bias|df|di"),
@@ -53,7 +54,9 @@ def with_similar_fields(
     for kind in (kind for kind, images in fields.items() if images is None and kind in selection.similar):
         named = [name for name, shape in shapes.items() if math.prod(shape) > 1 and kind_of(name) is kind]
         fitting = [name for name in named if _fits(shapes[name], order, of_view)]
-        listed = ", ".join(f"{quoted(name)} {shapes[name]}" for name in fitting or named)
+        several = fitting or named
+        listed = ", ".join(f"{quoted(name)} {shapes[name]}" for name in several[:MOST_NAMES])
+        listed += ", ..." if len(several) > MOST_NAMES else ""
         # Fields before and after a scan are of one kind; of others it is not clear which are meant.
         stems = {tuple(word for word in _words(name) if not TIMES.fullmatch(word)) for name in fitting}
         if len(stems) == 1 and (len(fitting) == 1 or contents.order is None):

@@ -37,8 +37,10 @@ AIR_SHARE = 0.02
 LEAST_FALL = 0.05
 # Where values fall behind the log, none are far above the air's level.
 MOST_ABOVE_AIR = 0.25
-# Fewest cells and views of a scan that are enough for a profile, the most views of a block that it needs, and rows.
-LEAST_CELLS, LEAST_VIEWS, MOST_VIEWS, MOST_ROWS = 64, 16, 64, 8
+# Fewest cells of a profile, and the most views and rows of a block that are taken for it.
+LEAST_CELLS, MOST_VIEWS, MOST_ROWS = 64, 64, 8
+# Fewer angles may be any.
+LEAST_ANGLES = 16
 
 
 def check_angles(angles_deg: NDArray[np.float64]) -> None:
@@ -64,7 +66,7 @@ def closes(views: int, step: float, period: float) -> bool:
 def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> tuple[Reason, ...]:
     """Return the question whether angles are in another unit, where they are half turns in that unit alone."""
     views = angles_deg.size
-    if views < LEAST_VIEWS or not (np.abs(angles_deg) <= LARGEST_ANGLE_DEG).all():
+    if views < LEAST_ANGLES or not (np.abs(angles_deg) <= LARGEST_ANGLE_DEG).all():
         return ()
     ends = np.array([angles_deg.min(), angles_deg.max()])
     step_deg = float(np.ptp(ends)) / (views - 1)
@@ -212,7 +214,7 @@ class SamplesOutside:
                 self._count(image, index, first_row)
             self.largest = max(self.largest, high)
         views, rows, cells = images.shape
-        if self._allowed is LINE_INTEGRALS and cells >= LEAST_CELLS and views >= LEAST_VIEWS:
+        if self._allowed is LINE_INTEGRALS and cells >= LEAST_CELLS:
             some = images[:: -(-views // MOST_VIEWS), :: -(-rows // MOST_ROWS)]
             profiles = [Profile.of(some[:, row]) for row in range(some.shape[1]) if np.isfinite(some[:, row]).any()]
             self._profile = max(self._profile, *profiles, key=lambda profile: profile.span)

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 
 from sawmill_formats.input.contents import FileContents, named_axes
+from sawmill_formats.input.hdf5.guard import name_of
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
@@ -29,7 +30,7 @@ def with_stated_axes(contents: FileContents, dataset: h5py.Dataset, selection: W
 def stated_order(dataset: h5py.Dataset) -> tuple[int, ...] | None:
     """Return the dataset's axes in the order views, rows, cells; None where that is their order, or none is stated."""
     axes, numbers = (VIEWS, ROWS, CELLS) if dataset.ndim == 3 else (VIEWS, CELLS), range(dataset.ndim)
-    is_signal = attribute_text(dataset.parent, "signal") == dataset.name.rpartition("/")[2]
+    is_signal = attribute_text(dataset.parent, "signal") == name_of(dataset).strip("'").rpartition("/")[2]
     candidates: list[list[str | None]] = [
         *([attribute_text(dataset, f"{form}{axis}") for axis in numbers] for form in ("dimension", "dim")),
         [*re.findall(r"\w+", attribute_text(dataset, "axes") or "")],
