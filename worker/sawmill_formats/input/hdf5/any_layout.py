@@ -13,14 +13,14 @@ from sawmill_formats import nxtomo
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
-from sawmill_formats.input.contents import FileAngles, FileContents, Projections
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections, in_order
 from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
 from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
 from sawmill_formats.input.hdf5.fields import read_angles
 from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
 from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
-from sawmill_formats.input.hdf5.projections import all_views, transposed
+from sawmill_formats.input.hdf5.projections import all_views
 from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
@@ -120,7 +120,8 @@ def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5p
 
 def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
     node = _checked(by_name, bounds, name)
-    return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
+    stored = all_views(node)
+    return in_order(stored, tuple(reversed(range(node.ndim)))) if "MATLAB_class" in node.attrs else stored
 
 
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.input.contents import Projections
-from sawmill_formats.input.hdf5.guard import read_float32, read_images
+from sawmill_formats.input.hdf5.guard import read_images
 from sawmill_formats.input.hdf5.packed_values import packing_of
 
 
@@ -26,19 +26,6 @@ def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections
     # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
     virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
     return Projections((len(images), *dataset.shape[1:]), read, _together(virtual or dataset.chunks))
-
-
-def transposed(dataset: h5py.Dataset) -> Projections:
-    """Return the projections of a checked dataset with reversed axes, (detector, rows, views) or (detector, views)."""
-    packing = packing_of(dataset)
-
-    def read(views: slice, rows: slice) -> NDArray[np.float32]:
-        cells = slice(0, len(dataset))
-        if dataset.ndim == 2:
-            return np.ascontiguousarray(packing.unpack(read_float32(dataset, cells, views)).T[:, np.newaxis])
-        return np.ascontiguousarray(packing.unpack(read_float32(dataset, cells, rows, views)).T)
-
-    return Projections(dataset.shape[::-1], read, _together(None if dataset.chunks is None else dataset.chunks[::-1]))
 
 
 def _together(chunks: tuple[int, ...] | None) -> tuple[int, int]:
