@@ -32,5 +32,5 @@ def do_waiting_job(store: Store, kind: JobKind) -> Done:
     ended = time.perf_counter(), time.process_time(), time.thread_time()
     # A slow job keeps checkpoints, which are no results.
     shutil.rmtree(attempt.checkpoints, ignore_errors=True)
-    store.jobs.succeed(claim, store.jobs.check_output(kind, result, output).result, output)
+    store.jobs.succeed(claim, store.jobs.check_output(kind, result, output)[0], output)
     return Done(result, *(after - before for before, after in zip(started, ended, strict=True)))

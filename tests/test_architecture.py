@@ -100,6 +100,43 @@ def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
     assert not of(never, modules)
 
 
+# Packages in whose processes a library that crashes or loops stops more than one job.
+SERVING = ("service/sawmill_service", "worker/sawmill_store", "worker/sawmill_mill", "worker/sawmill_platform")
+# What names a result without comparing its digest, and who may: senders of files, and what never opens one.
+UNVERIFIED = {
+    "sawmill_platform/files/file_store.py": {"results", "unverified"},
+    "sawmill_platform/jobs/job_store.py": {"results"},
+    "sawmill_platform/retention/measured_bytes.py": {"results"},
+    "sawmill_service/pages/calibrate/calibrate.py": {"results"},
+    "sawmill_service/routes/calibrations.py": {"unverified"},
+    "sawmill_service/routes/reconstructions.py": {"unverified"},
+    "sawmill_store/inspections.py": {"results"},
+    "sawmill_store/phantoms.py": {"results"},
+    "sawmill_store/scans.py": {"results"},
+    "sawmill_store/subjects/handing_over.py": {"results"},
+}
+
+
+def test_results_are_opened_through_one_door():
+    """A path of a result comes from `FileStore.result`, which compares the digest, and only readers open it."""
+    named, opened = {}, []
+    for path in (path for package in SERVING for path in (ROOT / package).rglob("*.py")):
+        module, tree = str(path.relative_to(ROOT)).partition("/")[2], ast.parse(path.read_text())
+        calls = {node.func.attr for node in ast.walk(tree) if isinstance(node, ast.Call) and hasattr(node.func, "attr")}
+        if calls & {"results", "unverified"}:
+            named[module] = calls & {"results", "unverified"}
+        imported = {
+            name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for name in (getattr(node, "module", ""), *(alias.name for alias in node.names))
+        }
+        if imported & {"h5py", "sawmill_formats.hdf5", "open_hdf5", "own_hdf5", "sawmill_formats.output.own_hdf5"}:
+            opened.append(module)
+    assert opened == []
+    assert named == UNVERIFIED
+
+
 NUMERICAL = ("numpy", "scipy", "numba", "h5py", "PIL", "skimage", "matplotlib", "tifffile")
 SERVER = ("sqlalchemy", "celery", "fastapi", "uvicorn")
 # Numba imports SciPy's linear algebra when it loads its first kernel.

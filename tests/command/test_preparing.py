@@ -50,7 +50,7 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
     assert answer["shape"] == [last + 1 - first, 32, 32]
     assert answer["fewest_views"] == views[first : last + 1].min() < answer["views"]
     air, rings, aligned = answer["preparation"]
-    assert air.endswith("0.2 in the mean")
+    assert air.endswith("0.20 in the mean.")
     assert rings.startswith("rings removed by sorting")
     assert aligned.startswith(f"views aligned by their profile: rows {first}:{last + 1} of 40 are in enough views")
     with h5py.File(output) as file:

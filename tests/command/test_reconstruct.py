@@ -176,9 +176,9 @@ def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_pa
     good = run("reconstruct", scan, *flags, "--theta", THETA[1], "--method", "fbp", "--json")
     assert json.loads(good.stdout)["method"]["data_misfit"] > 1.0
     assert "the noise" not in good.stderr
-    assert "check the geometry" not in good.stderr
+    assert "Check the geometry" not in good.stderr
     wrong = run("reconstruct", scan, *flags, "--theta", "2.55,732,334,33,0.251", "--method", "fbp")
-    assert "check the geometry" in wrong.stderr
+    assert "Check the geometry" in wrong.stderr
     fitted = run("reconstruct", scan, *flags, "--theta", THETA[1], "--method", "tikhonov", "--size", 64)
     assert "times the noise" in fitted.stderr
 

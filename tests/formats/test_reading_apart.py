@@ -40,16 +40,18 @@ def test_a_reader_that_loops_is_a_broken_file(tmp_path):
     endless(path := tmp_path / "endless.h5")
     with pytest.raises(
         UnreadableScan, match=r"reading the file did not get on for 1\.5 seconds: it is damaged"
-    ) as told:
+    ) as refusal:
         read_apart(path, limit_s=LIMIT_S)
-    assert told.value.code == "broken-file"
+    assert refusal.value.code == "broken-file"
 
 
 def test_a_reader_that_crashes_is_a_broken_file(honest):
     crash = (sys.executable, "-S", "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    with pytest.raises(UnreadableScan, match=r"crashed the reader \(SIGSEGV\): it is damaged, or needs more") as told:
+    with pytest.raises(
+        UnreadableScan, match=r"crashed the reader \(SIGSEGV\): it is damaged, or needs more"
+    ) as refusal:
         read_apart(honest, walk=crash)
-    assert told.value.code == "broken-file"
+    assert refusal.value.code == "broken-file"
 
 
 def test_an_honest_file_is_read_apart_once_until_it_changes(honest):

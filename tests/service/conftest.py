@@ -263,8 +263,8 @@ class FakeWorker:
         claim = self.claim()
         output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
         write(output)
-        file = self.store.jobs.check_output(claim.job.kind, result, output).file
-        sha256 = None if file is None else compute_digest(file).sha256
+        _, file = self.store.jobs.check_output(claim.job.kind, result, output)
+        sha256 = None if file is None else compute_digest(file)
         self.store.jobs.succeed(claim, results.answer_of(claim.job.kind, result), output, sha256=sha256)
 
 

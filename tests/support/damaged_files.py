@@ -14,7 +14,7 @@ from sawmill_store.store import Store
 
 def written_by_its_job(store: Store, path: Path) -> None:
     """Give the row of a result the digest of the file as a test has changed it."""
-    store.jobs.note_digest_of_result(path, compute_digest(path).sha256)
+    store.jobs.note_digest_of_result(path, compute_digest(path))
 
 
 def endless(path: Path) -> None:

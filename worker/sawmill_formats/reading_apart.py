@@ -1,4 +1,4 @@
-"""Reading of an HDF5 file in a process of its own, before this process opens the file.
+"""Reading of HDF5 files in a separate process, before this process opens the files.
 
 On some damaged files the HDF5 library crashes, or loops with Python's lock held: no exception and no signal handler
 ends that. The other process (`hdf5_walk`) meets the same fault, and can be killed.
@@ -19,14 +19,16 @@ WALK = (*PROGRAM, "sawmill_formats.hdf5_walk")
 
 
 def read_apart(
-    path: Path, *, follow_links: bool = False, limit_s: float | None = None, walk: tuple[str, ...] = WALK
+    *paths: Path | None, follow_links: bool = False, limit_s: float | None = None, walk: tuple[str, ...] = WALK
 ) -> None:
-    """Read the structure of an HDF5 file in a process of its own; a file that does not change is read once.
+    """Read the structure of each HDF5 file in a separate process; a file that does not change is read once.
 
     Parameters
     ----------
+    paths
+        Files of any format and folders, of which HDF5 files are read; null: none.
     follow_links
-        Whether the file may lead into other files.
+        Whether the files may lead into other files.
     limit_s
         Seconds that reading may take; null: by the file's size.
     walk
@@ -36,26 +38,20 @@ def read_apart(
     ------
     UnreadableScan
         `broken-file`: the reader crashed, or did not end.
-    FileNotFoundError
-        There is no file.
     """
-    _read_apart(path.absolute(), identity_of(path.stat()), follow_links, limit_s, walk)
+    import h5py  # noqa: PLC0415 - a worker at rest does not hold h5py
+
+    for path in paths:
+        if path is not None and h5py.is_hdf5(path):
+            command = (*walk, str(path.absolute()), *(["follow-links"] if follow_links else []))
+            _read_apart(command, identity_of(path.stat()), limit_s or reading_limit_s(path.stat().st_size))
 
 
 @lru_cache(maxsize=1024)
-def _read_apart(
-    path: Path,
-    identity: FileIdentity,
-    follow_links: bool,  # noqa: FBT001 - a key of the cache
-    limit_s: float | None,
-    walk: tuple[str, ...],
-) -> None:
-    limit_s = limit_s or reading_limit_s(identity[2])
-    command = [*walk, str(path), *(["follow-links"] if follow_links else [])]
+def _read_apart(command: tuple[str, ...], _: FileIdentity, limit_s: float) -> None:
+    silent = subprocess.DEVNULL
     try:
-        done = subprocess.run(  # noqa: S603 - our own command
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, timeout=limit_s, check=False
-        )
+        done = subprocess.run(command, stdin=silent, stdout=silent, timeout=limit_s, check=False)  # noqa: S603 - ours
     except subprocess.TimeoutExpired:
         raise UnreadableScan("broken-file", endless_reader("file", limit_s)) from None
     if done.returncode < 0:

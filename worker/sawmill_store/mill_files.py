@@ -21,9 +21,9 @@ class MillFiles(FileStore):
     """The data folder, with the files that pages and routes read."""
 
     def scan(self, scan_id: str) -> Path:
-        """Return the canonical file of a scan, which `ingest` wrote; errors are those of `result`."""
+        """Return the canonical file of a scan, which `ingest` wrote, as `result` does."""
         return self.result(job_kinds.INGEST, scan_id, SCAN_FILE)
 
     def volume(self, reconstruction_id: str) -> Path:
-        """Return the volume of a reconstruction; errors are those of `result`."""
+        """Return the volume of a reconstruction, as `result` does."""
         return self.result(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)

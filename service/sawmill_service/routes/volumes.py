@@ -235,7 +235,6 @@ def _export(
 
     result = result_of(reconstructions, reconstruction_id)
     path, shape = reconstructions.files.volume(reconstruction_id), result.shape
-    volume_reader.check_volume(path, shape)
     header = header_of(volume_reader.volume_grid(path, shape), result.unit)
 
     def pieces() -> Iterator[bytes | memoryview]:

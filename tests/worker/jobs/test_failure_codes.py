@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
 from sawmill_contracts.kinds import Reference
-from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.errors import DamagedResult, StorageFull, StorageUnavailable
 from sawmill_worker.use_cases.scans.inspect import NO_SCAN
 
 WORKER = Path(__file__).parents[3] / "worker"
@@ -42,7 +42,7 @@ def test_the_list_has_the_codes_of_the_sources():
     # What a job works on may have been deleted before it is handed over (`sawmill_store/subjects/handing_over.py`).
     gone = {f"{kind}-deleted" for kind in Reference if kind is not Reference.THETA}
     no_scans = {code for code, _ in NO_SCAN.values()}
-    raised = found | {StorageFull.code, StorageUnavailable.code} | gone | no_scans
+    raised = found | {StorageFull.code, StorageUnavailable.code, DamagedResult.code} | gone | no_scans
     assert not raised - CODES, "add these to sawmill_contracts/failure_codes.py"
     assert not CODES - raised, "no job fails with these: take them out of sawmill_contracts/failure_codes.py"
 

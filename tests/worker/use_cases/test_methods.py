@@ -100,7 +100,7 @@ def test_fbp_reports_a_geometry_that_is_far_off_once(log, reconstruct, theta, vi
     off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     wrong, _ = reconstruct(replace(log(views=views, rows=3, noise=noise), theta=off))
     (remark,) = wrong.method.remarks
-    assert "check the geometry" in remark
+    assert "Check the geometry" in remark
 
 
 def test_auto_chooses_by_the_views_and_gives_the_reason(log, reconstruct):

@@ -20,8 +20,8 @@ def without_odd_fields(flats: Fields, darks: Fields | None) -> tuple[Fields, Fie
     air = np.median(_levels(flats), axis=0)
     kept_flats, odd_flats = _kept(flats, ODD_FLAT * air)
     remarks = [ReadingMessage.FLATS_LEFT_OUT(**odd_flats)] if odd_flats else []
-    if darks is None:
-        return kept_flats, None, tuple(remarks)
+    if darks is None or not len(darks):
+        return kept_flats, darks, tuple(remarks)
     kept_darks, odd_darks = _kept(darks, ODD_DARK * air)
     return kept_flats, kept_darks, (*remarks, *([ReadingMessage.DARKS_LEFT_OUT(**odd_darks)] if odd_darks else []))
 

@@ -219,7 +219,7 @@ def canonical_scan(
         )
     flats = None if contents.flats is None else as_fields("flat", contents.flats, dimensions)
     darks = None if contents.darks is None else as_fields("dark", contents.darks, dimensions)
-    if flats is not None and (darks is None or darks.shape[1:] == flats.shape[1:]):
+    if flats is not None and len(flats) and (darks is None or darks.shape[1:] == flats.shape[1:]):
         flats, darks, of_fields = without_odd_fields(flats, darks)
         remarks = (*remarks, *of_fields)
     return CanonicalScan(

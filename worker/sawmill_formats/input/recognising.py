@@ -5,8 +5,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
-
 from sawmill_formats.errors import UnreadableScan, check_regular
 from sawmill_formats.input.arrays import Bounds
 from sawmill_formats.input.contents import FileContents
@@ -20,7 +18,6 @@ from sawmill_formats.input.tiff.folder import folder_parts, read_folder
 from sawmill_formats.input.tiff.pages import read_tiff
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.input.zipped import read_zip
-from sawmill_formats.reading_apart import read_apart
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 BYTES_SHOWN = 8
@@ -54,19 +51,6 @@ _BY_FIRST_BYTES = (
 )
 
 _PICTURES = ((b"\x89PNG\r\n\x1a\n", "PNG"), (b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"))
-
-
-def read_hdf5_apart(*paths: Path | None, follow_links: bool = False) -> None:
-    """Read each HDF5 file of a user in a process of its own, before this process opens the file; other files are not.
-
-    Raises
-    ------
-    UnreadableScan
-        `broken-file`: the reader crashed, or did not end.
-    """
-    for path in paths:
-        if path is not None and h5py.is_hdf5(path):
-            read_apart(path, follow_links=follow_links)
 
 
 def recognise(path: Path) -> Format:

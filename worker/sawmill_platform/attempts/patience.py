@@ -72,7 +72,7 @@ class Patience:
         ----------
         processor_s
             Processor time that the attempt's process has used. A reader that uses it and makes no progress is in a
-            loop, and the file is at fault; a process that stands still waits for a disk, or was stopped.
+            loop, and the file is at fault; a process that does not waits for a disk, or was stopped.
         """
         step_s = self._time.look_s()
         self._taken_s += step_s

@@ -346,12 +346,12 @@ class _Supervision:
         StorageFull, StorageUnavailable
             The disk is full or fails, or this worker stops.
         """
-        left = self._store.jobs.check_output(self._claim.job.kind, answer.result, output)
-        if left.file is None:
-            return left.result, None
-        self._check_apart(left.file, answer)
+        result, file = self._store.jobs.check_output(self._claim.job.kind, answer.result, output)
+        if file is None:
+            return result, None
+        self._check_apart(file, answer)
         # With this process gone as well, nobody writes to the file any more.
-        return left.result, compute_digest(left.file).sha256
+        return result, compute_digest(file)
 
     def _check_apart(self, file: Path, answer: Succeeded) -> None:
         """Have another confined process read the file: on some damaged files the readers in C crash or loop.

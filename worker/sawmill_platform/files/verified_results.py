@@ -1,7 +1,6 @@
 """Verification of results: the content of a file is compared with the digest in its job's row before it is parsed.
 
-A library in C may loop or crash on one changed byte, and would stop the whole process with it. The comparison is made
-at the first use of a file in each process, and again when the file is another one or was written to.
+A library in C may loop or crash on one changed byte, and would stop the whole process with it.
 """
 
 import hashlib
@@ -12,11 +11,9 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
-import structlog
-
-from sawmill_platform.errors import DamagedResult, StorageFull, StorageUnavailable
+from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.whole_files import open_regular
 
 # A file system's clock ticks every 4 ms or so: two changes within a tick leave the same times.
@@ -26,33 +23,26 @@ _SETTLED_NS = 100_000_000
 FileIdentity: TypeAlias = tuple[int, int, int, int, int]
 
 
-class Digest(NamedTuple):
-    """The sha256 of a file's content, and the identity that the file had then."""
-
-    sha256: bytes
-    identity: FileIdentity
-
-
 class _Verification:
-    """The newest verification of one file: its digest, and why the file is not the one that its job wrote."""
+    """The newest verification of a file: identity, digest, and why the file is not the one that the job wrote."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()  # one thread reads the file, and the rest wait for it
-        self.outcome: tuple[Digest, str | None] | None = None
+        self.outcome: tuple[FileIdentity, bytes, str | None] | None = None
 
 
 class VerifiedResults:
-    """Verification of the results of jobs; threads may share it.
+    """Verification of the results of jobs, at their first use in this process; threads may share it.
 
     Parameters
     ----------
     noted
-        Function from a result's path to the digest in the row of its job; None: the row has none.
+        Function from a result's path to the digest in the row of the job; None: the row has none.
     read_apart
-        Function that reads a result of an earlier version, which has no digest, in a process of its own; raises
+        Function that reads a result of an earlier version, which has no digest, in a separate process; raises
         `DamagedResult`.
     note
-        Function that writes the digest of such a result to the row of its job.
+        Function that writes the digest of such a result to the row of the job.
     most_files
         Files whose verification is kept in mind; each takes some 500 bytes.
     """
@@ -71,61 +61,48 @@ class VerifiedResults:
         self._files: OrderedDict[Path, _Verification] = OrderedDict()
 
     def digest(self, path: Path) -> bytes:
-        """Return the digest of a result, verified; the first call in a process takes as long as reading the file.
+        """Return the sha256 of a result, verified since the file's last change; takes as long as reading the file.
 
         Raises
         ------
         DamagedResult
-            The file is not the one that its job wrote.
+            The file is not the one that the job wrote.
         FileNotFoundError
             There is no file.
         """
-        identity = identity_of(regular_status(path))
         with self._lock:
             verification = self._files.setdefault(path, _Verification())
             self._files.move_to_end(path)
             if len(self._files) > self._most_files:
                 self._files.popitem(last=False)
         with verification.lock:
-            outcome = verification.outcome
-            if outcome is None or outcome[0].identity != identity:
-                computed = compute_digest(path)
-                outcome = computed, self._compare(path, computed.sha256)
-                settled = time.time_ns() - computed.identity[-1] > _SETTLED_NS
-                verification.outcome = outcome if settled else None
-        digest, reason = outcome
+            identity, outcome = identity_of(regular_status(path)), verification.outcome
+            if outcome is None or outcome[0] != identity:
+                sha256 = compute_digest(path)
+                outcome = identity, sha256, self._compare(path, sha256)
+                verification.outcome = outcome if time.time_ns() - identity[-1] > _SETTLED_NS else None
+        _, sha256, reason = outcome
         if reason is not None:
             raise DamagedResult(path.name, reason)
-        return digest.sha256
+        return sha256
 
     def _compare(self, path: Path, sha256: bytes) -> str | None:
-        """Return why a file is not the one that its job wrote; None if it is."""
+        """Return why a file is not the one that the job wrote; None if it is."""
         noted = self._noted(path)
-        if noted is None:
-            try:
-                self._read_apart(path)
-            except DamagedResult as error:
-                return error.reason
-            try:
-                self._note(path, sha256)
-            except (StorageFull, StorageUnavailable) as error:  # the file can be read all the same
-                structlog.get_logger().warning("digest-not-noted", file=path.name, reason=str(error))
-        elif noted != sha256:
-            return "its digest is not the one that was taken when it was written"
+        if noted is not None:
+            return None if noted == sha256 else "its digest is not the one that was taken when it was written"
+        try:
+            self._read_apart(path)
+        except DamagedResult as error:
+            return error.reason
+        self._note(path, sha256)
         return None
 
 
-def compute_digest(path: Path) -> Digest:
-    """Compute the digest of a file; no link is followed and no pipe waited for.
-
-    Raises
-    ------
-    FileNotFoundError
-        The file is gone.
-    """
+def compute_digest(path: Path) -> bytes:
+    """Compute the sha256 of a file; no link is followed and no pipe waited for; raise `FileNotFoundError`."""
     with open_regular(path) as file:
-        identity = identity_of(os.fstat(file.fileno()))
-        return Digest(hashlib.file_digest(file, "sha256").digest(), identity)
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def identity_of(status: os.stat_result) -> FileIdentity:

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import structlog
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
@@ -44,13 +45,6 @@ _CANCELLED = "its job was cancelled before it ended"
 
 
 RETRIES = Retries()
-
-
-class Output(NamedTuple):
-    """Answer of a job, and the file that the job left, if it left one."""
-
-    result: Contract
-    file: Path | None
 
 
 class Pulse(NamedTuple):
@@ -267,20 +261,18 @@ class Jobs:
         with self._database.read() as session:
             return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
 
-    def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> Output:
-        """Return what an attempt's process sent and left; refuse a folder with other files than its kind leaves.
-
-        The content of the file is not inspected: its readers run in processes of their own (`Subjects.check_file`).
+    def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> tuple[Contract, Path | None]:
+        """Return the result that an attempt's process sent, and the file that it left, unopened; null: it left none.
 
         Raises
         ------
         InvalidOutput
-            One sentence states what is wrong.
+            The folder has other files than the kind leaves.
         pydantic.ValidationError
             The result is not of the type that jobs of this kind answer with.
         """
         answer: Contract = declaration_of(kind).result.model_validate(result)
-        return Output(answer, self._subjects.output_file(kind, folder))
+        return answer, self._subjects.output_file(kind, folder)
 
     def digest_of_result(self, path: Path) -> bytes | None:
         """Return the digest that was taken of a result, by its path in the data folder; None: there is none."""
@@ -289,9 +281,12 @@ class Jobs:
         return None if digest is None else bytes.fromhex(digest)
 
     def note_digest_of_result(self, path: Path, sha256: bytes) -> None:
-        """Write the digest of a result that has none, of an earlier version, to the row of its job."""
-        with self._database.write() as session:
-            session.execute(update(JobRow).where(_wrote(path)).values(output_sha256=sha256.hex()))
+        """Write the digest of a result of an earlier version to the job's row; the log has the reason if it cannot."""
+        try:
+            with self._database.write() as session:
+                session.execute(update(JobRow).where(_wrote(path)).values(output_sha256=sha256.hex()))
+        except (StorageFull, StorageUnavailable) as error:  # the file can be read all the same
+            structlog.get_logger().warning("digest-not-noted", file=path.name, reason=str(error))
 
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job, and reset the count of losses: the job has made progress.

@@ -56,7 +56,7 @@ class Subjects(Protocol):
         """
 
     def read_apart(self, path: Path) -> None:
-        """Read a result of an earlier version, whose content no digest vouches for, in a process of its own.
+        """Read a result of an earlier version, which has no digest, in a separate process.
 
         Raises
         ------

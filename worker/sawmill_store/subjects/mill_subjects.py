@@ -92,7 +92,7 @@ class MillSubjects:
         return outputs.output_file(kind, folder)
 
     def read_apart(self, path: Path) -> None:
-        """Read a result of version 0.1.0 in a process of its own; raise `DamagedResult` if it cannot be read."""
+        """Read a result of version 0.1.0 in a separate process; raise `DamagedResult` if it cannot be read."""
         try:
             read_apart(path)
         except UnreadableScan as error:

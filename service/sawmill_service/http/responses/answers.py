@@ -160,7 +160,7 @@ def file(
     media_type: str,
     *,
     save_as: str | None = None,
-    digest: Callable[[Path], bytes] = lambda path: compute_digest(path).sha256,
+    digest: Callable[[Path], bytes] = compute_digest,
 ) -> Response:
     """Return a stored file as a download.
 

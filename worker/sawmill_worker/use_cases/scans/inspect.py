@@ -29,7 +29,8 @@ from sawmill_formats.input.own.file_kind import OwnKind, own_kind
 from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
-from sawmill_formats.input.recognising import Format, read_hdf5_apart, recognise
+from sawmill_formats.input.recognising import Format, recognise
+from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import Failure, FailureKind
@@ -109,7 +110,7 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     file, size_bytes = str(source.path), _size(source.path)
     try:
         if not source.uploaded:  # an upload is inspected in a process that may end
-            read_hdf5_apart(source.path, source.flats, source.darks, follow_links=source.follow_links)
+            read_apart(source.path, source.flats, source.darks, follow_links=source.follow_links)
         format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
         refused = InspectionResult(

@@ -15,8 +15,8 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_formats.input.own.scan import is_own_scan
 from sawmill_formats.input.reading import reading_scan
-from sawmill_formats.input.recognising import read_hdf5_apart
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
+from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
@@ -99,7 +99,7 @@ def open_rows(
     """
     on_progress(Progress(fraction=0.0, stage="read"))
     options = source.options
-    read_hdf5_apart(source.path, options.flats, options.darks, follow_links=options.follow_links)
+    read_apart(source.path, options.flats, options.darks, follow_links=options.follow_links)
     opened = (
         _own_rows(source, source_to_cor_mm, on_progress)
         if _needs_no_preparing(source)
