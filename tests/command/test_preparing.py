@@ -49,10 +49,10 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
     assert answer["rows"] == [first, last + 1]
     assert answer["shape"] == [last + 1 - first, 32, 32]
     assert answer["fewest_views"] == views[first : last + 1].min() < answer["views"]
-    air, rings, aligned = answer["preparation"]
-    assert air.endswith("0.20 in the mean.")
-    assert rings.startswith("rings removed by sorting")
-    assert aligned.startswith(f"views aligned by their profile: rows {first}:{last + 1} of 40 are in enough views")
+    air, rings, aligned = answer["coded_preparation"]
+    assert (air["code"], round(air["values"]["level"], 1), rings["code"]) == ("air-level", 0.2, "rings-removed")
+    assert aligned["code"].startswith("rows-aligned")
+    assert (aligned["values"]["first"], aligned["values"]["last"], aligned["values"]["rows"]) == (first, last + 1, 40)
     with h5py.File(output) as file:
         assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
 
