@@ -18,11 +18,17 @@ def written_by_its_job(store: Store, path: Path) -> None:
 
 
 def endless(path: Path) -> None:
-    """Write a file with a text whose place in the heap has a size that the library's reader never gets beyond."""
+    """Write a file of two texts, at which the library's reader does not end."""
     with h5py.File(path, "w") as file:
         file["texts"] = np.array(["alpha", "beta"], h5py.string_dtype())
+    make_endless(path)
+
+
+def make_endless(path: Path) -> None:
+    """Give the first text in a file's heap a size of -16 bytes, which its reader never gets beyond."""
     content = bytearray(path.read_bytes())
-    content[content.index(b"GCOL") + 24] = 255
+    size = content.index(b"GCOL") + 24
+    content[size : size + 8] = b"\xf0" + 7 * b"\xff"
     path.write_bytes(content)
 
 

@@ -39,6 +39,7 @@ from sawmill_vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[2] / "support"))
 import results
+from damaged_files import make_endless
 
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
 
@@ -133,6 +134,13 @@ def name_the_database(attempt: Attempt) -> dict[str, Any]:
         del file[DATA]
         database = str(attempt.output.parents[1] / "sawmill.db")
         file.create_dataset(DATA, (20, 1, 768), "f4", external=[(database, 0, 4 * 20 * 768)])
+    return reported
+
+
+def leave_an_endless_file(attempt: Attempt) -> dict[str, Any]:
+    """As after somebody took the process over: the library never gets to the end of it."""
+    reported = succeed(attempt)
+    make_endless(attempt.output / "scan.h5")
     return reported
 
 
@@ -378,6 +386,7 @@ BEHAVIOURS = {
         write_a_volume,
         leave_more,
         name_the_database,
+        leave_an_endless_file,
         blunder,
         crash_on_a_full_disk,
         fill_the_disk,

@@ -18,6 +18,7 @@ from structlog.testing import capture_logs
 from system_calls import at_call, refusing
 from write_lock import write_lock
 
+from sawmill_contracts import job_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.acting import Actor, acting_as
@@ -217,6 +218,31 @@ def test_what_a_job_of_its_kind_does_not_leave_is_not_published(store, runner, q
     assert store.scans.get(job.subject_id).state is ScanState.REFUSED
     assert not store.files.results(job.kind, job.subject_id).exists()
     assert leftovers(store) == []
+
+
+def test_a_file_whose_reader_loops_is_not_published_and_stops_no_worker(store, start, queue):
+    job, next_job = queue("leave-an-endless-file"), queue("succeed")
+    runner = start(stall_s=3)
+    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]
+    failure = store.jobs.get(job.id).failure
+    assert failure.code == "invalid-result"
+    assert "the job left a scan.h5 that keeps its reader busy for 3 seconds" in failure.detail
+    assert store.jobs.get(next_job.id).attempt == 1
+    assert leftovers(store) == []
+
+
+def test_a_scan_that_was_changed_is_not_read_whatever_its_time_says(store, runner, queue):
+    scan_id = queue("succeed").subject_id
+    assert runner.run_next() is JobState.SUCCEEDED
+    path = store.files.unverified(job_kinds.INGEST, scan_id, "scan.h5")
+    before, content = path.stat(), bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 255
+    path.write_bytes(content)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, theta=results.THETA, size=16))
+    assert runner.run_next() is JobState.FAILED
+    failure = store.jobs.get(log.job_id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "result-damaged")
 
 
 def test_a_result_is_published_once_its_process_is_gone(store, start, store_with, queue, is_running):

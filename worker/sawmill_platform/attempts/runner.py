@@ -1,5 +1,6 @@
 """Claims of jobs, and one supervised attempt for each claim."""
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -363,7 +364,7 @@ class _Supervision:
         StorageUnavailable
             The process met an outage.
         """
-        limit_s = reading_limit_s(file.stat().st_size)
+        limit_s = min(reading_limit_s(file.stat().st_size), self._settings.stall_s or math.inf)
         folder = self._store.files.make_attempt_folder(self._claim.job_id, self._claim.attempt)
         process = self._process_for_check()
         try:
