@@ -57,10 +57,9 @@ def check_angles(angles_deg: NDArray[np.float64]) -> None:
 
 
 def closes(views: int, step: float, period: float) -> bool:
-    """Return whether equidistant views make a whole number of periods, with or without the closing view."""
-    covered = views * abs(step)
-    periods = round(covered / period)
-    return periods > 0 and -0.5 * abs(step) <= covered - periods * period <= 1.5 * abs(step)
+    """Return whether equidistant views make whole periods, within half a step, with or without the closing view."""
+    reached = (views + 0.5) * abs(step)
+    return reached >= period and reached % period <= 2.0 * abs(step)
 
 
 def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> tuple[Reason, ...]:

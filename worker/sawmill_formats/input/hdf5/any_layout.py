@@ -19,7 +19,7 @@ from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
 from sawmill_formats.input.hdf5.fields import read_angles
 from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
-from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
+from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
 from sawmill_formats.input.hdf5.projections import all_views, transposed
 from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.storage import check_dataset
@@ -126,7 +126,7 @@ def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) ->
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
-    values = packing_of(node).unpack(values)
+    values = scaling_of(node).apply(values)
     return values.T if "MATLAB_class" in node.attrs else values
 
 

@@ -1,7 +1,6 @@
 """Angles and pixel sizes, which both HDF5 layouts store with a units attribute, and fields of other names."""
 
 import math
-from dataclasses import dataclass
 
 import h5py
 import numpy as np
@@ -9,15 +8,14 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.contents import FileAngles, FileContents
+from sawmill_formats.input.contents import FileAngles, FileContents, FilePitch
 from sawmill_formats.input.field_names import kind_of, with_similar_fields
 from sawmill_formats.input.hdf5.guard import Node, find, members, numbers, read_values, text_of
-from sawmill_formats.input.hdf5.packed_values import packing_of, read_unpacked
+from sawmill_formats.input.hdf5.packed_values import read_unpacked, scaling_of
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
 from sawmill_formats.input.wanted import Wanted
-from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
@@ -36,15 +34,6 @@ def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | N
     if angles_deg is None:
         return FileAngles(unusable=ReadingMessage.ANGLES_OF_OTHER_UNIT(unit=quoted(unit), path=path))
     return FileAngles(angles_deg, quoted(unit))
-
-
-@dataclass(frozen=True)
-class FilePitch:
-    """The distance between cells or rows that a file carries, in mm, and the binning in it; remarks on both."""
-
-    mm: float | None = None
-    binning: int = 1
-    remarks: tuple[Reason, ...] = ()
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> FilePitch:
@@ -121,4 +110,4 @@ def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:
         raise UnreadableScan(
             "wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers, along one axis"
         )
-    return packing_of(dataset).unpack(read_values(dataset, np.float64).reshape(-1))
+    return scaling_of(dataset).apply(read_values(dataset, np.float64).reshape(-1))

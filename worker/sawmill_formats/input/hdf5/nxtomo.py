@@ -12,9 +12,9 @@ from sawmill_formats.input.contents import FileAngles, FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
 from sawmill_formats.input.hdf5.modules import read_modules
-from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
+from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
 from sawmill_formats.input.hdf5.projections import chosen_views
-from sawmill_formats.input.hdf5.stated_axes import with_stated_axes
+from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
@@ -70,17 +70,13 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         projections=chosen_views(dataset, np.flatnonzero(views)),
         flats=_fields(dataset, keys.values, FLAT, bounds),
         darks=_fields(dataset, keys.values, DARK, bounds),
-        angles_deg=angles.deg,
-        angles_unit=angles.unit,
-        angles_unusable=angles.unusable,
-        detector_pitch_mm=pitch.mm,
-        row_pitch_mm=row_pitch.mm,
-        detector_binning=pitch.binning,
-        row_binning=row_pitch.binning,
+        angles=angles,
+        pitch=pitch,
+        row_pitch=row_pitch,
+        order=selection.order(dataset.ndim) or stated_order(dataset),
         detector_modules=modules,
         remarks=(*keys.remarks, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
-    contents = with_stated_axes(contents, dataset, selection)
     return with_fields_beside(contents, dataset, bounds.whole, selection)
 
 
@@ -142,4 +138,4 @@ def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bo
         stored_bytes=stored,
         max_bytes=bounds.piece,
     )
-    return packing_of(dataset).unpack(read_images(dataset, images)) if len(images) else None
+    return scaling_of(dataset).apply(read_images(dataset, images)) if len(images) else None

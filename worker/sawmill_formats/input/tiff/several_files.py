@@ -1,10 +1,10 @@
 """Several TIFF files, of one or more views each, as one stack: from an archive or from a folder."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import PurePosixPath
 from typing import IO
 
@@ -15,7 +15,8 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, check_size
 from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.image_names import listed, sorted_images
-from sawmill_formats.input.tiff.page_values import PageValues, values_of_scale_file
+from sawmill_formats.input.scaling import Scaling
+from sawmill_formats.input.tiff.page_values import stated_scaling
 from sawmill_formats.input.tiff.pages import TiffPages
 from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.messages import Reason
@@ -98,13 +99,13 @@ def read_files(
     if any(member.shape[1] < rows for member in checked):
         rows = max(rows, 0 if flat_fields is None else flat_fields.shape[1])
         remarks.append(ReadingMessage.FEWER_ROWS(rows=rows))
-    projections = _stacked(checked, rows, bounds)
+    projections = stacked = _stacked(checked, rows, bounds)
     scale_file = str(PurePosixPath(views[0].name).with_name(SCALE_FILE))
     if scale_file in others:
         with opened(scale_file) as stream:
-            values = values_of_scale_file(quoted(scale_file), stream.read(LONGEST_SCALE_FILE))
-        projections = replace(projections, read=partial(_unpacked, projections, values))
-        remarks += values.remarks
+            scaling = _scaling_of(quoted(scale_file), stream.read(LONGEST_SCALE_FILE).decode("ascii", "replace"))
+        projections = replace(projections, read=lambda *parts: scaling.apply(stacked.read(*parts)))
+        remarks += scaling.remarks()
     ignored = sorted({*others} - {scale_file})
     if ignored:
         remarks.insert(0, ReadingMessage.OTHER_FILES(files=len(ignored), names=listed(ignored)))
@@ -174,5 +175,6 @@ def _fields(what: str, files: Sequence[TiffFile], bounds: Bounds) -> NDArray[np.
     return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))
 
 
-def _unpacked(stored: Projections, values: PageValues, views: slice, rows: slice) -> NDArray[np.float32]:
-    return values.image(stored.read(views, rows))
+def _scaling_of(scale_file: str, text: str) -> Scaling:
+    stated = dict(re.findall(r'"(scale|offset)":\s*([^\s,}]+)', text))
+    return stated_scaling(repr(scale_file), scale_file, stated.get("scale", ""), stated.get("offset", ""), inverse=True)
