@@ -81,17 +81,7 @@ def fields_in_order(
 
 @dataclass(frozen=True, eq=False)
 class FileAngles:
-    """The angles that a file carries.
-
-    Attributes
-    ----------
-    deg : (n,) float64, degrees, or None
-        None where there are none, or they cannot be used.
-    unit : str or None
-        Unit in the file.
-    unusable : Reason or None
-        Why they cannot be used, where there are some.
-    """
+    """The angles (n,) float64 that a file carries, in degrees, their unit in the file, and why they cannot be used."""
 
     deg: NDArray[np.float64] | None = None
     unit: str | None = None

@@ -147,11 +147,6 @@ def reading_contents(
         Whether counts were declared, which need fields: they are recognised by similar names too.
     deviations : bool
         Whether the file may hold the projections' standard deviations.
-
-    Raises
-    ------
-    UnreadableScan
-        When a file cannot be read, or is not a scan.
     """
     recognised = recognise(path)
     elsewhere = {FieldKind.FLATS: flats, FieldKind.DARKS: darks}
@@ -186,20 +181,16 @@ def canonical_scan(
     rows_missing: bool = False,
     averaged_rows: int | None = None,
 ) -> CanonicalScan:
-    """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`.
-
-    Raises
-    ------
-    UnreadableScan
-        When contents and parameters contradict each other, or the parts do not agree.
-    """
+    """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`."""
     projections = contents.projections
     dimensions = len(projections.shape)
     angles, remarks = agree_on_angles(contents, angles_deg)
     pitch_mm = agree_on_pitch("detector_pitch_mm", contents.pitch, detector_pitch_mm)
     row_pitch_mm = agree_on_pitch("row_pitch_mm", contents.row_pitch, row_pitch_mm)
-    asked = (*unit_of_angles_asked(angles, contents.angles.unit), *_pitch_asked(pitch_mm))
-    remarks = (*remarks, *asked, *(_darks_lacking(contents) if counts else ()))
+    remarks = (*remarks, *unit_of_angles_asked(angles, contents.angles.unit))
+    if pitch_mm is not None and pitch_mm > LARGEST_USUAL_PITCH_MM:
+        remarks += (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=LARGEST_USUAL_PITCH_MM),)
+    remarks += _darks_lacking(contents) if counts else ()
     if counts and contents.flats is None and FieldKind.FLATS in contents.possible_fields:
         raise UnreadableScan(
             "flats-missing",
@@ -236,12 +227,6 @@ def _darks_lacking(contents: FileContents) -> tuple[Reason, ...]:
         unclear = contents.possible_fields.get(FieldKind.DARKS)
         return (ReadingMessage.DARKS_UNCLEAR(arrays=unclear) if unclear else ReadingMessage.NO_DARKS(),)
     return () if contents.darks.any() else (ReadingMessage.DARKS_ZERO(),)
-
-
-def _pitch_asked(pitch_mm: float | None) -> tuple[Reason, ...]:
-    if pitch_mm is None or pitch_mm <= LARGEST_USUAL_PITCH_MM:
-        return ()
-    return (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=LARGEST_USUAL_PITCH_MM),)
 
 
 def _steps_doubted(contents: FileContents, angles_given: AnglesGiven | None) -> tuple[Reason, ...]:

@@ -29,7 +29,10 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may precede i
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, its reader, which keeps the file open in the stack, and its listing."""
+    """A format: its name, its reader, which keeps the file open in the stack, and its listing.
+
+    Both refuse what is no scan, is damaged or must not be read (`UnreadableScan`).
+    """
 
     name: str
     read: Callable[[Path, Wanted, Bounds, ExitStack], FileContents]
@@ -70,13 +73,7 @@ def read_hdf5_apart(*paths: Path | None, follow_links: bool = False) -> None:
 
 
 def recognise(path: Path) -> Format:
-    """Recognise the format of a file or a folder; an upload is never a folder.
-
-    Raises
-    ------
-    UnreadableScan
-        `empty-file`, `picture-file` or `unknown-format`.
-    """
+    """Recognise a format, of a folder too: `empty-file`, `picture-file` or `unknown-format`."""
     if path.is_dir():
         return FOLDER
     check_regular(path)

@@ -31,13 +31,7 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
 def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read an HDF5 file of any layout, which stays open for its projections.
-
-    Raises
-    ------
-    UnreadableScan
-        When the file has no scan, several without a choice, or one that must not be read.
-    """
+    """Read an HDF5 file of any layout, which stays open for its projections."""
     file = files.enter_context(open_hdf5(path))
     try:
         return _read(file, selection, bounds)

@@ -23,13 +23,7 @@ def is_exchange(file: h5py.File, linked: LinkedFiles | None = None) -> bool:
 
 
 def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileContents:
-    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it.
-
-    Raises
-    ------
-    UnreadableScan
-        When the parts cannot be read.
-    """
+    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it."""
     dataset = numbers(file, DATA, bounds)
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")

@@ -37,13 +37,7 @@ def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | N
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> FilePitch:
-    """Read a pixel size, times the binning that is stated next to it.
-
-    Raises
-    ------
-    UnreadableScan
-        `out-of-range` for a size that no detector has; 0 or NaN means that the file does not know the size.
-    """
+    """Read a pixel size times the binning next to it: `out-of-range` for a size that no detector has."""
     dataset = numbers(start, path, bounds)
     if dataset is None:
         return FilePitch()

@@ -58,13 +58,7 @@ class LinkedFilesOnDisk:
         return tuple(self._paths)
 
     def root(self, beside: h5py.Group | h5py.Dataset, name: str, path: str) -> h5py.Group:
-        """Return the root group of the file that an external link names.
-
-        Raises
-        ------
-        UnreadableScan
-            `linked-file-missing`; `too-large` for more files than may be open.
-        """
+        """Return the root group of the file that an external link names: `linked-file-missing` or `too-large`."""
         target = self.locate(Path(beside.file.filename), name, repr(quoted(path)))
         if target not in self._open:
             _check_number(len(self._open) + 1, repr(quoted(path)))
@@ -72,13 +66,7 @@ class LinkedFilesOnDisk:
         return self._open[target]["/"]
 
     def locate(self, beside: Path, name: str, where: str) -> Path:
-        """Find the file that another file names: at its absolute path, or next to the other file.
-
-        Raises
-        ------
-        UnreadableScan
-            `linked-file-missing` where there is no such file.
-        """
+        """Find the file that another one names, at its absolute path or next to the other: `linked-file-missing`."""
         file = located(beside, name)
         if file is None:
             raise UnreadableScan(

@@ -18,13 +18,7 @@ NEUTRAL = {name: number for pair in PAIRS for name, number in zip(pair, (1.0, 0.
 
 
 def scaling_of(dataset: h5py.Dataset) -> Scaling:
-    """Return how a dataset's values are packed, without names where they are not.
-
-    Raises
-    ------
-    UnreadableScan
-        `contradiction`: attributes state a scale or an offset that cannot be applied.
-    """
+    """Return how values are packed: `contradiction` for attributes that cannot be applied."""
     by_cil = CIL_WRITER in str(attribute(dataset.file, "creator"))
     numbers = {name: _number(dataset, name) for name in NEUTRAL if name in dataset.attrs}
     # Packed values are integers, and CIL's names are of something else in other files.

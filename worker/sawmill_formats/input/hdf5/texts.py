@@ -53,13 +53,7 @@ def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:
 
 
 def attribute(node: Node, name: str) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read the value of a short attribute; None where there is none.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` where it has more than some thousand bytes.
-    """
+    """Read the value of a short attribute, or None where there is none: `too-large`."""
     if name not in node.attrs:
         return None
     _check_attribute(node, name, h5py.h5a.open(node.id, name.encode()).get_storage_size())

@@ -20,13 +20,7 @@ VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8]
 
 
 def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
-    """Refuse pages that are too many, that the file does not hold as a whole, or that share their tags or values.
-
-    Raises
-    ------
-    UnreadableScan
-        `wrong-shape`, `truncated-file` or `too-large`.
-    """
+    """Refuse pages that are too many, incomplete or share data: `wrong-shape`, `truncated-file`, `too-large`."""
     layout, stream = tiff.tiff, tiff.filehandle
     width = layout.offsetsize
     tag = np.dtype([("what", "u2"), ("type", "u2"), ("count", f"u{width}"), ("at", f"V{width}")])

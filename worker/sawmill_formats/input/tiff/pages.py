@@ -71,13 +71,7 @@ class TiffPages:
 
 
 def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
-
-    Raises
-    ------
-    UnreadableScan
-        When a page cannot be an image of numbers.
-    """
+    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row."""
     if selection.dataset is not None:
         raise UnreadableScan(
             "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(selection.dataset)!r}"

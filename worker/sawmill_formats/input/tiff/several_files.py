@@ -76,11 +76,6 @@ def read_files(
         Function that opens one of the other files.
     rows_missing : bool
         Whether views may have fewer rows than others.
-
-    Raises
-    ------
-    UnreadableScan
-        When there are no views, they belong to several scans, or a file cannot be read or is of another size.
     """
     what = "the archive" if format_name == "zip-of-tiffs" else "the folder"
     kinds, remarks = sorted_images([image.name for image in images], selection.fields)
@@ -113,13 +108,7 @@ def read_files(
 
 
 def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False) -> list[CheckedTiff]:
-    """Check each file's pages, all of one size; views may lack rows.
-
-    Raises
-    ------
-    UnreadableScan
-        A file cannot be read, or is of another size.
-    """
+    """Check each file's pages, all of one size; views may lack rows."""
     checked: list[CheckedTiff] = []
     before = 0
     for file in files:
