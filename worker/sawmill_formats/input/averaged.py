@@ -33,13 +33,7 @@ class AveragedRows:
 
     @classmethod
     def of(cls, rows: int, shape: tuple[int, ...], deviations: NDArray[np.float32] | None) -> Self:
-        """Check the shape of the projections as they were sent, and of the deviations that came with them.
-
-        Raises
-        ------
-        UnreadableScan
-            `wrong-shape`: there are several rows, or the deviations have another shape.
-        """
+        """Check the shapes of the projections as they were sent, and of their deviations: `wrong-shape`."""
         if len(shape) == 3 and shape[1] != 1:
             raise UnreadableScan(
                 "wrong-shape",

@@ -89,13 +89,7 @@ class NamedArrays:
 
 
 def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Reason, ...] = ()) -> FileContents:
-    """Read the projections (the one named, or the only candidate) and related arrays by their names.
-
-    Raises
-    ------
-    UnreadableScan
-        `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
-    """
+    """Read the projections, by name or the only candidate, and arrays next to them: `dataset-missing`."""
     name = (
         _named(arrays.infos, selection.dataset)
         if selection.dataset is not None

@@ -133,13 +133,7 @@ def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: i
 
 
 def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | None) -> SampleRange:
-    """Return the range of counts with these flats and darks (fields, rows, detector), which are checked themselves.
-
-    Raises
-    ------
-    UnreadableScan
-        `out-of-range` where no detector can measure such fields.
-    """
+    """Return the range of counts with these fields (fields, rows, detector), checked: `out-of-range`."""
     level = _median_of_means(flats)
     if not LEAST_FLAT <= level <= LARGEST_FLAT:
         highest = float(flats.max())
@@ -182,13 +176,7 @@ class SamplesOutside:
         self.largest, self._profile = -np.inf, np.zeros(1)
 
     def add(self, images: NDArray[np.float32], first: int = 0, first_row: int = 0) -> None:
-        """Count samples outside of the range in images (images, rows, cells); missing samples (NaN) do not count.
-
-        Raises
-        ------
-        UnreadableScan
-            `out-of-range`, when there are more than allowed.
-        """
+        """Count samples out of range in images (images, rows, cells), without NaN: `out-of-range` for too many."""
         for index, image in enumerate(images, first):
             # Two passes that allocate nothing; in a view that lacks rows both are NaN.
             low, high = float(image.min()), float(image.max())

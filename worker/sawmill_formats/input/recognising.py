@@ -60,13 +60,7 @@ _PICTURES = ((b"\x89PNG\r\n\x1a\n", "PNG"), (b"\xff\xd8\xff", "JPEG"), (b"GIF8",
 
 
 def read_hdf5_apart(*paths: Path | None, follow_links: bool = False) -> None:
-    """Read each HDF5 file of a user in a process of its own, before this process opens the file; other files are not.
-
-    Raises
-    ------
-    UnreadableScan
-        `broken-file`: the reader crashed, or did not end.
-    """
+    """Read a user's HDF5 files in processes of their own, before this one opens them: `broken-file`."""
     for path in paths:
         if path is not None and h5py.is_hdf5(path):
             read_apart(path, follow_links=follow_links)

@@ -65,19 +65,16 @@ def read_pitch(start: Node, path: str, bounds: Bounds) -> FilePitch:
 def _binning(start: Node, path: str, bounds: Bounds) -> tuple[str, int | None]:
     """Read how many pixels were read as one along the axis of a pixel size: the place, and None where it is unclear."""
     folder, _, name = path.rpartition("/")
-    for candidate in ("{}_binning", "binning_{}", "binning"):
-        place = f"{folder}/{candidate.format(name[0])}"
+    for candidate in (f"{name[0]}_binning", f"binning_{name[0]}", "binning"):
+        place = f"{folder}/{candidate}"
         node = find(start, place, bounds.linked)
-        if not isinstance(node, h5py.Dataset):
-            continue
-        values = []
-        if node.dtype.kind in "iuf":
+        if isinstance(node, h5py.Dataset):
+            if node.dtype.kind not in "iuf":
+                return place, None
             check_dataset(repr(quoted(place)), node, bounds)
-            values = read_values(node, np.float64).reshape(-1).tolist()
-        # Cameras state 0 where they do not bin.
-        numbers_stated = {max(value, 1.0) for value in values}
-        binning = numbers_stated.pop() if len(numbers_stated) == 1 else math.nan
-        return place, int(binning) if binning.is_integer() else None
+            # Cameras state 0 where they do not bin.
+            (binning, *several) = {max(value, 1.0) for value in read_values(node, np.float64).flat} or (math.nan,)
+            return place, int(binning) if float(binning).is_integer() and not several else None
     return path, 1
 
 

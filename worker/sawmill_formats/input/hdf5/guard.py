@@ -86,11 +86,6 @@ def children(group: h5py.Group, linked: LinkedFiles | None = None) -> Iterator[t
     """Yield every member that exists, by name; in a name that is not UTF-8 the other bytes are surrogates.
 
     Where links are followed, those that lead to no file are noted and skipped: the request does not name them.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more members, or a longer name, than are read.
     """
     for key, _ in members(group):
         try:
@@ -105,13 +100,7 @@ def children(group: h5py.Group, linked: LinkedFiles | None = None) -> Iterator[t
 
 
 def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
-    """Yield the stored name of every member and its kind of link (`h5py.h5l`), before the member is opened.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more members, or a longer name, than are read.
-    """
+    """Yield the stored name and the kind of link (`h5py.h5l`) of every member, unopened: `too-large`."""
     check_members(len(group))
     for stored in group:
         key = stored if isinstance(stored, bytes) else _key(stored)
@@ -166,13 +155,7 @@ def datasets(file: h5py.File, linked: LinkedFiles | None = None) -> Iterator[tup
 
 
 def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
-    """Return the dataset of numbers at a path, checked and not yet read; None where there is nothing.
-
-    Raises
-    ------
-    UnreadableScan
-        `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape`, `truncated-file` or `too-large`.
-    """
+    """Return the dataset of numbers at a path, checked and not yet read; None where there is nothing."""
     node = find(start, path, bounds.linked)
     if node is None:
         return None

@@ -37,13 +37,7 @@ class _Taken(Protocol):
 
 
 class LinkedFilesOnDisk:
-    """Linked files on the user's own disk; files behind external links stay open as long as the given stack.
-
-    Attributes
-    ----------
-    missing : list of UnreadableScan
-        Links to missing files that were met while members were listed.
-    """
+    """Linked files on the user's own disk; files behind external links stay open as long as the given stack."""
 
     def __init__(self, files: ExitStack) -> None:
         self.missing: list[UnreadableScan] = []

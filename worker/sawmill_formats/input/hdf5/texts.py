@@ -18,13 +18,7 @@ LONGEST_TEXT_BYTES = 4096
 def read_text(
     start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: LinkedFiles | None = None
 ) -> str | None:
-    """Read the one string at a path; None where there is none.
-
-    Raises
-    ------
-    UnreadableScan
-        `external-storage`, `unsupported-storage`; `too-large` where it has more than `most_bytes`.
-    """
+    """Read the one string at a path, or None where there is none: `too-large` above `most_bytes`."""
     node = find(start, path, linked)
     if not isinstance(node, h5py.Dataset) or node.size != 1 or h5py.check_string_dtype(node.dtype) is None:
         return None

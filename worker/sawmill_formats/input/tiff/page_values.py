@@ -42,13 +42,7 @@ class PageValues:
 
 
 def page_values(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> PageValues:
-    """Read what the tags of a page, and the description of the file's first page, state of the numbers.
-
-    Raises
-    ------
-    UnreadableScan
-        `wrong-type` for colours; `unsupported-storage` for a function that is not linear, and rows stored as columns.
-    """
+    """Read what tags and the first page's description state: `wrong-type`, `unsupported-storage`."""
     first, number_type = page.parent.pages.first, np.dtype(page.dtype)
     tags: tifffile.TiffTags = getattr(page, "tags", first.tags)
     photometric, orientation = tags.valueof(PHOTOMETRIC, 1), max(1, tags.valueof(ORIENTATION, 1))
