@@ -70,9 +70,7 @@ def with_similar_fields(
         stems = {tuple(word for word in words_of(name) if not TIMES.fullmatch(word)) for name in fitting}
         if len(stems) == 1 and (len(fitting) == 1 or contents.order is None):
             images = [load(name) for name in fitting]
-            fields[kind] = (
-                images[0] if len(images) == 1 else np.concatenate([each.reshape(-1, *of_view) for each in images])
-            )
+            fields[kind] = np.concatenate([each.reshape(-1, *of_view) for each in images]) if images[1:] else images[0]
             taken = ReadingMessage.FLATS_BY_NAME if kind is FieldKind.FLATS else ReadingMessage.DARKS_BY_NAME
             remarks.append(taken(arrays=listed))
         elif named:

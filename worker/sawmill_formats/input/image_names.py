@@ -54,19 +54,8 @@ def sorted_images(
 ) -> tuple[dict[FieldKind | None, list[int]], list[Reason]]:
     """Select views (None) and fields by the words in the images' names, and sort them by the numbers.
 
-    The images are returned as their places in the list of names, with remarks.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Each image's path in the archive or the folder.
-    fields : FieldKind, optional
-        Fields that are read: images without a kind are such fields, in natural order.
-
-    Raises
-    ------
-    UnreadableScan
-        `contradiction`, when the images belong to more than one scan.
+    Names are paths in an archive or a folder. Images are returned as their places in the list of names, with remarks;
+    those of several scans are refused: `contradiction`. Where `fields` are read, images without a kind are such fields.
     """
     paths = [name.replace("\\", "/") for name in names]
     stems = [str(PurePosixPath(path.lower()).with_suffix("")) for path in paths]

@@ -257,8 +257,7 @@ def _in_order(contents: FileContents, selection: Wanted) -> FileContents:
         fields_in_order(fields, order, projections.shape)
         for fields in (contents.flats, contents.darks, contents.deviations)
     )
-    remark = ReadingMessage.AXES_ORDERED if given_order else ReadingMessage.AXES_STATED
-    ordered = ReadingMessage.AXES_REVERSED() if selection.transpose else remark(axes=named_axes(order))
+    ordered = ReadingMessage.AXES_ORDERED if given_order else ReadingMessage.AXES_STATED
     return replace(
         contents,
         projections=projections,
@@ -266,7 +265,7 @@ def _in_order(contents: FileContents, selection: Wanted) -> FileContents:
         darks=darks,
         deviations=deviations,
         order=order,
-        remarks=(*contents.remarks, ordered),
+        remarks=(*contents.remarks, ordered(axes=named_axes(order))),
     )
 
 

@@ -67,7 +67,7 @@ def read_hdf5_apart(*paths: Path | None, follow_links: bool = False) -> None:
 
 
 def recognise(path: Path) -> Format:
-    """Recognise a format, of a folder too: `empty-file`, `picture-file` or `unknown-format`."""
+    """Recognise the format of a file or a folder: `empty-file`, `picture-file` or `unknown-format`."""
     if path.is_dir():
         return FOLDER
     check_regular(path)

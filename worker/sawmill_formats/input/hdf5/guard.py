@@ -186,7 +186,8 @@ def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
 
 def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
     """Read images by their rising indices, run by run as float32; `parts` select from the images' axes."""
-    result = np.zeros((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    lengths = (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) + 1 :])
+    result = np.zeros((len(images), *lengths), dtype=np.float32)
     if dataset.chunks is not None:
         read_chunked(dataset, result, images, parts)
         return result
@@ -194,10 +195,6 @@ def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) 
         first = int(images[start])
         dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])
     return result
-
-
-def _shape_of(dataset: h5py.Dataset, parts: tuple[slice, ...]) -> tuple[int, ...]:
-    return (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) :])
 
 
 def _runs(images: NDArray[np.intp]) -> Iterator[tuple[int, int]]:

@@ -142,11 +142,8 @@ def _stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Project
         block = np.full((views.stop - views.start, rows_of_views.stop - rows_of_views.start, cells), np.nan, np.float32)
         for member, end in zip(files, ends.tolist(), strict=True):
             first = end - member.shape[0]
-            start, stop, end_row = (
-                max(first, views.start),
-                min(end, views.stop),
-                min(rows_of_views.stop, member.shape[1]),
-            )
+            start, stop = max(first, views.start), min(end, views.stop)
+            end_row = min(rows_of_views.stop, member.shape[1])
             if start < stop and rows_of_views.start < end_row:
                 with member.file.opened(bounds) as pages:
                     part = pages.read(slice(start - first, stop - first), slice(rows_of_views.start, end_row))
