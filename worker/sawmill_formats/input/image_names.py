@@ -55,7 +55,7 @@ def sorted_images(
     """Select views (None) and fields by the words in the images' names, and sort them by the numbers.
 
     Names are paths in an archive or a folder. Images are returned as their places in the list of names, with remarks;
-    those of several scans are refused: `contradiction`. Where `fields` are read, images without a kind are such fields.
+    several scans are refused: `contradiction`. Where `fields` are read, images without a kind are such fields.
     """
     paths = [name.replace("\\", "/") for name in names]
     stems = [str(PurePosixPath(path.lower()).with_suffix("")) for path in paths]
@@ -75,7 +75,7 @@ def sorted_images(
 
 
 def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
-    """Return the kind of fields that each image's name or the nearest of its folders states.
+    """Return the kind of fields that each image's name or its nearest folder states.
 
     A word that most of the images have belongs to the log, as in `white_oak` or `flat_sawn`, unless a name begins with
     flat or dark.

@@ -139,7 +139,7 @@ def reading_contents(
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[FileContents]:
-    """Open a file for what it holds of a scan, and the files of its fields; other parameters as in `reading_scan`.
+    """Open a file for what it holds of a scan, and files of fields; other parameters as in `reading_scan`.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
 
 
 def _angles_of_views(angles: FileAngles, views: NDArray[np.bool_]) -> FileAngles:
-    """Select the angles of the views from those of all images; a list for the views alone is one already."""
+    """Select the views' angles among the angles of all images; a list for the views alone needs no selection."""
     if angles.deg is None or len(angles.deg) == np.count_nonzero(views):
         return angles
     if len(angles.deg) == len(views):

@@ -1,6 +1,6 @@
 """The chain of pages of a TIFF, followed and added up before the library uses it.
 
-Layout: Adobe, "TIFF Revision 6.0", section 2; BigTIFF's layout differs in the widths of its numbers.
+Layout: Adobe, "TIFF Revision 6.0", section 2; BigTIFF's layout differs in the widths of numbers.
 """
 
 import struct
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import tifffile
 
 MOST_PAGES = 100_000
-# Bytes of one value, by the number of its type.
+# Bytes of one value, by its type's number.
 VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.float64)
 
 
