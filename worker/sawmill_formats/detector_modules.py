@@ -42,7 +42,7 @@ class PlacedModule:
     Attributes
     ----------
     first, cells : int
-        Its first cell, and the number of its cells.
+        Its first cell, and the number of cells.
     start_mm, step_mm : (3,) float64
         Where its first cell begins, and from each cell to the next.
     """
@@ -64,7 +64,7 @@ class PlacedModule:
 
     @property
     def way(self) -> Vector:
-        """Direction of its line."""
+        """Direction of the line."""
         return self.step_mm / self.pitch_mm
 
 

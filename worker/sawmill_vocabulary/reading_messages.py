@@ -21,7 +21,6 @@ class ReadingMessage(Message):
         N_("%(odd)d of %(fields)d dark fields differ from the others and were left out: dark field %(numbers)s."),
         N_("Take dark fields with the beam off."),
     )
-    AXES_REVERSED = "axes-reversed", N_("The axes were put into the reverse order, as was asked for.")
     MATLAB_AXES = "matlab-axes", N_("The arrays were transposed: MATLAB stores the last axis first.")
     AXES_ORDERED = "axes-ordered", N_("The axes were read in the order %(axes)s, as was asked for.")
     AXES_STATED = "axes-stated", N_("The axes were read in the order %(axes)s, as the file states it.")

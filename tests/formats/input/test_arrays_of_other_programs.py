@@ -314,12 +314,6 @@ REFUSED = {
         "contradiction",
         "attributes scale_factor do",
     ),
-    "a packed value that is declared missing": (
-        exchange(*SCALED, (DATA, "_FillValue", (STACK[4, 1, 3] + 2000) / 2), data=(STACK + 2000) / 2),
-        COUNTS,
-        "not-finite",
-        "view 4, row 1, cell 3 is nan",
-    ),
     "two conventions": (
         exchange((DATA, "scale_factor", 2), (DATA, "slope", 3)),
         COUNTS,
@@ -453,9 +447,10 @@ def test_a_unit_of_angles_that_cannot_be_right_is_asked_for(tmp_path, angles, un
 def test_axes_that_may_be_others_are_asked_for(tmp_path, shape, step_deg, option):
     given = {**INTEGRALS, "angles_deg": AngleSteps(0.0, step_deg)}
     remarks, *_ = scan_of(npz(data=np.ones(shape, np.float32)), tmp_path / "scan", **given)
-    assert [values["option"].startswith(option or "none") for values in remarks.values()] == [True] * (
-        option is not None
-    )
+    assert [values["option"].startswith(option or "none") for values in remarks.values() if "option" in values] == [
+        True
+    ] * (option is not None)
+    assert len(remarks) < 2
 
 
 def log(views=24, cells=96, noise=0.02):

@@ -51,7 +51,6 @@ HONEST = {
     "a counter and angles that fall": of_angles("scan_{:04d}_{}.tif", ANGLES[::-1]),
     "times and a counter": [f"scan_{101507 + n * n}_{n:04d}.tif" for n in range(40)],
     "midnight and a counter": [*count("0105_235958_{:04d}.tif", 3), *count("0106_000001_{:04d}.tif", 2, first=3)],
-    "times of the day": [f"scan_{10 + n // 1800}{n // 30 % 60:02d}{n % 30 * 2:02d}.tif" for n in range(2000)],
     "times alone": [f"{20240105101500 + n * n}.tif" for n in range(40)],
     "a number before and after": count("log12.{}_of_90.tif", first=1),
     "dots between": count("log.12.0.{}.tif", first=1),
@@ -90,16 +89,6 @@ FIELDS = {
     "folders of Windows": (count("scan\\Flats\\{}.tif", 9), count("scan\\Darks\\{}.tif", 9)),
     "the log's name too": (count("white_oak_flat_{}.tif", 9), count("white_oak_dark_{}.tif", 9)),
 }
-
-
-def test_images_of_one_camera_have_no_gap_where_fields_lie_between_them():
-    views = [f"scan_{n}.tif" for n in range(90) if n % 30 != 10]
-    flats = [f"flat_{n}.tif" for n in range(90) if n % 30 == 10]
-    assert sort(views + flats) == (views, flats, [], ())
-    *_, [gap] = sort([*views[:20], *views[21:], *flats])
-    assert (gap.message, gap.values["numbers"], gap.values["total"]) == (ReadingMessage.NUMBERS_LEFT_OUT, "21", 87)
-    *_, [gap] = sort([*views, *count("flat_{}.tif", 30)])
-    assert gap.values["numbers"] == "10, 40, 70"
 
 
 @pytest.mark.parametrize(("flats", "darks"), FIELDS.values(), ids=FIELDS)

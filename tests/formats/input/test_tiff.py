@@ -52,10 +52,6 @@ def test_a_page_that_lacks_a_strip_or_tile_is_refused(tmp_path, options, counts)
     assert refusal.value.code == "truncated-file"
 
 
-GDAL = (
-    '<GDALMetadata><Item name="SCALE" sample="0" role="scale">0.5</Item>'
-    '<Item name="OFFSET" sample="0" role="offset">-7</Item></GDALMetadata>'
-)
 UNPACKED, INVERTED = ReadingMessage.PIXELS_UNPACKED, ReadingMessage.WHITE_IS_ZERO
 
 
@@ -101,13 +97,6 @@ MEANINGS = {
     ),
     "32-bit numbers of ImageJ": (STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK, []),
     "no function of ImageJ": (STACK, imagej("min=0\nmax=9\n"), STACK, []),
-    "GDAL's scale": (
-        STACK,
-        tag(42112, 2, GDAL),
-        STACK / 2 - 7.0,
-        [UNPACKED(names="GDAL (scale, offset)", scale="0.5", offset="-7")],
-    ),
-    "GDAL's scale of 1": (STACK, tag(42112, 2, GDAL.replace("0.5", "1").replace("-7", "0.0")), STACK, []),
 }
 
 
@@ -148,11 +137,6 @@ REFUSED = {
     "rows as columns": (tag(274, 3, 6), "unsupported-storage", "Orientation 6"),
     "a curve of ImageJ": (imagej("cf=3\nc0=1\nc1=1\n"), "unsupported-storage", "function '3' of ImageJ"),
     "no number of ImageJ": (imagej("cf=0\nc0=NaN\nc1=1\n"), "unsupported-storage", "'NaN'"),
-    "GDAL's scale of 0": (
-        tag(42112, 2, GDAL.replace("0.5", "0")),
-        "unsupported-storage",
-        "GDAL (scale, offset), are '0'",
-    ),
 }
 
 

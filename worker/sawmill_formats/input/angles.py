@@ -32,13 +32,7 @@ class AngleList:
     values_deg: tuple[float, ...]
 
     def expand(self, views: int) -> NDArray[np.float64]:
-        """Return the angles, (views,) float64, degrees.
-
-        Raises
-        ------
-        UnreadableScan
-            `angles-mismatch`, when the list has another length than the scan has views.
-        """
+        """Return the angles, (views,) float64, degrees: `angles-mismatch` for another number of views."""
         if len(self.values_deg) != views:
             raise UnreadableScan(
                 "angles-mismatch",
@@ -73,13 +67,7 @@ def parse_angles(text: str) -> AnglesGiven:
 
 
 def read_angles_file(path: Path) -> AngleList:
-    """Read a text file with one angle in degrees on each line; `#` starts a comment.
-
-    Raises
-    ------
-    UnreadableScan
-        `angles-malformed`, when the file is not such a text.
-    """
+    """Read a text file with one angle in degrees on each line, `#` starts a comment: `angles-malformed`."""
     check_regular(path)
     if path.stat().st_size > LARGEST_ANGLES_FILE_BYTES:
         raise UnreadableScan("angles-malformed", f"{path.name} is too large for a list of angles, one on each line")

@@ -18,13 +18,7 @@ LARGEST_DIRECTORY_BYTES = 16 * 2**20
 
 @contextmanager
 def opened(path: Path) -> Iterator[ZipFile]:
-    """Open an archive whose members were counted before any object was made for them.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for too many members.
-    """
+    """Open an archive whose members were counted before any object was made for them: `too-large`."""
     with _Counted(path) as stream, ZipFile(stream) as archive:
         stream.largest = math.inf
         yield archive

@@ -33,13 +33,7 @@ OTHER_KINDS = {
 
 
 class LinkedFiles(Protocol):
-    """The files that an HDF5 file leads to.
-
-    Attributes
-    ----------
-    missing : list of UnreadableScan
-        Links to missing files that were met while members were listed.
-    """
+    """The files that an HDF5 file leads to; `missing` has links to no file that were met while members were listed."""
 
     missing: list[UnreadableScan]
 

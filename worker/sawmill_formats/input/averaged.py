@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.plausible import LARGEST_LOGARITHM, Profile, check_finite
+from sawmill_formats.input.plausible import LARGEST_LOGARITHM, check_finite, falls, level_of_air, profile_of
 
 # Share of a view's rays. Masked rays are interpolated, and a log's shadow is a third of the detector or more.
 MOST_MASKED = 0.2
@@ -33,13 +33,7 @@ class AveragedRows:
 
     @classmethod
     def of(cls, rows: int, shape: tuple[int, ...], deviations: NDArray[np.float32] | None) -> Self:
-        """Check the shape of the projections as they were sent, and of the deviations that came with them.
-
-        Raises
-        ------
-        UnreadableScan
-            `wrong-shape`: there are several rows, or the deviations have another shape.
-        """
+        """Check the shapes of the projections as they were sent, and of their deviations: `wrong-shape`."""
         if len(shape) == 3 and shape[1] != 1:
             raise UnreadableScan(
                 "wrong-shape",
@@ -107,16 +101,17 @@ def _check_logarithms(rays: NDArray[np.float32]) -> None:
             f"the values reach {largest:.3g} and no -ln of a transmission is above {LARGEST_LOGARITHM:.0f}, so they "
             f"are counts or in another unit: {take}",
         )
-    profile = Profile.of(rays)
-    if profile.falls:
+    profile = profile_of(rays)
+    level = level_of_air(profile)
+    if falls(profile):
         raise UnreadableScan(
             "contradiction",
-            f"the values fall from {profile.level:.3g} at the detector's ends to {profile.lowest:.3g} behind the log, "
-            f"as counts and transmissions do, and line integrals rise: {take}",
+            f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, as counts "
+            f"and transmissions do, and line integrals rise: {take}",
         )
-    if profile.level < LEAST_AIR:
+    if level < LEAST_AIR:
         raise UnreadableScan(
             "contradiction",
-            f"the values are {profile.level:.3g} at the detector's ends, where air has nearly 0, as where counts were "
-            f"not divided by the flat field: {take}",
+            f"the values are {level:.3g} at the detector's ends, where air has nearly 0, as where counts were not "
+            f"divided by the flat field: {take}",
         )

@@ -81,21 +81,20 @@ def fields_in_order(
 
 @dataclass(frozen=True, eq=False)
 class FileAngles:
-    """The angles that a file carries.
-
-    Attributes
-    ----------
-    deg : (n,) float64, degrees, or None
-        None where there are none, or they cannot be used.
-    unit : str or None
-        Unit in the file.
-    unusable : Reason or None
-        Why they cannot be used, where there are some.
-    """
+    """The angles (n,) float64 that a file carries, in degrees, their unit in the file, and why they cannot be used."""
 
     deg: NDArray[np.float64] | None = None
     unit: str | None = None
     unusable: Reason | None = None
+
+
+@dataclass(frozen=True)
+class FilePitch:
+    """The distance between cells or rows that a file carries, in mm, and the binning in it; remarks on both."""
+
+    mm: float | None = None
+    binning: int = 1
+    remarks: tuple[Reason, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,21 +110,16 @@ class FileContents:
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
     deviations : like the projections, float32
         Their standard deviations.
-    angles_deg : (views,) float64, degrees
-    angles_unit : str or None
-        Unit of the angles in the file.
-    angles_unusable : Reason or None
-        Reason why the angles in the file cannot be used, where it has some.
+    angles : FileAngles
+        The views' angles.
     angles_of_axis : (int, str) or None
         Another axis than the views', with the arrays that could be angles by their names and have its length.
     order : tuple of int or None
         The file's axes in our order, where the file states it or it was given.
     possible_fields : mapping of FieldKind to str
         Arrays that could be fields by their names, where it is not clear which.
-    detector_pitch_mm, row_pitch_mm : float or None
+    pitch, row_pitch : FilePitch
         Distance between cells and between rows.
-    detector_binning, row_binning : int
-        Factors by which the file's pixel sizes were multiplied for these distances.
     detector_modules : tuple of DetectorModule
         Modules of the detector after the first.
     unused : str or None
@@ -141,16 +135,12 @@ class FileContents:
     flats: NDArray[np.float32] | None = None
     darks: NDArray[np.float32] | None = None
     deviations: NDArray[np.float32] | None = None
-    angles_deg: NDArray[np.float64] | None = None
-    angles_unit: str | None = None
-    angles_unusable: Reason | None = None
+    angles: FileAngles = FileAngles()
     angles_of_axis: tuple[int, str] | None = None
     order: tuple[int, ...] | None = None
     possible_fields: Mapping[FieldKind, str] = field(default_factory=dict)
-    detector_pitch_mm: float | None = None
-    row_pitch_mm: float | None = None
-    detector_binning: int = 1
-    row_binning: int = 1
+    pitch: FilePitch = FilePitch()
+    row_pitch: FilePitch = FilePitch()
     detector_modules: tuple[DetectorModule, ...] = ()
     unused: str | None = None
     remarks: tuple[Reason, ...] = ()

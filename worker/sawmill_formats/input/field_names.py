@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,31 +14,40 @@ from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 MOST_NAMES = 12
+_TIMES = "pre|post|before|after"
+_WITH = f"(fields?|frames?|images?|beams?|currents?|{_TIMES})?s?"
 KINDS = {
-    FieldKind.FLATS: re.compile("(flat|white|bright)(s|fields?)?|open(beam)?|blanks?|air|ob|ff|i_?[0o]"),
-    FieldKind.DARKS: re.compile("dark(s|fields?|current)?|offsets?|pedestal|bias|df|di"),
+    FieldKind.FLATS: re.compile(f"(flat|white|bright|open|ob|ff|i[o0]|air){_WITH}"),
+    FieldKind.DARKS: re.compile(f"(dark|offset|bias|di|df){_WITH}"),
 }
+TIMES = re.compile(f"{_TIMES}|start|end|begin")
 # Words next to them. With any other word an array is something else, such as `flat_corrected`.
-TIMES = re.compile("pre|post|before|after|start|end|begin")
 OTHER_WORDS = re.compile(
     f"{TIMES.pattern}|data|fields?|frames?|images?|imgs?|beam|current|mean|avg|average|median|ref(erences?)?|"
     "proj(ections?)?|stack|array|raw"
 )
 
 
+def words_of(name: str) -> list[str]:
+    """Return the words of a name in small letters, also of one as FlatField01."""
+    return re.findall("i0|[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower())
+
+
+def kinds_in(words: Iterable[str]) -> dict[str, FieldKind]:
+    """Select the words that name fields, with their kinds."""
+    return {word: kind for word in words for kind, pattern in KINDS.items() if pattern.fullmatch(word)}
+
+
 def kind_of(name: str) -> FieldKind | None:
     """Return the kind of fields that an array has by its name, or by its group's where its own states none."""
     for part in reversed(name.split("/")[-2:]):
-        words = _words(part)
-        kinds = {kind for word in words for kind, pattern in KINDS.items() if pattern.fullmatch(word)}
-        others = not all(any(each.fullmatch(word) for each in (OTHER_WORDS, *KINDS.values())) for word in words)
+        words = words_of(part)
+        kinds = kinds_in(words)
+        others = not all(word in kinds or OTHER_WORDS.fullmatch(word) for word in words)
         if kinds or others:
-            return kinds.pop() if len(kinds) == 1 and not others else None
+            (kind, *several) = {*kinds.values()} or (None,)
+            return None if others or several else kind
     return None
-
-
-def _words(name: str) -> list[str]:
-    return re.findall("i_?0|[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower())
 
 
 def with_similar_fields(
@@ -58,12 +67,10 @@ def with_similar_fields(
         listed = ", ".join(f"{quoted(name)} {shapes[name]}" for name in several[:MOST_NAMES])
         listed += ", ..." if len(several) > MOST_NAMES else ""
         # Fields before and after a scan are of one kind; of others it is not clear which are meant.
-        stems = {tuple(word for word in _words(name) if not TIMES.fullmatch(word)) for name in fitting}
+        stems = {tuple(word for word in words_of(name) if not TIMES.fullmatch(word)) for name in fitting}
         if len(stems) == 1 and (len(fitting) == 1 or contents.order is None):
             images = [load(name) for name in fitting]
-            fields[kind] = (
-                images[0] if len(images) == 1 else np.concatenate([each.reshape(-1, *of_view) for each in images])
-            )
+            fields[kind] = np.concatenate([each.reshape(-1, *of_view) for each in images]) if images[1:] else images[0]
             taken = ReadingMessage.FLATS_BY_NAME if kind is FieldKind.FLATS else ReadingMessage.DARKS_BY_NAME
             remarks.append(taken(arrays=listed))
         elif named:

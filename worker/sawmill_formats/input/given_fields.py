@@ -16,13 +16,7 @@ from sawmill_formats.input.wanted import FieldKind, Wanted
 
 
 def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, bounds: Bounds) -> FileContents:
-    """Return the contents of a scan's file with the fields of other files.
-
-    Raises
-    ------
-    UnreadableScan
-        `contradiction` where the scan's file has its own; or the file of the fields cannot be read as such.
-    """
+    """Return a scan's contents with the fields of other files: `contradiction` if it has such fields."""
     fields = {FieldKind.FLATS: contents.flats, FieldKind.DARKS: contents.darks}
     others = contents.others
     for kind, path in ((FieldKind.FLATS, flats), (FieldKind.DARKS, darks)):

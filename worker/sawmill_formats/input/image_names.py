@@ -10,6 +10,7 @@ from statistics import median_low
 from typing import NamedTuple
 
 from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.input.field_names import kinds_in, words_of
 from sawmill_formats.input.wanted import FieldKind
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
@@ -17,16 +18,9 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 MOST_QUOTED = 10
 # Larger numbers are dates and times, which have gaps.
 LARGEST_COUNTER = 10**9
-# Numbers from here on whose last four digits are minutes and seconds are taken for the time of the day.
-LEAST_CLOCK_TIME = 10**4
 # Share of the usual step by which numbers that were rounded may differ from equal steps.
 ROUNDING = Decimal("0.1")
 
-_WITH = "(fields?|frames?|images?|beams?|currents?|pre|post|before|after)?s?"
-_FIELDS = {
-    FieldKind.FLATS: re.compile(f"(flat|white|bright|open|ob|ff|i[o0]|air){_WITH}"),
-    FieldKind.DARKS: re.compile(f"(dark|offset|bias|di|df){_WITH}"),
-}
 _OF_VIEWS = frozenset({"corrected", "corr", "normalised", "normalized", "subtracted"})
 _NUMBER = re.compile(r"(?:(?<![a-z\d-])[-+])?(?:(?<![\d.,])\d+[.,]\d+(?![.,]?\d)|\d+)", re.ASCII)
 # A hyphen after a letter is a sign where other names have none there.
@@ -60,19 +54,8 @@ def sorted_images(
 ) -> tuple[dict[FieldKind | None, list[int]], list[Reason]]:
     """Select views (None) and fields by the words in the images' names, and sort them by the numbers.
 
-    The images are returned as their places in the list of names, with remarks.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Each image's path in the archive or the folder.
-    fields : FieldKind, optional
-        Fields that are read: images without a kind are such fields, in natural order.
-
-    Raises
-    ------
-    UnreadableScan
-        `contradiction`, when the images belong to more than one scan.
+    Names are paths in an archive or a folder. Images are returned as their places in the list of names, with remarks;
+    several scans are refused: `contradiction`. Where `fields` are read, images without a kind are such fields.
     """
     paths = [name.replace("\\", "/") for name in names]
     stems = [str(PurePosixPath(path.lower()).with_suffix("")) for path in paths]
@@ -85,17 +68,14 @@ def sorted_images(
     by_kind = {kind: [image for image in images if kinds[image.place] is kind] for kind in (None, *FieldKind)}
     remarks: list[Reason] = []
     if fields is None:
-        of_fields = {
-            number for kind in FieldKind for image in by_kind[kind] for number in _decimals(image.numbers[-1:])
-        }
-        by_kind[None], remarks = _sequence(by_kind[None], of_fields)
+        by_kind[None], remarks = _sequence(by_kind[None])
     else:
         by_kind[None] = by_kind[None] or by_kind[fields]
     return {kind: [image.place for image in of_kind] for kind, of_kind in by_kind.items()}, remarks
 
 
 def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
-    """Return the kind of fields that each image's name or the nearest of its folders states.
+    """Return the kind of fields that each image's name or its nearest folder states.
 
     A word that most of the images have belongs to the log, as in `white_oak` or `flat_sawn`, unless a name begins with
     flat or dark.
@@ -110,21 +90,18 @@ def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
 
 
 def _field_words(part: str) -> dict[str, FieldKind]:
-    """Return the words of a name that name fields, also as in FlatField01, with their kinds.
+    """Return the words of a name that name fields, the first one of the name marked by ^.
 
-    Flat and dark tell more than other words. The first one of a name is marked by ^.
+    Flat and dark tell more than other words.
     """
     stem = PurePosixPath(part).stem
-    words = {word.lower() for word in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", stem)}
-    words |= set(re.findall("i0|[a-z]+", stem.lower()))
-    if words & _OF_VIEWS:
-        return {}
-    kinds = {word: kind for kind, pattern in _FIELDS.items() for word in words if pattern.fullmatch(word)}
+    words = words_of(stem)
+    kinds = {} if _OF_VIEWS.intersection(words) else kinds_in(words)
     sure = {word: kind for word, kind in kinds.items() if word.startswith(("flat", "dark"))}
     return {"^" * stem.lower().startswith(word) + word: kind for word, kind in sure.items()} or kinds
 
 
-def _sequence(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Image], list[Reason]]:
+def _sequence(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
     """Return the views in their order, and remarks; a form of names that few images have is of no view."""
     forms = Counter(image.form for image in images)
     least = max([2, *forms.values()]) / 2
@@ -134,7 +111,7 @@ def _sequence(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Imag
     if 2 * len(views) <= len(images):
         return images, [several(forms=len(forms), names=listed(forms))] if len(forms) > 1 else []
     if len(sequences) == 1:
-        views, remarks = _by_numbers(views, of_fields)
+        views, remarks = _by_numbers(views)
     else:
         last = {image.place: _decimals(image.numbers[-1:]) for image in views}
         if len({(image.form, last[image.place]) for image in views}) > len({*last.values()}):
@@ -155,7 +132,7 @@ def _several_scans(sequences: Iterable[str]) -> UnreadableScan:
     )
 
 
-def _by_numbers(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Image], list[Reason]]:
+def _by_numbers(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
     """Sort images of one form, by the number that counts them where several numbers vary."""
     folders, files = zip(*(image.name.rpartition("/")[::2] for image in images), strict=True)
     if len({*files}) < len(files) > len({*folders}) > 1:
@@ -164,7 +141,7 @@ def _by_numbers(images: list[_Image], of_fields: set[Decimal]) -> tuple[list[_Im
     images.sort(key=lambda image: rows[image.place])
     columns = dict(enumerate(zip(*(rows[image.place] for image in images), strict=True)))
     varying = {place: column for place, column in columns.items() if len({*column}) > 1}
-    counters = {place: spacing for place, column in varying.items() if (spacing := _spacing(column, of_fields))}
+    counters = {place: spacing for place, column in varying.items() if (spacing := _spacing(column))}
     by = min(counters or varying, key=lambda place: place in counters and counters[place][0] != 1, default=0)
     remarks = counters[by][1] if by in counters else []
     in_order = all(before <= after for column in varying.values() for before, after in pairwise(column))
@@ -189,35 +166,24 @@ def _decimals(texts: Iterable[str]) -> tuple[Decimal, ...]:
 
 
 def _rows(images: Sequence[_Image]) -> dict[int, tuple[Decimal, ...]]:
-    """Return the numbers of each image by its place: 12.5 is one number, unless 12.1, 12.2 ... 12.10 count."""
+    """Return the numbers of each image by its place: 12.5 is one number, unless there are 12.1 and 12.10."""
     decimals = {image.place: _decimals(image.numbers) for image in images}
     integers = {image.place: _decimals(re.split("[.,]", ".".join(image.numbers))) for image in images}
-    varying = [column for column in zip(*integers.values(), strict=False) if len({*column}) > 1]
-    spacing = _spacing(varying[0], set()) if len(varying) == 1 else None
-    counts = spacing is not None and not spacing[1]
-    return integers if counts or len({*decimals.values()}) < len({*integers.values()}) else decimals
+    return integers if len({*decimals.values()}) < len({*integers.values()}) else decimals
 
 
-def _spacing(column: Sequence[Decimal], of_fields: set[Decimal]) -> tuple[Decimal, list[Reason]] | None:
-    """Return the step of equally spaced numbers, and a remark where some are missing; None for other numbers.
-
-    Numbers that fields have instead are not missing: a camera may count all images.
-    """
+def _spacing(column: Sequence[Decimal]) -> tuple[Decimal, list[Reason]] | None:
+    """Return the step of equally spaced numbers, and a remark where some are missing; None for other numbers."""
     numbers = sorted({*column})
     steps = [after - before for before, after in pairwise(numbers)]
     if len(numbers) < len(column) or not steps or max(map(abs, numbers)) >= LARGEST_COUNTER:
-        return None
-    if all(n >= LEAST_CLOCK_TIME and n % 100 < 60 and n // 100 % 100 < 60 for n in numbers):
         return None
     step = median_low(steps)
     times = [round(each / step) for each in steps]
     if any(not n or abs(each - n * step) > ROUNDING * step for n, each in zip(times, steps, strict=True)):
         return None
-    of_fields = of_fields if of_fields.isdisjoint(numbers) else set()
-    between = {n for n in of_fields if numbers[0] < n < numbers[-1] and not (n - numbers[0]) % step}
-    missing = sum(times) - len(times) - len(between)
-    steps_up = ((number, n) for number, up in zip(numbers, times, strict=False) for n in range(1, up))
-    absent = (f"{number + n * step:f}" for number, n in steps_up if number + n * step not in between)
+    missing = sum(times) - len(times)
+    absent = (f"{number + n * step:f}" for number, up in zip(numbers, times, strict=False) for n in range(1, up))
     total = len(column) + missing
     gaps = [ReadingMessage.NUMBERS_LEFT_OUT(numbers=listed(absent), missing=missing, total=total)] if missing else []
     return step, gaps

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import as_float32, check_scan_dimensions
-from sawmill_formats.input.contents import FileAngles, FileContents, Projections, named_axes
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections
 from sawmill_formats.input.field_names import kind_of, with_similar_fields
 from sawmill_formats.input.units import to_degrees
 from sawmill_formats.input.wanted import Wanted
@@ -89,13 +89,7 @@ class NamedArrays:
 
 
 def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Reason, ...] = ()) -> FileContents:
-    """Read the projections (the one named, or the only candidate) and related arrays by their names.
-
-    Raises
-    ------
-    UnreadableScan
-        `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
-    """
+    """Read the projections, by name or the only candidate, and arrays next to them: `dataset-missing`."""
     name = (
         _named(arrays.infos, selection.dataset)
         if selection.dataset is not None
@@ -107,8 +101,7 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Rea
         return FileContents(
             format=arrays.format, projections=arrays.projections(name), remarks=(*remarks, *arrays.remarks(name))
         )
-    given_order = selection.order(len(shape))
-    order = given_order or arrays.infos[name].order
+    order = selection.order(len(shape)) or arrays.infos[name].order
     angles = _angles(arrays)
     angles = angles if angles.deg is not None else arrays.stated_angles(name)
     views, *others = arrays.infos[name].shape_in_order(selection)
@@ -126,16 +119,13 @@ def read_named_arrays(arrays: NamedArrays, selection: Wanted, remarks: tuple[Rea
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
         deviations=_optional(arrays, DEVIATIONS) if selection.deviations else None,
-        angles_deg=angles.deg,
-        angles_unit=angles.unit,
-        angles_unusable=ReadingMessage.ANGLES_UNNAMED(arrays=", ".join(lists)) if lists else angles.unusable,
+        angles=FileAngles(unusable=ReadingMessage.ANGLES_UNNAMED(arrays=", ".join(lists))) if lists else angles,
         angles_of_axis=possible_angles,
         order=order,
         unused=unused,
         remarks=(
             *remarks,
             *(remark for each in used for remark in arrays.remarks(each)),
-            *(() if order is None or given_order else (ReadingMessage.AXES_STATED(axes=named_axes(order)),)),
             *(() if unused is None else (ReadingMessage.UNUSED_VALUES(arrays=unused),)),
         ),
     )

@@ -44,13 +44,7 @@ class NpyHeader:
 
 
 def read_npy(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
-    """Read a NPY file.
-
-    Raises
-    ------
-    UnreadableScan
-        When it holds objects, fewer data than it declares, or no projections.
-    """
+    """Read a NPY file."""
     if selection.dataset is not None:
         raise UnreadableScan(
             "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(selection.dataset)!r}"
@@ -87,13 +81,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
 
 
 def read_npz(archive: ZipFile, infos: list[ZipInfo], selection: Wanted, max_bytes: int) -> FileContents:
-    """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked.
-
-    Raises
-    ------
-    UnreadableScan
-        When it holds no projections, or an array that must not be read.
-    """
+    """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked."""
     headers: dict[str, NpyHeader] = {}
     for info in infos:
         with archive.open(info) as stream:

@@ -20,7 +20,7 @@ LARGEST_PICTURE_PIXELS = 64 * 2**20
 # border as float32, and as the float64 in which contours are found.
 BYTES_A_PIXEL = 18
 MEMORY_SHARE = 0.9
-# Bits of Pillow's modes; everything else has one byte for each of its bands.
+# Bits of Pillow's modes; everything else has one byte for each band.
 BITS = {"1": 1, "I;16": 16, "I;16B": 16, "I": 16}
 
 
@@ -100,7 +100,7 @@ def picture_parts(path: Path) -> Iterator[Part]:
 def _check_stored(picture: Image.Image, stored_bytes: int) -> None:
     width, height = picture.size
     row_bytes = math.ceil(width * BITS.get(picture.mode, 8 * len(picture.getbands())) / 8)
-    declared = height * (1 + row_bytes)  # each row starts with the number of its filter
+    declared = height * (1 + row_bytes)  # each row starts with its filter's number
     if declared > max(HARMLESS_BYTES, LARGEST_RATIO * stored_bytes):
         raise UnreadableScan(
             "too-large",

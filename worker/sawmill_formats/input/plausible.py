@@ -1,7 +1,6 @@
 """Plausible numbers in a scan: angles, counts and line integrals in the ranges that measurements have."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,10 +56,9 @@ def check_angles(angles_deg: NDArray[np.float64]) -> None:
 
 
 def closes(views: int, step: float, period: float) -> bool:
-    """Return whether equidistant views make a whole number of periods, with or without the closing view."""
-    covered = views * abs(step)
-    periods = round(covered / period)
-    return periods > 0 and -0.5 * abs(step) <= covered - periods * period <= 1.5 * abs(step)
+    """Return whether equidistant views make whole periods, within half a step, with or without the closing view."""
+    reached = (views + 0.5) * abs(step)
+    return reached >= period and reached % period <= 2.0 * abs(step)
 
 
 def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> tuple[Reason, ...]:
@@ -74,41 +72,26 @@ def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> t
     if 2.6 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
         return (ReadingMessage.RADIANS_ASKED(least_deg=float(ends[0]), most_deg=float(ends[1])),)
     ends = np.deg2rad(ends)
-    if (
-        (unit or "").strip().lower() in RADIANS
-        and np.ptp(ends) > 8.0 * np.pi
-        and closes(views, np.deg2rad(step_deg), 180.0)
-    ):
+    is_closed = np.ptp(ends) > 8.0 * np.pi and closes(views, np.deg2rad(step_deg), 180.0)
+    if is_closed and (unit or "").strip().lower() in RADIANS:
         return (ReadingMessage.DEGREES_ASKED(least_rad=float(ends[0]), most_rad=float(ends[1])),)
     return ()
 
 
-@dataclass(frozen=True)
-class Profile:
-    """A scan along the detector: the level of air, at the detector's ends, and the values between them."""
+def profile_of(rays: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the median of rays (rays, detector) along the detector, in which NaN is missing."""
+    return np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
 
-    level: float = 0.0
-    mean: float = 0.0
-    lowest: float = 0.0
-    highest: float = 0.0
 
-    @classmethod
-    def of(cls, rays: NDArray[np.float32]) -> Self:
-        """Take the median of rays (rays, detector), in which NaN is missing."""
-        profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
-        air = max(1, round(AIR_SHARE * profile.size))
-        level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
-        return cls(level, float(profile.mean()), float(profile.min()), float(profile.max()))
+def level_of_air(profile: NDArray[np.float64]) -> float:
+    """Return the level at the detector's ends."""
+    air = max(1, round(AIR_SHARE * profile.size))
+    return min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
 
-    @property
-    def span(self) -> float:
-        """Range of the values."""
-        return self.highest - self.lowest
 
-    @property
-    def falls(self) -> bool:
-        """Whether the values fall behind the log."""
-        return self.level - self.mean > LEAST_FALL * self.span
+def falls(profile: NDArray[np.float64]) -> bool:
+    """Return whether the values fall behind the log."""
+    return bool(level_of_air(profile) - profile.mean() > LEAST_FALL * np.ptp(profile))
 
 
 @dataclass(frozen=True)
@@ -150,13 +133,7 @@ def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: i
 
 
 def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | None) -> SampleRange:
-    """Return the range of counts with these flats and darks (fields, rows, detector), which are checked themselves.
-
-    Raises
-    ------
-    UnreadableScan
-        `out-of-range` where no detector can measure such fields.
-    """
+    """Return the range of counts with these fields (fields, rows, detector), checked: `out-of-range`."""
     level = _median_of_means(flats)
     if not LEAST_FLAT <= level <= LARGEST_FLAT:
         highest = float(flats.max())
@@ -196,16 +173,10 @@ class SamplesOutside:
     def __init__(self, allowed: SampleRange, samples: int, name: str = "view") -> None:
         self._allowed, self._most, self._samples = allowed, allowed.most_outside * samples, samples
         self._name, self._outside, self._first = name, 0, ""
-        self.largest, self._profile = -np.inf, Profile()
+        self.largest, self._profile = -np.inf, np.zeros(1)
 
     def add(self, images: NDArray[np.float32], first: int = 0, first_row: int = 0) -> None:
-        """Count samples outside of the range in images (images, rows, cells); missing samples (NaN) do not count.
-
-        Raises
-        ------
-        UnreadableScan
-            `out-of-range`, when there are more than allowed.
-        """
+        """Count samples out of range in images (images, rows, cells), without NaN: `out-of-range` for too many."""
         for index, image in enumerate(images, first):
             # Two passes that allocate nothing; in a view that lacks rows both are NaN.
             low, high = float(image.min()), float(image.max())
@@ -216,8 +187,8 @@ class SamplesOutside:
         views, rows, cells = images.shape
         if self._allowed is LINE_INTEGRALS and cells >= LEAST_CELLS:
             some = images[:: -(-views // MOST_VIEWS), :: -(-rows // MOST_ROWS)]
-            profiles = [Profile.of(some[:, row]) for row in range(some.shape[1]) if np.isfinite(some[:, row]).any()]
-            self._profile = max(self._profile, *profiles, key=lambda profile: profile.span)
+            profiles = [profile_of(some[:, row]) for row in range(some.shape[1]) if np.isfinite(some[:, row]).any()]
+            self._profile = max(self._profile, *profiles, key=np.ptp)
 
     def _count(self, image: NDArray[np.float32], index: int, first_row: int) -> None:
         outside = (image < self._allowed.low) | (image > self._allowed.high)
@@ -253,16 +224,15 @@ class SamplesOutside:
 
     def check_rise(self) -> None:
         """Refuse line integrals that fall behind the log, in the row in which they vary most: `contradiction`."""
-        profile = self._profile
-        near_zero = abs(profile.level) < MOST_ABOVE_AIR * profile.span
-        near_one_or_counts = 0.5 < profile.level < 1.5 or profile.level > LARGEST_LOGARITHM
-        is_top = profile.highest - profile.level <= MOST_ABOVE_AIR * profile.span
-        if not (profile.falls and is_top and (near_zero or near_one_or_counts)):
+        profile, level = self._profile, level_of_air(self._profile)
+        allowed = MOST_ABOVE_AIR * np.ptp(profile)
+        near_zero, near_one_or_counts = abs(level) < allowed, 0.5 < level < 1.5 or level > LARGEST_LOGARITHM
+        if not (falls(profile) and profile.max() - level <= allowed and (near_zero or near_one_or_counts)):
             return
         take = "take -ln of transmissions, or declare counts and give their flat fields"
         looks = "their sign is wrong: multiply them by -1" if near_zero else f"these look like transmissions: {take}"
         raise UnreadableScan(
             "contradiction",
-            f"the values fall from {profile.level:.3g} at the detector's ends to {profile.lowest:.3g} behind the log, "
+            f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, "
             f"and line integrals rise; {looks}",
         )

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +13,11 @@ from sawmill_formats.input.angles import AngleList, AnglesGiven, AngleSteps
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds, as_fields
 from sawmill_formats.input.averaged import AveragedRows
 from sawmill_formats.input.canonical import CanonicalScan
-from sawmill_formats.input.contents import FileContents, Projections, fields_in_order, in_order, named_axes
+from sawmill_formats.input.contents import FileContents, FilePitch, Projections, fields_in_order, in_order, named_axes
 from sawmill_formats.input.given_fields import with_fields
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.odd_fields import without_odd_fields
-from sawmill_formats.input.plausible import (
-    LARGEST_USUAL_PITCH_MM,
-    closes,
-    unit_of_angles_asked,
-)
+from sawmill_formats.input.plausible import LARGEST_USUAL_PITCH_MM, closes, unit_of_angles_asked
 from sawmill_formats.input.recognising import recognise
 from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.messages import Reason, selected
@@ -32,7 +27,8 @@ ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
 ROWS_FIRST = "axes=rows,views,cells, on the command line --axes rows,views,cells"
-TRANSPOSE = "transpose, on the command line --transpose"
+TRANSPOSE_FLAG = "on the command line --transpose"
+TRANSPOSE = f"transpose, {TRANSPOSE_FLAG}"
 ROWS_LAST = "axes=views,cells,rows, on the command line --axes views,cells,rows"
 # A line of this few cells shows no log; a stack of this many rows is rather the line.
 LEAST_ROWS_DOUBTED, MOST_CELLS_DOUBTED = 256, 32
@@ -143,7 +139,7 @@ def reading_contents(
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[FileContents]:
-    """Open a file for what it holds of a scan, and the files of its fields; other parameters as in `reading_scan`.
+    """Open a file for what it holds of a scan, and files of fields; other parameters as in `reading_scan`.
 
     Parameters
     ----------
@@ -151,11 +147,6 @@ def reading_contents(
         Whether counts were declared, which need fields: they are recognised by similar names too.
     deviations : bool
         Whether the file may hold the projections' standard deviations.
-
-    Raises
-    ------
-    UnreadableScan
-        When a file cannot be read, or is not a scan.
     """
     recognised = recognise(path)
     elsewhere = {FieldKind.FLATS: flats, FieldKind.DARKS: darks}
@@ -167,12 +158,7 @@ def reading_contents(
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
         with library_errors_translated(recognised.name):
             contents = recognised.read(path, selection, bounds, files)
-        contents = with_fields(contents, flats, darks, bounds)
-        given_order = selection.order(len(contents.projections.shape))
-        order = given_order or contents.order
-        if order is not None:
-            asked = ReadingMessage.AXES_REVERSED() if transpose else ReadingMessage.AXES_ORDERED(axes=named_axes(order))
-            contents = _in_order(contents, order, (asked,) if given_order else ())
+        contents = _in_order(with_fields(contents, flats, darks, bounds), selection)
         _check_piece(contents.projections, bounds.piece)
         other_files = contents.others if linked is None else (*contents.others, *linked.paths)
         yield replace(contents, projections=_translated(contents.projections, recognised.name), others=other_files)
@@ -195,22 +181,16 @@ def canonical_scan(
     rows_missing: bool = False,
     averaged_rows: int | None = None,
 ) -> CanonicalScan:
-    """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`.
-
-    Raises
-    ------
-    UnreadableScan
-        When contents and parameters contradict each other, or the parts do not agree.
-    """
+    """Build the scan from a file's contents, compared with the client's parameters; parameters as in `reading_scan`."""
     projections = contents.projections
     dimensions = len(projections.shape)
     angles, remarks = agree_on_angles(contents, angles_deg)
-    pitch_mm = agree_on_pitch(
-        "detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm, binning=contents.detector_binning
-    )
-    row_pitch_mm = agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm, binning=contents.row_binning)
-    doubts = (*_axes_doubted(contents, angles_deg), *unit_of_angles_asked(angles, contents.angles_unit))
-    remarks = (*remarks, *doubts, *_pitch_asked(pitch_mm), *(_darks_lacking(contents) if counts else ()))
+    pitch_mm = agree_on_pitch("detector_pitch_mm", contents.pitch, detector_pitch_mm)
+    row_pitch_mm = agree_on_pitch("row_pitch_mm", contents.row_pitch, row_pitch_mm)
+    remarks = (*remarks, *unit_of_angles_asked(angles, contents.angles.unit))
+    if pitch_mm is not None and pitch_mm > LARGEST_USUAL_PITCH_MM:
+        remarks += (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=LARGEST_USUAL_PITCH_MM),)
+    remarks += _darks_lacking(contents) if counts else ()
     if counts and contents.flats is None and FieldKind.FLATS in contents.possible_fields:
         raise UnreadableScan(
             "flats-missing",
@@ -249,34 +229,35 @@ def _darks_lacking(contents: FileContents) -> tuple[Reason, ...]:
     return () if contents.darks.any() else (ReadingMessage.DARKS_ZERO(),)
 
 
-def _pitch_asked(pitch_mm: float | None) -> tuple[Reason, ...]:
-    if pitch_mm is None or pitch_mm <= LARGEST_USUAL_PITCH_MM:
-        return ()
-    return (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=LARGEST_USUAL_PITCH_MM),)
-
-
-def _axes_doubted(contents: FileContents, angles_given: AnglesGiven | None) -> tuple[Reason, ...]:
-    """Return the remark that the axes may be in another order, where steps or lengths fit another one."""
+def _steps_doubted(contents: FileContents, angles_given: AnglesGiven | None) -> tuple[Reason, ...]:
+    """Remark that the axes may be in another order, where steps or lengths fit another one; else steps of no turn."""
     views, *several, cells = contents.projections.shape
-    rows, option = several[0] if several else 1, None
-    if rows >= LEAST_ROWS_DOUBTED and cells <= MOST_CELLS_DOUBTED:
-        option = ROWS_LAST
-    if isinstance(angles_given, AngleSteps) and not 180.0 <= views * abs(angles_given.step_deg) <= 360.0:
-        fits_turn = partial(closes, step=angles_given.step_deg, period=360.0)
-        if not closes(views, angles_given.step_deg, 180.0):
-            option = ROWS_FIRST if fits_turn(rows) else TRANSPOSE if fits_turn(cells) else option
-    if option is None or contents.order or contents.angles_of_axis:
+    rows = several[0] if several else 1
+    option = ROWS_LAST if rows >= LEAST_ROWS_DOUBTED and cells <= MOST_CELLS_DOUBTED else None
+    step_deg = abs(angles_given.step_deg) if isinstance(angles_given, AngleSteps) else 0.0
+    covered_deg, open_turn = views * step_deg, step_deg > 0.0 and not closes(views, step_deg, 360.0)
+    if open_turn and not (180.0 <= covered_deg <= 360.0 or closes(views, step_deg, 180.0)):
+        others = ((rows, ROWS_FIRST), (cells, TRANSPOSE))
+        option = next((cure for length, cure in others if closes(length, step_deg, 360.0)), option)
+    if option and not (contents.order or contents.angles_of_axis):
+        return (ReadingMessage.AXES_DOUBTED(views=views, rows=rows, cells=cells, option=option),)
+    if not open_turn or contents.angles.deg is not None:
         return ()
-    return (ReadingMessage.AXES_DOUBTED(views=views, rows=rows, cells=cells, option=option),)
+    return (ReadingMessage.NO_WHOLE_TURN(views=views, step_deg=f"{step_deg:g}", covered_deg=f"{covered_deg:g}"),)
 
 
-def _in_order(contents: FileContents, order: tuple[int, ...], remarks: tuple[Reason, ...]) -> FileContents:
-    """Put the axes of the projections, and of all parts with the same axes, into our order."""
+def _in_order(contents: FileContents, selection: Wanted) -> FileContents:
+    """Put the axes of the projections, and of all parts with the same axes, into our order, and remark on it."""
+    given_order = selection.order(len(contents.projections.shape))
+    order = given_order or contents.order
+    if order is None:
+        return contents
     projections = in_order(contents.projections, order)
     flats, darks, deviations = (
         fields_in_order(fields, order, projections.shape)
         for fields in (contents.flats, contents.darks, contents.deviations)
     )
+    ordered = ReadingMessage.AXES_ORDERED if given_order else ReadingMessage.AXES_STATED
     return replace(
         contents,
         projections=projections,
@@ -284,7 +265,7 @@ def _in_order(contents: FileContents, order: tuple[int, ...], remarks: tuple[Rea
         darks=darks,
         deviations=deviations,
         order=order,
-        remarks=(*contents.remarks, *remarks),
+        remarks=(*contents.remarks, ordered(axes=named_axes(order))),
     )
 
 
@@ -318,73 +299,59 @@ def agree_on_angles(
     UnreadableScan
         There are no angles, or the file's and the given ones differ, or their number is the number of cells.
     """
-    _check_axis("the file carries", None if contents.angles_deg is None else contents.angles_deg.size, contents)
-    _check_axis("there are", len(angles_given.values_deg) if isinstance(angles_given, AngleList) else None, contents)
+    carried, of_axis = contents.angles, contents.angles_of_axis
+    if carried.deg is not None:
+        _check_axis("the file carries", carried.deg.size, contents)
+    if isinstance(angles_given, AngleList):
+        _check_axis("there are", len(angles_given.values_deg), contents)
     hint = None
-    if contents.angles_of_axis is not None:
-        axis, arrays = contents.angles_of_axis
-        what = "cells" if axis == len(contents.projections.shape) - 1 else "rows"
-        hint = f"{arrays} fits the {what}, not the views: {_ordering(contents, axis)}"
+    if of_axis is not None:
+        what = "cells" if of_axis[0] == len(contents.projections.shape) - 1 else "rows"
+        hint = f"{of_axis[1]} fits the {what}, not the views: {_ordering(contents, of_axis[0])}"
+    doubts = _steps_doubted(contents, angles_given)
     if angles_given is None:
-        if contents.angles_deg is None:
-            reason = contents.angles_unusable or hint or "the file carries no angles"
-            other_number = any(selected((reason,), ReadingMessage.ANGLES_OF_OTHER_NUMBER))
-            raise UnreadableScan(
-                "angles-mismatch" if other_number else "angles-missing",
-                f"{reason}; give the angles as START:STEP in degrees, as in 0.5:1, or one for each view "
-                "(angles_deg, on the command line --angles-deg or --angles-file)",
-            )
-        return contents.angles_deg, ()
+        if carried.deg is not None:
+            return carried.deg, doubts
+        reason = carried.unusable or hint or "the file carries no angles"
+        other_number = any(selected((reason,), ReadingMessage.ANGLES_OF_OTHER_NUMBER))
+        raise UnreadableScan(
+            "angles-mismatch" if other_number else "angles-missing",
+            f"{reason}; give the angles as START:STEP in degrees, as in 0.5:1, or one for each view (angles_deg, on "
+            "the command line --angles-deg or --angles-file)",
+        )
     angles = angles_given.expand(contents.projections.shape[0])
-    if contents.angles_deg is not None:
-        _check_same_angles(contents.angles_deg, angles)
-        return contents.angles_deg, ()
-    turn = _no_whole_turn(angles_given, angles.size)
-    if contents.angles_unusable is not None:
-        return angles, (*turn, ReadingMessage.ANGLES_GIVEN(contents.angles_unusable))
-    return angles, turn if hint is None else (*turn, ReadingMessage.ANGLES_GIVEN_BUT(why=hint))
+    if carried.deg is not None:
+        _check_same_angles(carried.deg, angles)
+        return carried.deg, doubts
+    if carried.unusable is not None:
+        return angles, (*doubts, ReadingMessage.ANGLES_GIVEN(carried.unusable))
+    return angles, doubts if hint is None else (*doubts, ReadingMessage.ANGLES_GIVEN_BUT(why=hint))
 
 
-def _no_whole_turn(angles_given: AnglesGiven, views: int) -> tuple[Reason, ...]:
-    """Remark steps that make no whole number of turns, of which the last view may repeat the first one."""
-    if not isinstance(angles_given, AngleSteps):
-        return ()
-    step_deg = abs(angles_given.step_deg)
-    covered_deg = views * step_deg
-    # Half a step less than a turn to half a step more than a turn and one view.
-    beyond_deg = (covered_deg + step_deg / 2) % 360.0
-    if covered_deg + step_deg / 2 >= 360.0 and beyond_deg <= 2.0 * step_deg:
-        return ()
-    return (ReadingMessage.NO_WHOLE_TURN(views=views, step_deg=f"{step_deg:g}", covered_deg=f"{covered_deg:g}"),)
-
-
-def _check_axis(who: str, number: int | None, contents: FileContents) -> None:
+def _check_axis(who: str, number: int, contents: FileContents) -> None:
     """Refuse a number of angles that equals the length of another axis and not of the first."""
     views, *rows, cells = contents.projections.shape
-    if number in {None, 1, views} or number not in {*rows, cells}:
-        return
-    axis, what = (-1, "cell") if number == cells else (1, "row")
-    raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each {what}: {_ordering(contents, axis)}")
+    if number not in {1, views} and number in {*rows, cells}:
+        axis, what = (len(rows) + 1, "cell") if number == cells else (1, "row")
+        option = _ordering(contents, axis)
+        raise UnreadableScan("angles-mismatch", f"{who} {number} angles, one for each {what}: {option}")
 
 
 def _ordering(contents: FileContents, axis: int) -> str:
     """Return the option by which another axis than the first is read as the views'."""
-    shape = contents.projections.shape
-    read = f"the file was read as {shape[0]} views of {shape[-1]} cells"
-    if contents.order is not None and contents.order != tuple(reversed(range(len(shape)))):
+    views, *rows, cells = contents.projections.shape
+    read, order = f"the file was read as {views} views of {cells} cells", contents.order
+    if order == tuple(reversed(range(len(rows) + 2))):
         return (
-            f"in the order {named_axes(contents.order)} {read}; correct that order (axes, on the command line --axes)"
+            f"with transpose {read}; if it holds {cells} views of {views} cells, leave transpose out ({TRANSPOSE_FLAG})"
         )
-    if shape[axis] != shape[-1]:
-        return f"{read} by {shape[1]} rows; if it holds {shape[1]} views, give the order of its axes: {ROWS_FIRST}"
-    if contents.order is not None:
-        return (
-            f"with transpose {read}; if it holds {shape[-1]} views of {shape[0]} cells, leave transpose out (on the "
-            "command line --transpose)"
-        )
+    if order is not None:
+        return f"in the order {named_axes(order)} {read}; correct that order (axes, on the command line --axes)"
+    if axis <= len(rows):
+        return f"{read} by {rows[0]} rows; if it holds {rows[0]} views, give the order of its axes: {ROWS_FIRST}"
     return (
-        f"{read}; if it holds {shape[-1]} views of {shape[0]} cells, as MATLAB's radon writes them, give transpose (on "
-        "the command line --transpose)"
+        f"{read}; if it holds {cells} views of {views} cells, as MATLAB's radon writes them, give transpose "
+        f"({TRANSPOSE_FLAG})"
     )
 
 
@@ -405,19 +372,18 @@ def _check_same_angles(in_file: NDArray[np.float64], angles_given: NDArray[np.fl
         )
 
 
-def agree_on_pitch(name: str, in_file: float | None, given_mm: float | None, *, binning: int = 1) -> float | None:
+def agree_on_pitch(name: str, carried: FilePitch, given_mm: float | None) -> float | None:
     """Return a distance in mm, from the file or as given, or None; refuse two that differ.
 
     The file's may be given as it was before it was multiplied by the binning.
     """
-    if in_file is None or given_mm is None:
-        return in_file if given_mm is None else given_mm
-    if binning > 1 and abs(in_file / binning - given_mm) <= PITCH_TOLERANCE * abs(given_mm):
-        return given_mm
-    if abs(in_file - given_mm) > PITCH_TOLERANCE * abs(given_mm):
-        raise UnreadableScan(
-            "contradiction",
-            f"the file says that {name} is {in_file:.9g} and {given_mm:.9g} was given (by flag, or the "
-            "scanner's); correct one of them",
-        )
-    return in_file
+    if carried.mm is None or given_mm is None:
+        return carried.mm if given_mm is None else given_mm
+    for in_file in (carried.mm, carried.mm / carried.binning):
+        if abs(in_file - given_mm) <= PITCH_TOLERANCE * abs(given_mm):
+            return in_file
+    raise UnreadableScan(
+        "contradiction",
+        f"the file says that {name} is {carried.mm:.9g} and {given_mm:.9g} was given (by flag, or the scanner's); "
+        "correct one of them",
+    )

@@ -26,7 +26,10 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may precede i
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, its reader, which keeps the file open in the stack, and its listing."""
+    """A format: its name, its reader, which keeps the file open in the stack, and its listing.
+
+    Both refuse what is no scan, is damaged or must not be read (`UnreadableScan`).
+    """
 
     name: str
     read: Callable[[Path, Wanted, Bounds, ExitStack], FileContents]
@@ -54,13 +57,7 @@ _PICTURES = ((b"\x89PNG\r\n\x1a\n", "PNG"), (b"\xff\xd8\xff", "JPEG"), (b"GIF8",
 
 
 def recognise(path: Path) -> Format:
-    """Recognise the format of a file or a folder; an upload is never a folder.
-
-    Raises
-    ------
-    UnreadableScan
-        `empty-file`, `picture-file` or `unknown-format`.
-    """
+    """Recognise the format of a file or a folder: `empty-file`, `picture-file` or `unknown-format`."""
     if path.is_dir():
         return FOLDER
     check_regular(path)

@@ -19,15 +19,9 @@ STEP_BYTES = 2**14
 
 @dataclass(frozen=True)
 class Packing:
-    """A way to pack.
+    """A way to pack: its name, and the largest ratio of unpacked to stored bytes.
 
-    Attributes
-    ----------
-    name : str
-    most : int
-        Largest ratio of unpacked to stored bytes.
-    unpacked : function of the packed data and a number of bytes
-        Number of bytes that they unpack to, or some number beyond the given one.
+    `unpacked` counts the bytes that packed data unpack to, up to some number beyond the given one.
     """
 
     name: str

@@ -52,13 +52,7 @@ class Wanted:
         return 1 if self.fields else 3
 
     def order(self, dimensions: int) -> tuple[int, ...] | None:
-        """Return the file's axes in our order, for projections of this number of axes; None where none is given.
-
-        Raises
-        ------
-        UnreadableScan
-            `contradiction`: both options are given, or other axes are named.
-        """
+        """Return the file's axes in our order, or None where no order is given: `contradiction` for other axes."""
         if self.axes is None:
             return tuple(reversed(range(dimensions))) if self.transpose else None
         ours, names = AXES if dimensions == 3 else AXES[::2], self.axes.split(",")

@@ -17,13 +17,7 @@ from sawmill_formats.input.wanted import Wanted
 
 
 def read_zip(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; a ZIP of TIFFs stays open for its views.
-
-    Raises
-    ------
-    UnreadableScan
-        When the archive is unsafe to unpack, or holds neither.
-    """
+    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; a ZIP of TIFFs stays open for its views."""
     archive, size = files.enter_context(opened(path)), path.stat().st_size
     infos = members(archive, size, bounds.array)
     if is_npz(infos):

@@ -19,7 +19,7 @@ from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
 from sawmill_formats.input.hdf5.fields import read_angles
 from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
-from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
+from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
 from sawmill_formats.input.hdf5.projections import all_views
 from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.storage import check_dataset
@@ -31,13 +31,7 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
 def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read an HDF5 file of any layout, which stays open for its projections.
-
-    Raises
-    ------
-    UnreadableScan
-        When the file has no scan, several without a choice, or one that must not be read.
-    """
+    """Read an HDF5 file of any layout, which stays open for its projections."""
     file = files.enter_context(open_hdf5(path))
     try:
         return _read(file, selection, bounds)
@@ -127,7 +121,7 @@ def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) ->
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
-    values = packing_of(node).unpack(values)
+    values = scaling_of(node).apply(values)
     return values.T if "MATLAB_class" in node.attrs else values
 
 

@@ -9,7 +9,7 @@ from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fiel
 from sawmill_formats.input.hdf5.guard import find, numbers
 from sawmill_formats.input.hdf5.packed_values import packing_remarks, read_unpacked
 from sawmill_formats.input.hdf5.projections import all_views
-from sawmill_formats.input.hdf5.stated_axes import stated_order, with_stated_axes
+from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.wanted import Wanted
 
@@ -23,19 +23,13 @@ def is_exchange(file: h5py.File, linked: LinkedFiles | None = None) -> bool:
 
 
 def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileContents:
-    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it.
-
-    Raises
-    ------
-    UnreadableScan
-        When the parts cannot be read.
-    """
+    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it."""
     dataset = numbers(file, DATA, bounds)
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    axes, known = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or stated_order(dataset)
-    if axes is not None and not axes.startswith("theta") and known is None:
+    axes, order = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or stated_order(dataset)
+    if axes is not None and not axes.startswith("theta") and order is None:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
@@ -49,14 +43,10 @@ def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileCon
         projections=all_views(dataset),
         flats=None if white is None else read_unpacked(white),
         darks=None if dark is None else read_unpacked(dark),
-        angles_deg=angles.deg,
-        angles_unit=angles.unit,
-        angles_unusable=angles.unusable,
-        detector_pitch_mm=pitch.mm,
-        row_pitch_mm=row_pitch.mm,
-        detector_binning=pitch.binning,
-        row_binning=row_pitch.binning,
+        angles=angles,
+        pitch=pitch,
+        row_pitch=row_pitch,
+        order=order,
         remarks=(*packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
     )
-    contents = with_stated_axes(contents, dataset, selection)
     return with_fields_beside(contents, dataset, bounds.whole, selection)

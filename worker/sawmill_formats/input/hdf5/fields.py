@@ -1,7 +1,6 @@
 """Angles and pixel sizes, which both HDF5 layouts store with a units attribute, and fields of other names."""
 
 import math
-from dataclasses import dataclass
 
 import h5py
 import numpy as np
@@ -9,15 +8,14 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.contents import FileAngles, FileContents
+from sawmill_formats.input.contents import FileAngles, FileContents, FilePitch
 from sawmill_formats.input.field_names import kind_of, with_similar_fields
 from sawmill_formats.input.hdf5.guard import Node, find, members, numbers, read_values, text_of
-from sawmill_formats.input.hdf5.packed_values import packing_of, read_unpacked
+from sawmill_formats.input.hdf5.packed_values import read_unpacked, scaling_of
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
 from sawmill_formats.input.wanted import Wanted
-from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
@@ -38,23 +36,8 @@ def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | N
     return FileAngles(angles_deg, quoted(unit))
 
 
-@dataclass(frozen=True)
-class FilePitch:
-    """The distance between cells or rows that a file carries, in mm, and the binning in it; remarks on both."""
-
-    mm: float | None = None
-    binning: int = 1
-    remarks: tuple[Reason, ...] = ()
-
-
 def read_pitch(start: Node, path: str, bounds: Bounds) -> FilePitch:
-    """Read a pixel size, times the binning that is stated next to it.
-
-    Raises
-    ------
-    UnreadableScan
-        `out-of-range` for a size that no detector has; 0 or NaN means that the file does not know the size.
-    """
+    """Read a pixel size times the binning next to it: `out-of-range` for a size that no detector has."""
     dataset = numbers(start, path, bounds)
     if dataset is None:
         return FilePitch()
@@ -82,19 +65,16 @@ def read_pitch(start: Node, path: str, bounds: Bounds) -> FilePitch:
 def _binning(start: Node, path: str, bounds: Bounds) -> tuple[str, int | None]:
     """Read how many pixels were read as one along the axis of a pixel size: the place, and None where it is unclear."""
     folder, _, name = path.rpartition("/")
-    for candidate in ("{}_binning", "binning_{}", "binning"):
-        place = f"{folder}/{candidate.format(name[0])}"
+    for candidate in (f"{name[0]}_binning", f"binning_{name[0]}", "binning"):
+        place = f"{folder}/{candidate}"
         node = find(start, place, bounds.linked)
-        if not isinstance(node, h5py.Dataset):
-            continue
-        values = []
-        if node.dtype.kind in "iuf":
+        if isinstance(node, h5py.Dataset):
+            if node.dtype.kind not in "iuf":
+                return place, None
             check_dataset(repr(quoted(place)), node, bounds)
-            values = read_values(node, np.float64).reshape(-1).tolist()
-        # Cameras state 0 where they do not bin.
-        numbers_stated = {max(value, 1.0) for value in values}
-        binning = numbers_stated.pop() if len(numbers_stated) == 1 else math.nan
-        return place, int(binning) if binning.is_integer() else None
+            # Cameras state 0 where they do not bin.
+            (binning, *several) = {max(value, 1.0) for value in read_values(node, np.float64).flat} or (math.nan,)
+            return place, int(binning) if float(binning).is_integer() and not several else None
     return path, 1
 
 
@@ -121,4 +101,4 @@ def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:
         raise UnreadableScan(
             "wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers, along one axis"
         )
-    return packing_of(dataset).unpack(read_values(dataset, np.float64).reshape(-1))
+    return scaling_of(dataset).apply(read_values(dataset, np.float64).reshape(-1))

@@ -86,11 +86,6 @@ def children(group: h5py.Group, linked: LinkedFiles | None = None) -> Iterator[t
     """Yield every member that exists, by name; in a name that is not UTF-8 the other bytes are surrogates.
 
     Where links are followed, those that lead to no file are noted and skipped: the request does not name them.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more members, or a longer name, than are read.
     """
     for key, _ in members(group):
         try:
@@ -105,13 +100,7 @@ def children(group: h5py.Group, linked: LinkedFiles | None = None) -> Iterator[t
 
 
 def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
-    """Yield the stored name of every member and its kind of link (`h5py.h5l`), before the member is opened.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more members, or a longer name, than are read.
-    """
+    """Yield the stored name and the kind of link (`h5py.h5l`) of every member, unopened: `too-large`."""
     check_members(len(group))
     for stored in group:
         key = stored if isinstance(stored, bytes) else _key(stored)
@@ -166,13 +155,7 @@ def datasets(file: h5py.File, linked: LinkedFiles | None = None) -> Iterator[tup
 
 
 def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
-    """Return the dataset of numbers at a path, checked and not yet read; None where there is nothing.
-
-    Raises
-    ------
-    UnreadableScan
-        `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape`, `truncated-file` or `too-large`.
-    """
+    """Return the dataset of numbers at a path, checked and not yet read; None where there is nothing."""
     node = find(start, path, bounds.linked)
     if node is None:
         return None
@@ -203,7 +186,8 @@ def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
 
 def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
     """Read images by their rising indices, run by run as float32; `parts` select from the images' axes."""
-    result = np.zeros((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    lengths = (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) + 1 :])
+    result = np.zeros((len(images), *lengths), dtype=np.float32)
     if dataset.chunks is not None:
         read_chunked(dataset, result, images, parts)
         return result
@@ -211,10 +195,6 @@ def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) 
         first = int(images[start])
         dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])
     return result
-
-
-def _shape_of(dataset: h5py.Dataset, parts: tuple[slice, ...]) -> tuple[int, ...]:
-    return (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) :])
 
 
 def _runs(images: NDArray[np.intp]) -> Iterator[tuple[int, int]]:

@@ -37,13 +37,7 @@ class _Taken(Protocol):
 
 
 class LinkedFilesOnDisk:
-    """Linked files on the user's own disk; files behind external links stay open as long as the given stack.
-
-    Attributes
-    ----------
-    missing : list of UnreadableScan
-        Links to missing files that were met while members were listed.
-    """
+    """Linked files on the user's own disk; files behind external links stay open as long as the given stack."""
 
     def __init__(self, files: ExitStack) -> None:
         self.missing: list[UnreadableScan] = []
@@ -58,13 +52,7 @@ class LinkedFilesOnDisk:
         return tuple(self._paths)
 
     def root(self, beside: h5py.Group | h5py.Dataset, name: str, path: str) -> h5py.Group:
-        """Return the root group of the file that an external link names.
-
-        Raises
-        ------
-        UnreadableScan
-            `linked-file-missing`; `too-large` for more files than may be open.
-        """
+        """Return the root group of the file that an external link names: `linked-file-missing` or `too-large`."""
         target = self.locate(Path(beside.file.filename), name, repr(quoted(path)))
         if target not in self._open:
             _check_number(len(self._open) + 1, repr(quoted(path)))
@@ -72,13 +60,7 @@ class LinkedFilesOnDisk:
         return self._open[target]["/"]
 
     def locate(self, beside: Path, name: str, where: str) -> Path:
-        """Find the file that another file names: at its absolute path, or next to the other file.
-
-        Raises
-        ------
-        UnreadableScan
-            `linked-file-missing` where there is no such file.
-        """
+        """Find the file that another one names, at its absolute path or next to the other: `linked-file-missing`."""
         file = located(beside, name)
         if file is None:
             raise UnreadableScan(

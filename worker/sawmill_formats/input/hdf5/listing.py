@@ -22,11 +22,6 @@ def hdf5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
     """Yield every group, dataset and link; an object that has two names is listed once.
 
     For a link into another file its existence is reported and, where links are followed, its target, without members.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more objects than are read.
     """
     with open_hdf5(path) as file:
         yield from _Listing(bounds.linked).walk(file["/"], "/", 1)

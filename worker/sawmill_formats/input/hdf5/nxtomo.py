@@ -1,6 +1,6 @@
 """HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -12,9 +12,9 @@ from sawmill_formats.input.contents import FileAngles, FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
 from sawmill_formats.input.hdf5.modules import read_modules
-from sawmill_formats.input.hdf5.packed_values import packing_of, packing_remarks
+from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
 from sawmill_formats.input.hdf5.projections import chosen_views
-from sawmill_formats.input.hdf5.stated_axes import with_stated_axes
+from sawmill_formats.input.hdf5.stated_axes import stated_order
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
@@ -48,19 +48,13 @@ def _is_nxtomo(node: Node, linked: LinkedFiles | None) -> bool:
 
 
 def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileContents:
-    """Read one NXtomo entry.
-
-    Raises
-    ------
-    UnreadableScan
-        When a part is missing, or the parts do not agree.
-    """
+    """Read one NXtomo entry."""
     dataset = numbers(entry, DATA, bounds)
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the NXtomo entry {name_of(entry)} has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    keys = _read_image_key(entry, len(dataset), bounds.whole)
-    views = keys.values == PROJECTION
+    keys, of_keys = _read_image_key(entry, len(dataset), bounds.whole)
+    views = keys == PROJECTION
     angles = _angles_of_views(read_angles(entry, ANGLES, bounds.whole, default_unit=None), views)
     pitch, row_pitch = read_pitch(entry, CELL_PITCH, bounds.whole), read_pitch(entry, ROW_PITCH, bounds.whole)
     modules, of_modules = read_modules(entry, dataset.shape[-1], pitch.mm, bounds)
@@ -68,45 +62,33 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
     contents = FileContents(
         format="hdf5-nxtomo",
         projections=chosen_views(dataset, np.flatnonzero(views)),
-        flats=_fields(dataset, keys.values, FLAT, bounds),
-        darks=_fields(dataset, keys.values, DARK, bounds),
-        angles_deg=angles.deg,
-        angles_unit=angles.unit,
-        angles_unusable=angles.unusable,
-        detector_pitch_mm=pitch.mm,
-        row_pitch_mm=row_pitch.mm,
-        detector_binning=pitch.binning,
-        row_binning=row_pitch.binning,
+        flats=_fields(dataset, keys, FLAT, bounds),
+        darks=_fields(dataset, keys, DARK, bounds),
+        angles=angles,
+        pitch=pitch,
+        row_pitch=row_pitch,
+        order=selection.order(dataset.ndim) or stated_order(dataset),
         detector_modules=modules,
-        remarks=(*keys.remarks, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
+        remarks=(*of_keys, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
-    contents = with_stated_axes(contents, dataset, selection)
     return with_fields_beside(contents, dataset, bounds.whole, selection)
 
 
 def _angles_of_views(angles: FileAngles, views: NDArray[np.bool_]) -> FileAngles:
-    """Select the angles of the views from those of all images; a list for the views alone is one already."""
+    """Select the views' angles among the angles of all images; a list for the views alone needs no selection."""
     if angles.deg is None or len(angles.deg) == np.count_nonzero(views):
         return angles
     if len(angles.deg) == len(views):
         return replace(angles, deg=angles.deg[views])
-    number = int(np.count_nonzero(views))
-    unusable = ReadingMessage.ANGLES_OF_OTHER_NUMBER(
-        path=ANGLES, angles=len(angles.deg), images=len(views), views=number
-    )
-    return FileAngles(unusable=unusable)
+    numbers_of = {"angles": len(angles.deg), "images": len(views), "views": int(np.count_nonzero(views))}
+    return FileAngles(unusable=ReadingMessage.ANGLES_OF_OTHER_NUMBER(path=ANGLES, **numbers_of))
 
 
-@dataclass(frozen=True)
-class _ImageKeys:
-    values: NDArray[np.int64]
-    remarks: tuple[Reason, ...]
-
-
-def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKeys:
+def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> tuple[NDArray[np.int64], tuple[Reason, ...]]:
+    """Read the key of each image, and remark what is left out."""
     dataset = numbers(entry, IMAGE_KEY, bounds)
     if dataset is None:
-        return _ImageKeys(np.zeros(images, dtype=np.int64), (ReadingMessage.NO_IMAGE_KEY(path=IMAGE_KEY),))
+        return np.zeros(images, dtype=np.int64), (ReadingMessage.NO_IMAGE_KEY(path=IMAGE_KEY),)
     if dataset.shape != (images,):
         raise UnreadableScan(
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
@@ -128,7 +110,7 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
     remarks = (ReadingMessage.INVALID_IMAGES(images=invalid),) if invalid else ()
     if alignment:
         remarks = (*remarks, ReadingMessage.ALIGNMENT_IMAGES(images=alignment, key=alignment_key.rpartition("/")[2]))
-    return _ImageKeys(raw.astype(np.int64), remarks)
+    return raw.astype(np.int64), remarks
 
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
@@ -142,4 +124,4 @@ def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bo
         stored_bytes=stored,
         max_bytes=bounds.piece,
     )
-    return packing_of(dataset).unpack(read_images(dataset, images)) if len(images) else None
+    return scaling_of(dataset).apply(read_images(dataset, images)) if len(images) else None

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from sawmill_formats.input.contents import Projections
 from sawmill_formats.input.hdf5.guard import read_images
-from sawmill_formats.input.hdf5.packed_values import packing_of
+from sawmill_formats.input.hdf5.packed_values import scaling_of
 
 
 def all_views(dataset: h5py.Dataset) -> Projections:
@@ -16,12 +16,12 @@ def all_views(dataset: h5py.Dataset) -> Projections:
 
 def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections:
     """Return the images with these rising indices of a checked dataset."""
-    packing = packing_of(dataset)
+    scaling = scaling_of(dataset)
 
     def read(views: slice, rows: slice) -> NDArray[np.float32]:
         if dataset.ndim == 2:
-            return packing.unpack(read_images(dataset, images[views])[:, np.newaxis])
-        return packing.unpack(read_images(dataset, images[views], rows))
+            return scaling.apply(read_images(dataset, images[views])[:, np.newaxis])
+        return scaling.apply(read_images(dataset, images[views], rows))
 
     # Sources of a virtual dataset usually are a camera's images, which are read as a whole.
     virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None

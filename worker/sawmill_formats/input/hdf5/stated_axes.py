@@ -1,30 +1,16 @@
-"""The order of a dataset's axes as the file states it: attributes of CIL, Data Exchange and NeXus, labels of HDF5."""
+"""The order of a dataset's axes as the file states it: attributes of CIL, Data Exchange and NeXus."""
 
 import re
-from dataclasses import replace
 
 import h5py
 import numpy as np
 
-from sawmill_formats.input.contents import FileContents, named_axes
 from sawmill_formats.input.hdf5.guard import name_of
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
-from sawmill_formats.input.wanted import Wanted
-from sawmill_vocabulary.reading_messages import ReadingMessage
 
 VIEWS = re.compile("angles?|theta|rotation_angle|views?|projections?|frames?|phi", re.IGNORECASE)
 ROWS = re.compile("vertical|y|rows?|v", re.IGNORECASE)
 CELLS = re.compile("horizontal|x|columns?|cells?|detector|u", re.IGNORECASE)
-
-
-def with_stated_axes(contents: FileContents, dataset: h5py.Dataset, selection: Wanted) -> FileContents:
-    """Return contents of this dataset with the order of the axes that the file states, unless an order is given."""
-    order = None if selection.order(dataset.ndim) else stated_order(dataset)
-    if order is None:
-        return contents
-    return replace(
-        contents, order=order, remarks=(*contents.remarks, ReadingMessage.AXES_STATED(axes=named_axes(order)))
-    )
 
 
 def stated_order(dataset: h5py.Dataset) -> tuple[int, ...] | None:
@@ -35,7 +21,6 @@ def stated_order(dataset: h5py.Dataset) -> tuple[int, ...] | None:
         *([attribute_text(dataset, f"{form}{axis}") for axis in numbers] for form in ("dimension", "dim")),
         [*re.findall(r"\w+", attribute_text(dataset, "axes") or "")],
         np.asarray(attribute(dataset.parent, "axes") if is_signal else ()).astype(str).reshape(-1).tolist(),
-        np.asarray(attribute(dataset, "DIMENSION_LABELS")).astype(str).reshape(-1).tolist(),
     ]
     for names in candidates:
         order = [index for words in axes for index, name in enumerate(names) if words.fullmatch(name or "")]

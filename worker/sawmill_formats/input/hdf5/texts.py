@@ -18,13 +18,7 @@ LONGEST_TEXT_BYTES = 4096
 def read_text(
     start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: LinkedFiles | None = None
 ) -> str | None:
-    """Read the one string at a path; None where there is none.
-
-    Raises
-    ------
-    UnreadableScan
-        `external-storage`, `unsupported-storage`; `too-large` where it has more than `most_bytes`.
-    """
+    """Read the one string at a path, or None where there is none: `too-large` above `most_bytes`."""
     node = find(start, path, linked)
     if not isinstance(node, h5py.Dataset) or node.size != 1 or h5py.check_string_dtype(node.dtype) is None:
         return None
@@ -53,13 +47,7 @@ def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:
 
 
 def attribute(node: Node, name: str) -> Any:  # noqa: ANN401 - whatever the file holds
-    """Read the value of a short attribute; None where there is none.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` where it has more than some thousand bytes.
-    """
+    """Read the value of a short attribute, or None where there is none: `too-large`."""
     if name not in node.attrs:
         return None
     _check_attribute(node, name, h5py.h5a.open(node.id, name.encode()).get_storage_size())

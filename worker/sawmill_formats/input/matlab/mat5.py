@@ -21,13 +21,7 @@ MATLAB_NUMBERS = frozenset(
 
 
 def read_mat5(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
-    """Read the variables and fields of structs that are needed, and no others.
-
-    Raises
-    ------
-    UnreadableScan
-        When the file holds no projections, or they must not be read.
-    """
+    """Read the variables and fields of structs that are needed, and no others."""
     variables = list_variables(path, bounds.array)
     load = partial(_load, path, variables, bounds)
     arrays = NamedArrays(

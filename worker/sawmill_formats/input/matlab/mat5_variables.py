@@ -36,7 +36,7 @@ LONGEST_HEAD_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable or a field, and the place of its data.
+    """A variable or a field, and where the data are.
 
     Attributes
     ----------

@@ -21,13 +21,7 @@ MOST_FILES = 100_000
 
 
 def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
-    """Read the TIFF files of a folder, each opened when its views are read. Subfolders are not read.
-
-    Raises
-    ------
-    UnreadableScan
-        When there are no TIFF files of views, or one cannot be read or is of another size.
-    """
+    """Read the TIFF files of a folder, each opened when its views are read. Subfolders are not read."""
     if selection.dataset is not None:
         raise UnreadableScan("contradiction", f"a folder has no named arrays; leave out {quoted(selection.dataset)!r}")
     members = [each for each in entries(path) if not (selection.apart and each.resolve() in selection.apart)]
@@ -58,13 +52,7 @@ def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:
 
 
 def entries(path: Path) -> list[Path]:
-    """List everything in a folder, view-2 before view-10.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more files than are read.
-    """
+    """List everything in a folder, view-2 before view-10: `too-large` for more files than are read."""
     members = list(islice(path.iterdir(), MOST_FILES + 1))
     if len(members) > MOST_FILES:
         raise UnreadableScan("too-large", f"the folder holds more than {MOST_FILES} files; give one of views alone")

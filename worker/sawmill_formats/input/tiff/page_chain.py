@@ -1,6 +1,6 @@
 """The chain of pages of a TIFF, followed and added up before the library uses it.
 
-Layout: Adobe, "TIFF Revision 6.0", section 2; BigTIFF's layout differs in the widths of its numbers.
+Layout: Adobe, "TIFF Revision 6.0", section 2; BigTIFF's layout differs in the widths of numbers.
 """
 
 import struct
@@ -15,18 +15,12 @@ if TYPE_CHECKING:
     import tifffile
 
 MOST_PAGES = 100_000
-# Bytes of one value, by the number of its type.
+# Bytes of one value, by its type's number.
 VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.float64)
 
 
 def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
-    """Refuse pages that are too many, that the file does not hold as a whole, or that share their tags or values.
-
-    Raises
-    ------
-    UnreadableScan
-        `wrong-shape`, `truncated-file` or `too-large`.
-    """
+    """Refuse pages that are too many, incomplete or share data: `wrong-shape`, `truncated-file`, `too-large`."""
     layout, stream = tiff.tiff, tiff.filehandle
     width = layout.offsetsize
     tag = np.dtype([("what", "u2"), ("type", "u2"), ("count", f"u{width}"), ("at", f"V{width}")])

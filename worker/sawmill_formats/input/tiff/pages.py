@@ -40,14 +40,7 @@ MOST_TILE_PAGES, USUAL_TILE_PIXELS = 4, 256 * 256
 
 @dataclass(frozen=True, eq=False)
 class TiffPages:
-    """The pages of an open file, all checked and of one size, read when they are needed.
-
-    Attributes
-    ----------
-    shape : (pages, rows, detector)
-    values : sequence of PageValues
-        Meaning of each page's numbers.
-    """
+    """The pages (pages, rows, detector) of an open file, all checked and of one size, read when they are needed."""
 
     shape: tuple[int, int, int]
     tiff: "tifffile.TiffFile"
@@ -71,13 +64,7 @@ class TiffPages:
 
 
 def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
-
-    Raises
-    ------
-    UnreadableScan
-        When a page cannot be an image of numbers.
-    """
+    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row."""
     if selection.dataset is not None:
         raise UnreadableScan(
             "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(selection.dataset)!r}"
@@ -92,13 +79,7 @@ def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -
 
 @contextmanager
 def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator["tifffile.TiffFile"]:
-    """Open one TIFF of at least one page, of which only the chain of pages has been checked.
-
-    Raises
-    ------
-    UnreadableScan
-        `wrong-shape`, `truncated-file` or `too-large`.
-    """
+    """Open one TIFF of at least one page, of which only the chain of pages has been checked."""
     import tifffile  # noqa: PLC0415 - no other format waits for it
 
     try:

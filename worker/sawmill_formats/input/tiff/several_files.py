@@ -1,10 +1,10 @@
 """Several TIFF files, of one or more views each, as one stack: from an archive or from a folder."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import PurePosixPath
 from typing import IO
 
@@ -15,7 +15,8 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, check_size
 from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.image_names import listed, sorted_images
-from sawmill_formats.input.tiff.page_values import PageValues, values_of_scale_file
+from sawmill_formats.input.scaling import Scaling
+from sawmill_formats.input.tiff.page_values import stated_scaling
 from sawmill_formats.input.tiff.pages import TiffPages
 from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.messages import Reason
@@ -75,11 +76,6 @@ def read_files(
         Function that opens one of the other files.
     rows_missing : bool
         Whether views may have fewer rows than others.
-
-    Raises
-    ------
-    UnreadableScan
-        When there are no views, they belong to several scans, or a file cannot be read or is of another size.
     """
     what = "the archive" if format_name == "zip-of-tiffs" else "the folder"
     kinds, remarks = sorted_images([image.name for image in images], selection.fields)
@@ -98,13 +94,13 @@ def read_files(
     if any(member.shape[1] < rows for member in checked):
         rows = max(rows, 0 if flat_fields is None else flat_fields.shape[1])
         remarks.append(ReadingMessage.FEWER_ROWS(rows=rows))
-    projections = _stacked(checked, rows, bounds)
+    projections = stacked = _stacked(checked, rows, bounds)
     scale_file = str(PurePosixPath(views[0].name).with_name(SCALE_FILE))
     if scale_file in others:
         with opened(scale_file) as stream:
-            values = values_of_scale_file(quoted(scale_file), stream.read(LONGEST_SCALE_FILE))
-        projections = replace(projections, read=partial(_unpacked, projections, values))
-        remarks += values.remarks
+            scaling = _scaling_of(quoted(scale_file), stream.read(LONGEST_SCALE_FILE).decode("ascii", "replace"))
+        projections = replace(projections, read=lambda *parts: scaling.apply(stacked.read(*parts)))
+        remarks += scaling.remarks()
     ignored = sorted({*others} - {scale_file})
     if ignored:
         remarks.insert(0, ReadingMessage.OTHER_FILES(files=len(ignored), names=listed(ignored)))
@@ -112,13 +108,7 @@ def read_files(
 
 
 def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missing: bool = False) -> list[CheckedTiff]:
-    """Check each file's pages, all of one size; views may lack rows.
-
-    Raises
-    ------
-    UnreadableScan
-        A file cannot be read, or is of another size.
-    """
+    """Check each file's pages, all of one size; views may lack rows."""
     checked: list[CheckedTiff] = []
     before = 0
     for file in files:
@@ -152,11 +142,8 @@ def _stacked(files: Sequence[CheckedTiff], rows: int, bounds: Bounds) -> Project
         block = np.full((views.stop - views.start, rows_of_views.stop - rows_of_views.start, cells), np.nan, np.float32)
         for member, end in zip(files, ends.tolist(), strict=True):
             first = end - member.shape[0]
-            start, stop, end_row = (
-                max(first, views.start),
-                min(end, views.stop),
-                min(rows_of_views.stop, member.shape[1]),
-            )
+            start, stop = max(first, views.start), min(end, views.stop)
+            end_row = min(rows_of_views.stop, member.shape[1])
             if start < stop and rows_of_views.start < end_row:
                 with member.file.opened(bounds) as pages:
                     part = pages.read(slice(start - first, stop - first), slice(rows_of_views.start, end_row))
@@ -174,5 +161,6 @@ def _fields(what: str, files: Sequence[TiffFile], bounds: Bounds) -> NDArray[np.
     return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))
 
 
-def _unpacked(stored: Projections, values: PageValues, views: slice, rows: slice) -> NDArray[np.float32]:
-    return values.image(stored.read(views, rows))
+def _scaling_of(scale_file: str, text: str) -> Scaling:
+    stated = dict(re.findall(r'"(scale|offset)":\s*([^\s,}]+)', text))
+    return stated_scaling(repr(scale_file), scale_file, stated.get("scale", ""), stated.get("offset", ""), inverse=True)

@@ -270,8 +270,8 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
         flats=fields[0],
         darks=fields[1],
         angles=None if scan is None else _angles(scan, contents),
-        detector_pitch_mm=contents.detector_pitch_mm or source.detector_pitch_mm,
-        row_pitch_mm=contents.row_pitch_mm or source.row_pitch_mm,
+        detector_pitch_mm=contents.pitch.mm or source.detector_pitch_mm,
+        row_pitch_mm=contents.row_pitch.mm or source.row_pitch_mm,
         detector_modules=list(contents.detector_modules),
         unused=contents.unused,
         other_files=[str(path) for path in contents.others],
@@ -283,7 +283,7 @@ def _reading(contents: FileContents, source: InspectionInput, scan: CanonicalSca
 def _angles(scan: CanonicalScan, contents: FileContents) -> ViewAngles:
     first, last = np.rad2deg(scan.angles_rad[[0, -1]]).tolist()
     return ViewAngles(
-        first_deg=first, last_deg=last, from_file=contents.angles_deg is not None, file_unit=contents.angles_unit
+        first_deg=first, last_deg=last, from_file=contents.angles.deg is not None, file_unit=contents.angles.unit
     )
 
 
