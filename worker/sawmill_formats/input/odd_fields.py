@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_vocabulary.messages import Reason, Value, numbered
+from sawmill_vocabulary.messages import Reason, numbered
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 Fields = NDArray[np.float32]
@@ -18,12 +18,11 @@ MOST_ODD = 0.34
 def without_odd_fields(flats: Fields, darks: Fields | None) -> tuple[Fields, Fields | None, tuple[Reason, ...]]:
     """Leave out flats and darks (n, rows, detector) that depart from the others, and return remarks on them."""
     air = np.median(_levels(flats), axis=0)
-    kept_flats, odd_flats = _kept(flats, ODD_FLAT * air)
-    remarks = [ReadingMessage.FLATS_LEFT_OUT(**odd_flats)] if odd_flats else []
+    kept_flats, of_flats = _kept(flats, ODD_FLAT * air, ReadingMessage.FLATS_LEFT_OUT, ReadingMessage.FLATS_DIFFER)
     if darks is None:
-        return kept_flats, None, tuple(remarks)
-    kept_darks, odd_darks = _kept(darks, ODD_DARK * air)
-    return kept_flats, kept_darks, (*remarks, *([ReadingMessage.DARKS_LEFT_OUT(**odd_darks)] if odd_darks else []))
+        return kept_flats, None, of_flats
+    kept_darks, of_darks = _kept(darks, ODD_DARK * air, ReadingMessage.DARKS_LEFT_OUT, ReadingMessage.DARKS_DIFFER)
+    return kept_flats, kept_darks, (*of_flats, *of_darks)
 
 
 def _levels(fields: Fields) -> NDArray[np.float64]:
@@ -34,15 +33,15 @@ def _levels(fields: Fields) -> NDArray[np.float64]:
     return np.asarray(np.add.reduceat(profiles, starts, axis=1) / np.diff(starts, append=profiles.shape[1]))
 
 
-def _kept(fields: Fields, allowed: NDArray[np.float64]) -> tuple[Fields, dict[str, Value]]:
-    """Return the fields within the allowed departure (parts,) from the median field, and the numbers of the others."""
+def _kept(
+    fields: Fields, allowed: NDArray[np.float64], left_out: ReadingMessage, differ: ReadingMessage
+) -> tuple[Fields, tuple[Reason, ...]]:
+    """Return the fields within the allowed departure (parts,) from the median field, and a remark on the others."""
     levels = _levels(fields)
     odd = (np.abs(levels - np.median(levels, axis=0)) > allowed).any(axis=1)
-    if not 0 < odd.sum() <= MOST_ODD * len(fields):
-        return fields, {}
-    left_out: dict[str, Value] = {
-        "numbers": numbered(np.flatnonzero(odd).tolist()),
-        "odd": int(odd.sum()),
-        "fields": len(fields),
-    }
-    return fields[~odd], left_out
+    if not odd.any():
+        return fields, ()
+    if odd.sum() > MOST_ODD * len(fields):
+        return fields, (differ(fields=len(fields)),)
+    numbers = numbered(np.flatnonzero(odd).tolist())
+    return fields[~odd], (left_out(numbers=numbers, odd=int(odd.sum()), fields=len(fields)),)

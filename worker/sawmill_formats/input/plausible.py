@@ -37,6 +37,8 @@ AIR_SHARE = 0.02
 LEAST_FALL = 0.05
 # Where values fall behind the log, none are far above the air's level.
 MOST_ABOVE_AIR = 0.25
+# In air values change by less than this share of their changes behind the log.
+MOST_CHANGE_AT_ENDS = 0.25
 # Fewest cells of a profile, and the most views and rows of a block that are taken for it.
 LEAST_CELLS, MOST_VIEWS, MOST_ROWS = 64, 64, 8
 # Fewer angles may be any.
@@ -70,8 +72,8 @@ def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> t
         return ()
     ends = np.array([angles_deg.min(), angles_deg.max()])
     step_deg = float(np.ptp(ends)) / (views - 1)
-    # From five sixths of a half turn to two turns; no scan for tomography spans as few degrees.
-    if 2.6 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
+    # From five sixths of a half turn in turns to two turns in radians; no scan for tomography spans as few degrees.
+    if 0.4 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
         return (ReadingMessage.RADIANS_ASKED(least_deg=float(ends[0]), most_deg=float(ends[1])),)
     ends = np.deg2rad(ends)
     if (
@@ -85,20 +87,29 @@ def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> t
 
 @dataclass(frozen=True)
 class Profile:
-    """A scan along the detector: the level of air, at the detector's ends, and the values between them."""
+    """A scan along the detector: the level of air, at the detector's ends, and the values between them.
+
+    `counted` states whole numbers that change by less than the level of air, which stays at the ends.
+    """
 
     level: float = 0.0
     mean: float = 0.0
     lowest: float = 0.0
     highest: float = 0.0
+    counted: bool = False
 
     @classmethod
     def of(cls, rays: NDArray[np.float32]) -> Self:
         """Take the median of rays (rays, detector), in which NaN is missing."""
-        profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
+        rays = rays[:, np.isfinite(rays).any(axis=0)]
+        profile = np.nanmedian(rays, axis=0).astype(np.float64)
         air = max(1, round(AIR_SHARE * profile.size))
         level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
-        return cls(level, float(profile.mean()), float(profile.min()), float(profile.max()))
+        changes = np.fmax.reduce(rays, axis=0) - np.fmin.reduce(rays, axis=0)
+        at_ends = np.median(np.r_[changes[:air], changes[-air:]])
+        is_steady = at_ends < MOST_CHANGE_AT_ENDS * changes.max() and changes.max() <= level
+        counted = bool(is_steady and level > LARGEST_LOGARITHM and not np.nanmax(np.abs(rays - np.rint(rays))))
+        return cls(level, float(profile.mean()), float(profile.min()), float(profile.max()), counted)
 
     @property
     def span(self) -> float:
@@ -252,13 +263,20 @@ class SamplesOutside:
             )
 
     def check_rise(self) -> None:
-        """Refuse line integrals that fall behind the log, in the row in which they vary most: `contradiction`."""
+        """Refuse counts, and values that fall behind the log, in the row in which they vary most: `contradiction`."""
         profile = self._profile
         near_zero = abs(profile.level) < MOST_ABOVE_AIR * profile.span
         near_one_or_counts = 0.5 < profile.level < 1.5 or profile.level > LARGEST_LOGARITHM
         is_top = profile.highest - profile.level <= MOST_ABOVE_AIR * profile.span
-        if not (profile.falls and is_top and (near_zero or near_one_or_counts)):
+        falls = profile.falls and is_top and (near_zero or near_one_or_counts)
+        if not (falls or profile.counted):
             return
+        if not falls:
+            raise UnreadableScan(
+                "contradiction",
+                f"the values are whole numbers, {profile.level:.3g} at the detector's ends in every view, where line "
+                "integrals are 0; declare counts and give their flat fields",
+            )
         take = "take -ln of transmissions, or declare counts and give their flat fields"
         looks = "their sign is wrong: multiply them by -1" if near_zero else f"these look like transmissions: {take}"
         raise UnreadableScan(

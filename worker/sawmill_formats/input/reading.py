@@ -36,6 +36,8 @@ TRANSPOSE = "transpose, on the command line --transpose"
 ROWS_LAST = "axes=views,cells,rows, on the command line --axes views,cells,rows"
 # A line of this few cells shows no log; a stack of this many rows is rather the line.
 LEAST_ROWS_DOUBTED, MOST_CELLS_DOUBTED = 256, 32
+# A short scan covers a half turn and the fan of the rays.
+HALF_TURN_DEG, WIDEST_FAN_DEG = 180.0, 60.0
 # Share of the free memory for data that are read as a whole; the rest is for one block at a time, and the libraries.
 MEMORY_SHARE = 0.9
 
@@ -219,7 +221,7 @@ def canonical_scan(
         )
     flats = None if contents.flats is None else as_fields("flat", contents.flats, dimensions)
     darks = None if contents.darks is None else as_fields("dark", contents.darks, dimensions)
-    if flats is not None and (darks is None or darks.shape[1:] == flats.shape[1:]):
+    if flats is not None and flats.size and (darks is None or (darks.size and darks.shape[1:] == flats.shape[1:])):
         flats, darks, of_fields = without_odd_fields(flats, darks)
         remarks = (*remarks, *of_fields)
     return CanonicalScan(
@@ -346,14 +348,15 @@ def agree_on_angles(
 
 
 def _no_whole_turn(angles_given: AnglesGiven, views: int) -> tuple[Reason, ...]:
-    """Remark steps that make no whole number of turns, of which the last view may repeat the first one."""
+    """Remark steps that make neither whole turns, of which the last view may repeat the first one, nor a short scan."""
     if not isinstance(angles_given, AngleSteps):
         return ()
     step_deg = abs(angles_given.step_deg)
     covered_deg = views * step_deg
     # Half a step less than a turn to half a step more than a turn and one view.
     beyond_deg = (covered_deg + step_deg / 2) % 360.0
-    if covered_deg + step_deg / 2 >= 360.0 and beyond_deg <= 2.0 * step_deg:
+    is_short_scan = HALF_TURN_DEG + step_deg < covered_deg <= HALF_TURN_DEG + WIDEST_FAN_DEG
+    if is_short_scan or (covered_deg + step_deg / 2 >= 360.0 and beyond_deg <= 2.0 * step_deg):
         return ()
     return (ReadingMessage.NO_WHOLE_TURN(views=views, step_deg=f"{step_deg:g}", covered_deg=f"{covered_deg:g}"),)
 

@@ -104,7 +104,8 @@ class _ImageKeys:
 
 
 def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKeys:
-    dataset = numbers(entry, IMAGE_KEY, bounds)
+    control = numbers(entry, IMAGE_KEY_CONTROL, bounds)
+    dataset = numbers(entry, IMAGE_KEY, bounds) or control
     if dataset is None:
         return _ImageKeys(np.zeros(images, dtype=np.int64), (ReadingMessage.NO_IMAGE_KEY(path=IMAGE_KEY),))
     if dataset.shape != (images,):
@@ -112,7 +113,6 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
         )
     raw, alignment_key = read_values(dataset, np.float64), IMAGE_KEY
-    control = numbers(entry, IMAGE_KEY_CONTROL, bounds)
     if control is not None and control.shape == raw.shape:
         aligning = read_values(control, np.float64) == ALIGNMENT
         raw, alignment_key = np.where(aligning, ALIGNMENT, raw), IMAGE_KEY_CONTROL if aligning.any() else IMAGE_KEY
