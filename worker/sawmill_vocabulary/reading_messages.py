@@ -21,6 +21,16 @@ class ReadingMessage(Message):
         N_("%(odd)d of %(fields)d dark fields differ from the others and were left out: dark field %(numbers)s."),
         N_("Take dark fields with the beam off."),
     )
+    FLATS_DIFFER = (
+        "flats-differ",
+        N_("The %(fields)d flat fields differ, and it is not clear which of them are wrong: all were used."),
+        N_("Take flat fields with the beam on and nothing in it."),
+    )
+    DARKS_DIFFER = (
+        "darks-differ",
+        N_("The %(fields)d dark fields differ, and it is not clear which of them are wrong: all were used."),
+        N_("Take dark fields with the beam off."),
+    )
     MATLAB_AXES = "matlab-axes", N_("The arrays were transposed: MATLAB stores the last axis first.")
     AXES_ORDERED = "axes-ordered", N_("The axes were read in the order %(axes)s, as was asked for.")
     AXES_STATED = "axes-stated", N_("The axes were read in the order %(axes)s, as the file states it.")
@@ -45,7 +55,7 @@ class ReadingMessage(Message):
     )
     RADIANS_ASKED = (
         "radians-asked",
-        N_("The angles lie between %(least_deg).4g and %(most_deg).4g degrees: are these radians?"),
+        N_("The angles lie between %(least_deg).4g and %(most_deg).4g degrees: are these radians or turns?"),
         N_("Then state the unit rad in the file, or give degrees."),
     )
     DEGREES_ASKED = (

@@ -47,7 +47,7 @@ def exchange(*attributes, data=STACK, **members):
 def nxtomo(angles, keys, **members):
     detector = "entry/instrument/detector/"
     own = {"entry/definition": "NXtomo", detector + "data": np.concatenate([DARKS, FLATS, STACK, STACK[:1]])}
-    own |= {detector + name: value for name, value in ({"image_key": keys} | members).items()}
+    own |= {detector + name: value for name, value in ({"image_key": keys} | members).items() if value is not None}
     return hdf5(own | {"entry/sample/rotation_angle": angles}, [("entry/sample/rotation_angle", "units", "deg")])
 
 
@@ -192,6 +192,7 @@ READ = {
         "alignment-images",
         {"images": 1, "key": "image_key_control"},
     ),
+    "a control key alone": (nxtomo(np.r_[0, 0, 0, ANGLES, 9], None, image_key_control=[*KEYS, 3]), COUNTS, None, {}),
     "alignment images by the key itself": (
         nxtomo(np.r_[0, 0, 0, ANGLES, 9], [*KEYS, -1]),
         COUNTS,
@@ -418,6 +419,7 @@ TURN = np.arange(90) * 4.0 + 0.5
         (np.deg2rad(TURN), "deg", {"radians-asked"}),
         (np.deg2rad(np.mod(TURN * 55.6230559, 360.0)), "deg", {"radians-asked"}),
         (np.deg2rad(np.arange(180) * 1.0), "deg", {"radians-asked"}),
+        (TURN / 360.0, "deg", {"radians-asked"}),
         (TURN, "rad", {"degrees-asked"}),
         (TURN, "deg", set()),
         (np.deg2rad(TURN), "rad", set()),
@@ -459,11 +461,17 @@ def log(views=24, cells=96, noise=0.02):
     return (np.stack([chord, 0 * chord])[None] + noise * RNG.standard_normal((views, 2, cells))).astype(np.float32)
 
 
+# A small log that comes into each cell in a few views only, and a beam that is brighter in the middle.
+OFF_CENTRE = np.stack([np.roll(log(1)[0], shift, axis=-1) for shift in range(-16, 8)]).clip(0.0)
+
+
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
         (np.exp(-log()), "look like transmissions.* declare counts"),
         (20_000 * np.exp(-log()), "look like transmissions"),
+        (np.rint(1e4 * OFF_CENTRE), None),
+        (np.rint(1e4 * OFF_CENTRE + 1e3), None),
         (-log(), "their sign is wrong: multiply them by -1"),
         (-1000 * log(), "their sign is wrong"),
         (np.exp(-log(views=4)), "look like transmissions"),

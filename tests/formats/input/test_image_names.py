@@ -159,6 +159,11 @@ REMARKED = {
         names,
         [SORTED(position=1, names="1_5.tif, 2_5.tif, 2_9.tif, ...")],
     ),
+    "a number of two parts": (
+        names := [f"a{n // 2}_{n % 2 * 5}.tif" for n in range(90)],
+        names,
+        [SORTED(position=1, names="a0_0.tif, a0_5.tif, a1_0.tif, ...")],
+    ),
     "numbers below 0 alone": (
         [f"turn_{-n}.tif" for n in range(5)],
         [f"turn_{n - 4}.tif" for n in range(4)] + ["turn_0.tif"],
@@ -186,6 +191,7 @@ def test_names_that_differ_or_are_missing_are_named(names, views, remarks):
 SEVERAL = {
     "folders": (count("monday/scan_{}.tif") + count("tuesday/scan_{}.tif"), "monday/scan_#, tuesday/scan_#"),
     "numbered folders": (count("part1/scan_{}.tif") + count("part2/scan_{}.tif"), "part1, part2"),
+    "numbers before": (count("log7_{}.tif") + count("log8_{}.tif"), "log7_0, log8_89"),
     "prefixes": (count("top_{}.tif") + count("bottom_{}.tif", 60), "#"),
     "more fields than views can have": (count("scan_{}.tif") + count("blank_{}.tif", 60), "blank_#"),
 }

@@ -22,7 +22,8 @@ from sawmill_formats.input.plausible import (
     range_of_counts,
 )
 from sawmill_vocabulary import DetectorModule
-from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.messages import Reason, selected
+from sawmill_vocabulary.reading_messages import ReadingMessage
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
 SAME_DIRECTION_RAD = np.deg2rad(1e-6)
@@ -235,11 +236,12 @@ def _check_angles(angles_rad: NDArray[np.float64]) -> None:
 
 def _check_kind(scan: CanonicalScan) -> None:
     if scan.counts and scan.flats is None:
+        left_out = next(selected(scan.remarks, ReadingMessage.IMAGES_LEFT_OUT), None)
         raise UnreadableScan(
             "flats-missing",
             "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
             "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; on the command line also "
-            "in a file of their own (--flats); or declare line integrals",
+            "in a file of their own (--flats); or declare line integrals" + (f". {left_out}" if left_out else ""),
         )
     if not scan.counts and (scan.flats is not None or scan.darks is not None):
         raise UnreadableScan(

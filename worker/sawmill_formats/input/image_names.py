@@ -142,6 +142,9 @@ def _by_numbers(images: list[_Image]) -> tuple[list[_Image], list[Reason]]:
     columns = dict(enumerate(zip(*(rows[image.place] for image in images), strict=True)))
     varying = {place: column for place, column in columns.items() if len({*column}) > 1}
     counters = {place: spacing for place, column in varying.items() if (spacing := _spacing(column))}
+    lengths = [len({*column}) for column in varying.values()]
+    if len(lengths) == 2 and lengths[0] < lengths[1] and lengths[0] * lengths[1] == len(images):
+        raise _several_scans([images[0].name, images[-1].name])  # each number before goes with all that count
     by = min(counters or varying, key=lambda place: place in counters and counters[place][0] != 1, default=0)
     remarks = counters[by][1] if by in counters else []
     in_order = all(before <= after for column in varying.values() for before, after in pairwise(column))

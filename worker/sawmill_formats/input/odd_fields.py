@@ -18,11 +18,11 @@ MOST_ODD = 0.34
 def without_odd_fields(flats: Fields, darks: Fields | None) -> tuple[Fields, Fields | None, tuple[Reason, ...]]:
     """Leave out flats and darks (n, rows, detector) that depart from the others, and return remarks on them."""
     air = np.median(_levels(flats), axis=0)
-    flats, of_flats = _kept(flats, ODD_FLAT * air, ReadingMessage.FLATS_LEFT_OUT)
+    kept_flats, of_flats = _kept(flats, ODD_FLAT * air, ReadingMessage.FLATS_LEFT_OUT, ReadingMessage.FLATS_DIFFER)
     if darks is None or not len(darks):
-        return flats, darks, of_flats
-    darks, of_darks = _kept(darks, ODD_DARK * air, ReadingMessage.DARKS_LEFT_OUT)
-    return flats, darks, (*of_flats, *of_darks)
+        return kept_flats, darks, of_flats
+    kept_darks, of_darks = _kept(darks, ODD_DARK * air, ReadingMessage.DARKS_LEFT_OUT, ReadingMessage.DARKS_DIFFER)
+    return kept_flats, kept_darks, (*of_flats, *of_darks)
 
 
 def _levels(fields: Fields) -> NDArray[np.float64]:
@@ -33,11 +33,15 @@ def _levels(fields: Fields) -> NDArray[np.float64]:
     return np.asarray(np.add.reduceat(profiles, starts, axis=1) / np.diff(starts, append=profiles.shape[1]))
 
 
-def _kept(fields: Fields, allowed: NDArray[np.float64], message: ReadingMessage) -> tuple[Fields, tuple[Reason, ...]]:
+def _kept(
+    fields: Fields, allowed: NDArray[np.float64], left_out: ReadingMessage, differ: ReadingMessage
+) -> tuple[Fields, tuple[Reason, ...]]:
     """Return the fields within the allowed departure (parts,) from the median field, and a remark on the others."""
     levels = _levels(fields)
     odd = (np.abs(levels - np.median(levels, axis=0)) > allowed).any(axis=1)
-    if not 0 < odd.sum() <= MOST_ODD * len(fields):
+    if not odd.any():
         return fields, ()
+    if odd.sum() > MOST_ODD * len(fields):
+        return fields, (differ(fields=len(fields)),)
     numbers = numbered(np.flatnonzero(odd).tolist())
-    return fields[~odd], (message(numbers=numbers, odd=int(odd.sum()), fields=len(fields)),)
+    return fields[~odd], (left_out(numbers=numbers, odd=int(odd.sum()), fields=len(fields)),)

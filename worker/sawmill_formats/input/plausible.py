@@ -68,8 +68,8 @@ def unit_of_angles_asked(angles_deg: NDArray[np.float64], unit: str | None) -> t
         return ()
     ends = np.array([angles_deg.min(), angles_deg.max()])
     step_deg = float(np.ptp(ends)) / (views - 1)
-    # From five sixths of a half turn to two turns; no scan for tomography spans as few degrees.
-    if 2.6 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
+    # From five sixths of a half turn in turns to two turns in radians; no scan for tomography spans as few degrees.
+    if 0.4 <= np.ptp(ends) <= 4.0 * np.pi + step_deg:
         return (ReadingMessage.RADIANS_ASKED(least_deg=float(ends[0]), most_deg=float(ends[1])),)
     ends = np.deg2rad(ends)
     is_closed = np.ptp(ends) > 8.0 * np.pi and closes(views, np.deg2rad(step_deg), 180.0)

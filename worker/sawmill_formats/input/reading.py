@@ -32,6 +32,8 @@ TRANSPOSE = f"transpose, {TRANSPOSE_FLAG}"
 ROWS_LAST = "axes=views,cells,rows, on the command line --axes views,cells,rows"
 # A line of this few cells shows no log; a stack of this many rows is rather the line.
 LEAST_ROWS_DOUBTED, MOST_CELLS_DOUBTED = 256, 32
+# A short scan covers a half turn and the fan of the rays.
+HALF_TURN_DEG, WIDEST_FAN_DEG = 180.0, 60.0
 # Share of the free memory for data that are read as a whole; the rest is for one block at a time, and the libraries.
 MEMORY_SHARE = 0.9
 
@@ -241,7 +243,8 @@ def _steps_doubted(contents: FileContents, angles_given: AnglesGiven | None) -> 
         option = next((cure for length, cure in others if closes(length, step_deg, 360.0)), option)
     if option and not (contents.order or contents.angles_of_axis):
         return (ReadingMessage.AXES_DOUBTED(views=views, rows=rows, cells=cells, option=option),)
-    if not open_turn or contents.angles.deg is not None:
+    is_short_scan = HALF_TURN_DEG + step_deg < covered_deg <= HALF_TURN_DEG + WIDEST_FAN_DEG
+    if not open_turn or is_short_scan or contents.angles.deg is not None:
         return ()
     return (ReadingMessage.NO_WHOLE_TURN(views=views, step_deg=f"{step_deg:g}", covered_deg=f"{covered_deg:g}"),)
 

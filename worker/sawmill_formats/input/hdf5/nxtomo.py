@@ -86,7 +86,8 @@ def _angles_of_views(angles: FileAngles, views: NDArray[np.bool_]) -> FileAngles
 
 def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> tuple[NDArray[np.int64], tuple[Reason, ...]]:
     """Read the key of each image, and remark what is left out."""
-    dataset = numbers(entry, IMAGE_KEY, bounds)
+    control = numbers(entry, IMAGE_KEY_CONTROL, bounds)
+    dataset = numbers(entry, IMAGE_KEY, bounds) or control
     if dataset is None:
         return np.zeros(images, dtype=np.int64), (ReadingMessage.NO_IMAGE_KEY(path=IMAGE_KEY),)
     if dataset.shape != (images,):
@@ -94,7 +95,6 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> tuple[NDA
             "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
         )
     raw, alignment_key = read_values(dataset, np.float64), IMAGE_KEY
-    control = numbers(entry, IMAGE_KEY_CONTROL, bounds)
     if control is not None and control.shape == raw.shape:
         aligning = read_values(control, np.float64) == ALIGNMENT
         raw, alignment_key = np.where(aligning, ALIGNMENT, raw), IMAGE_KEY_CONTROL if aligning.any() else IMAGE_KEY
