@@ -56,7 +56,7 @@ test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 
 # What needs many repetitions: statistics over many seeds, kills by the hundred, all of storage on both databases, a
-# long schemathesis run, every byte of a form. Half an hour on two cores.
+# long schemathesis run. Half an hour on two cores.
 nightly: install-dev
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
 	@$(BIN)/python benchmarks/inject_faults.py

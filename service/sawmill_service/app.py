@@ -50,7 +50,6 @@ from sawmill_service.routes import (
     phantoms,
     reconstructions,
     retention,
-    scan_forms,
     scanners,
     scans,
     schedules,
@@ -93,7 +92,7 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for operators of the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, uploads, inspections, scans, scan_forms, calibrations, reconstructions, volumes),
+    *(scanners, phantoms, uploads, inspections, scans, calibrations, reconstructions, volumes),
     *(jobs, events, schedules, alarms, webhooks, retention, keys, audit, health, login, console),
 )
 

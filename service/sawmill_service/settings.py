@@ -91,10 +91,6 @@ class UploadSettings(BaseSettings):
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
     )
-    max_form_bytes: Annotated[int, Field(gt=0)] = Field(
-        64 * MIB,
-        description="Bytes of a scan that is sent in a form; its other fields may have `max_json_bytes` together.",
-    )
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )
@@ -194,11 +190,6 @@ class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
             msg = f"max_connections must be above max_streams ({self.max_streams}): each stream is a connection"
             raise ValueError(msg)
         return self
-
-    @property
-    def max_form_file_bytes(self) -> int:
-        """Largest file in a form, bytes: no larger than any other file."""
-        return min(self.max_form_bytes, self.max_upload_bytes)
 
     @property
     def names(self) -> list[str]:

@@ -1,5 +1,6 @@
 """Request bodies that are streamed, never held in memory as a whole, and files that are used again."""
 
+import asyncio
 import hashlib
 from collections.abc import AsyncIterator, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +13,7 @@ from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.errors import UploadTooLarge
-from sawmill_platform.files.upload_stream import Content, Received, in_parts, in_thread
+from sawmill_platform.files.upload_stream import Received, in_parts
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_service.dependencies import TheInspections, TheUploads
 from sawmill_service.http.bodies.body_sums import BodySums
@@ -20,8 +21,8 @@ from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, em
 from sawmill_service.http.problems import Refused
 from sawmill_store.inspections import Inspections
 
-# Forms are parsed in Python, and repeated files are not urgent: neither takes the threads of other requests.
-_APART = ThreadPoolExecutor(2, "forms-and-repeats")
+# Repeated files are not urgent: they do not take the threads of other requests.
+_REPEATS = ThreadPoolExecutor(2, "repeats")
 
 InspectionId = Annotated[
     Identifier | None,
@@ -48,12 +49,12 @@ class Reception:
         Raises
         ------
         Refused
-            Both ids are given; or a refusal of `body`.
+            Both ids are given; or a refusal of `_body`.
         NotFound, Conflict, UploadTooLarge
             There is no such inspection or upload, its file has been removed, is incomplete or used, or is too large.
         """
         if inspection_id is None and upload_id is None:
-            return await self.body(max_bytes=max_bytes)
+            return await self._body(max_bytes)
         if inspection_id is not None and upload_id is not None:
             raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
         await check_no_file(self.request)
@@ -67,13 +68,8 @@ class Reception:
             raise
         return received
 
-    async def body(self, *, max_bytes: int, form: Content | None = None) -> Received:
+    async def _body(self, max_bytes: int) -> Received:
         """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read.
-
-        Parameters
-        ----------
-        form
-            Content that the body represents; None: the body is the file.
 
         Raises
         ------
@@ -82,14 +78,10 @@ class Reception:
         UploadTooLarge, StorageFull
             The file has more bytes than allowed, or there is no room for it.
         """
-        content = form or SentContent(self.request.headers)
+        content = SentContent(self.request.headers)
         reserve_bytes = await run_in_threadpool(self.uploads.check_room_for, declared_bytes(self.request))
         return await self.uploads.files.receive_stream(
-            chunks(self.request),
-            max_bytes=max_bytes,
-            reserve_bytes=reserve_bytes,
-            content=content,
-            executor=None if form is None else _APART,
+            chunks(self.request), max_bytes=max_bytes, reserve_bytes=reserve_bytes, content=content
         )
 
 
@@ -126,19 +118,16 @@ def _check(received: Received, max_bytes: int) -> None:
         FirstBytes().look(file.read(FirstBytes.NUMBER))
 
 
-async def body_sha256(request: Request, content: SentContent, *, max_bytes: int) -> str:
-    """Compute the SHA-256 of the sent content, which is not kept; refuse unreadable content like `Reception.body`."""
-    size, digest = 0, hashlib.sha256()
+async def body_sha256(request: Request, *, max_bytes: int) -> str:
+    """Compute the SHA-256 of the file in the body, which is not kept; refuse the body like `Reception.file`."""
+    size, digest, content = 0, hashlib.sha256(), SentContent(request.headers)
+    loop = asyncio.get_running_loop()
     async for part in in_parts(chunks(request)):
-        size += await in_thread(_APART, _add, digest, content.take(part))
+        size += await loop.run_in_executor(_REPEATS, _add, digest, content.take(part))
         if size > max_bytes:
             raise UploadTooLarge(max_bytes)
-    return await in_thread(_APART, _ended, digest, content)
-
-
-def _ended(digest: "hashlib._Hash", content: SentContent) -> str:
-    content.end()
-    return content.sha256_with(digest.hexdigest())
+    await loop.run_in_executor(_REPEATS, content.end)
+    return digest.hexdigest()
 
 
 def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> int:

@@ -20,7 +20,6 @@ READ_ALONE = {"GET", "HEAD"}
 FOLLOWED_BY = {
     "upload_phantom_picture": ("queued", "phantom"),
     "upload_scan": ("queued", "scan"),
-    "upload_scan_form": ("queued", "scan"),
     "activate_calibration": ("calibration-rolled-back", "calibration"),
     "discard_calibration": ("calibration-discarded", "calibration"),
     "acknowledge_alarm": ("alarm-acknowledged", "scanner"),

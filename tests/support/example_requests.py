@@ -17,7 +17,5 @@ def add_what_is_decided(store: Store) -> None:
 
 
 def with_file(example: dict[str, Any], content: bytes) -> dict[str, Any]:
-    """What httpx is given for an example whose file has this content: the body, or a part of a form."""
-    if example["media_type"] == "multipart/form-data":
-        return {"data": example["body"], "files": {"file": content}}
+    """What httpx is given for an example whose body is a file of this content."""
     return {"content": content, "headers": example["headers"] | {"Content-Type": example["media_type"]}}

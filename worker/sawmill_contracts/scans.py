@@ -13,7 +13,6 @@ from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
-from sawmill_platform.contracts.conditions import Schema, one_of, require, without
 from sawmill_platform.contracts.kinds import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_vocabulary.texts import N_
@@ -106,12 +105,6 @@ class ScanFileOptions(PrepareOptions):
             )
             raise ValueError(msg)
         return self
-
-
-def state_what_is_averaged(schema: Schema) -> None:
-    """State which options go with `averaged_rows`, in the schema of a body that has these options."""
-    for condition in (one_of("data", ["line-integrals"]), one_of("align_rows", ["off"], default="off")):
-        require(schema, "averaged_rows", without("averaged_rows"), condition)
 
 
 class UnregisteredScanOptions(ScanFileOptions):

@@ -55,7 +55,7 @@ STATUS: Mapping[type[Exception], int] = {
 }
 # Pydantic's remark on a default that depends on a refused value.
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
-# Type of our own errors, about parts of a query or a form that no model sees; the message is a sentence.
+# Type of our own errors, about parts of a query or a body that no model sees; the message is a sentence.
 STATED = "stated"
 COME_BACK = {"Retry-After": "5"}  # seconds, for every 503 and for busy resources
 

@@ -24,7 +24,6 @@ from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest, Repeats
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheFiles, TheRepeats
-from sawmill_service.http.bodies.sent_content import SentContent
 from sawmill_service.http.problems import Refused
 from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_store.mill_files import MillFiles
@@ -97,42 +96,37 @@ class Repeatable:
             raise _repeated(made, self.request)
         return made
 
-    def once_with(self, received: Received, make: Callable[[], Made], *, sent_sha256: str | None) -> Made:
+    def once_with(self, received: Received, make: Callable[[], Made], *, in_body: bool) -> Made:
         """Call `once` with a received file, which is discarded unless `make` takes it.
 
-        `sent_sha256` is None if the file came before this request.
+        `in_body` is False if the file came before this request.
         """
         try:
-            return self.once(make, file_sha256=sent_sha256)
+            return self.once(make, file_sha256=received.sha256 if in_body else None)
         finally:
             self.files.discard(received)
 
     @asynccontextmanager
-    async def unless_repeated(self, content: SentContent | None = None) -> AsyncIterator[None]:
+    async def unless_repeated(self) -> AsyncIterator[None]:
         """Answer a repeat before the block, which receives a file or looks up a file by name.
 
         The block may refuse the request because the first request was answered in the meantime. The request is a repeat
         then too, unless a part of the body has been read, so that no checksum can be computed any more.
-
-        Parameters
-        ----------
-        content
-            Content of the body; None: the body is the file.
 
         Raises
         ------
         AnsweredBefore, Invalid
             See `check_sent`.
         """
-        await self.check_sent(content)
+        await self.check_sent()
         try:
             yield
         except (HTTPException, StorageError):
             if not body_begun(self.request):
-                await self.check_sent(content)
+                await self.check_sent()
             raise
 
-    async def check_sent(self, content: SentContent | None = None) -> None:
+    async def check_sent(self) -> None:
         """Answer a repeat; its body is read for that: the file, or nothing if the request names an earlier file.
 
         Raises
@@ -154,8 +148,7 @@ class Repeatable:
             await check_no_file(self.request)
         elif same:
             max_bytes = self.request.app.state.settings.max_upload_bytes
-            what = content or SentContent(self.request.headers)
-            digest = await body_sha256(self.request, what, max_bytes=max_bytes)
+            digest = await body_sha256(self.request, max_bytes=max_bytes)
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)), self.request)
 
     def _kept(self, made: Contract) -> KeptAnswer:

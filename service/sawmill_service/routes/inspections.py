@@ -76,8 +76,7 @@ async def inspect_file(
         accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
         return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
 
-    sent_sha256 = received.sha256 if upload.sends_file else None
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, in_body=upload.sends_file)
 
 
 @router.delete(

@@ -114,8 +114,7 @@ async def upload_phantom_picture(
         accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
         return phantom
 
-    sent_sha256 = received.sha256 if upload.upload_id is None else None
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, in_body=upload.upload_id is None)
 
 
 @router.get("", summary="List phantoms, newest first", responses=refuses("invalid-cursor"))

@@ -1,6 +1,5 @@
 """/v1/scans."""
 
-from functools import partial
 from typing import Annotated
 
 from fastapi import Query, Request, Response
@@ -12,8 +11,7 @@ from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.files.upload_stream import Received
-from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake, Wake
+from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake
 from sawmill_service.drawing import BYTES_PER_VALUE, scan_thumbnail
 from sawmill_service.finished import ready_scan
 from sawmill_service.http.document.described_answers import drawn, stored
@@ -24,7 +22,6 @@ from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, ac
 from sawmill_service.http.responses.drawn import kept_picture, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
-from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, TheReception, UploadId
 
 router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
@@ -37,29 +34,10 @@ class ScanFilter(Dated):
     state: ScanState | None = None
 
 
-class GivenScan(Given, ScanSpec):
-    """Description of a scan that is sent with its file, and the priority of reading."""
-
-    priority: AskedPriority = Priority.WAITED_FOR
-
-    @property
-    def spec(self) -> ScanSpec:
-        """Description that is stored."""
-        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
-
-    def accept(
-        self, received: Received, response: Response, scans: TheScans, settings: ServiceSettings, wake: Wake
-    ) -> Scan:
-        """Store the scan with its file, and queue the job that reads the file."""
-        scan = scans.accept(self.spec, received, priority=self.priority)
-        wake(scan.job_id)
-        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
-        return scan
-
-
-class ScanUpload(GivenScan):
+class ScanUpload(Given, ScanSpec):
     """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
 
+    priority: AskedPriority = Priority.WAITED_FOR
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 
@@ -67,6 +45,11 @@ class ScanUpload(GivenScan):
     def sends_file(self) -> bool:
         """True if the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
+
+    @property
+    def spec(self) -> ScanSpec:
+        """Description that is stored."""
+        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
 
 class SinogramQuery(Given):
@@ -118,9 +101,13 @@ async def upload_scan(
         await run_in_threadpool(scans.check, upload.spec)
         received = await reception.file(upload.inspection_id, upload.upload_id, max_bytes=settings.max_upload_bytes)
 
-    make = partial(upload.accept, received, response, scans, settings, wake)
-    sent_sha256 = received.sha256 if upload.sends_file else None
-    return await run_in_threadpool(repeatable.once_with, received, make, sent_sha256=sent_sha256)
+    def accepted() -> Scan:
+        scan = scans.accept(upload.spec, received, priority=upload.priority)
+        wake(scan.job_id)
+        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
+        return scan
+
+    return await run_in_threadpool(repeatable.once_with, received, accepted, in_body=upload.sends_file)
 
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))

@@ -27,7 +27,6 @@ import re
 import shutil
 import threading
 from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -387,7 +386,6 @@ class FileStore:
         max_bytes: int,
         reserve_bytes: int = 0,
         content: Content | None = None,
-        executor: Executor | None = None,
     ) -> Received:
         """Write a request's body as `receive` does; an upload that is broken off leaves nothing behind.
 
@@ -397,11 +395,9 @@ class FileStore:
             Bytes that must stay free on the disk.
         content
             Decoder of the body; null: the body is the file's bytes.
-        executor
-            Executor whose threads write the upload; null: the executor of all uploads.
         """
         arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
-        return await receive_in_threads(arriving, chunks, content or AsSent(), executor)
+        return await receive_in_threads(arriving, chunks, content or AsSent())
 
     def _keep(self, content: bytes, path: Path) -> None:
         made = self.receive([content], max_bytes=len(content))

@@ -1,16 +1,14 @@
 """A file that is written as it arrives: limited in size, counted, hashed, and never in the disk's reserve."""
 
 import asyncio
-import contextvars
 import hashlib
 import os
 import shutil
 import time
-from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable
-from concurrent.futures import Executor
+from collections.abc import AsyncIterable, AsyncIterator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO, Protocol
 
 from sawmill_platform.errors import StorageFull, UploadTooLarge, disk_outage_reported
 
@@ -20,8 +18,6 @@ PART_BYTES = 256 * 2**10
 _PART_S = 1.0
 # Bytes between two checks of the disk. They are flushed then, so that no other write waits long for them.
 STEP_BYTES = 16 * 2**20
-
-Done = TypeVar("Done")
 
 
 @dataclass(frozen=True)
@@ -122,29 +118,21 @@ class Arriving:
             self._file.close()
 
 
-async def receive_in_threads(
-    arriving: Arriving, chunks: AsyncIterable[bytes], content: Content, executor: Executor | None = None
-) -> Received:
+async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], content: Content) -> Received:
     """Write an upload in threads: neither the disk nor the digests keep other requests waiting."""
     last = b""  # written together with the end, it takes one thread, not two: most bodies are one part
     try:
         async for part in in_parts(chunks):
             if last:
-                await in_thread(executor, arriving.take, content, last)
+                await asyncio.to_thread(arriving.take, content, last)
             last = part
-        return await in_thread(executor, arriving.take_last, content, last)
+        return await asyncio.to_thread(arriving.take_last, content, last)
     except Exception:
         await asyncio.to_thread(arriving.abandon)
         raise
     except BaseException:  # a cancelled upload may not wait for a thread
         arriving.abandon()
         raise
-
-
-async def in_thread(executor: Executor | None, call: Callable[..., Done], *given: object) -> Done:
-    """Call a function as `asyncio.to_thread` does, in an executor's thread; null: the event loop's own executor."""
-    run = contextvars.copy_context().run
-    return await asyncio.get_running_loop().run_in_executor(executor, run, call, *given)
 
 
 async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:

@@ -36,7 +36,7 @@ class KeyedRequest:
     request_sha256 : str
         Digest of everything that identifies the request, except a file.
     file_sha256 : str or None
-        Digest of the uploaded file, and of the fields that a form sent with it; null: no file was sent.
+        Digest of the uploaded file; null: no file was sent.
     """
 
     caller: str

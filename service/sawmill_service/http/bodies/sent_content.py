@@ -55,8 +55,6 @@ class SentContent:
         Whether the bytes may be packed by gzip.
     begins
         Whether the bytes are the first ones of the file.
-    of_form
-        Whether the body is a form and no file; the reader of the form checks the form's type and its file.
 
     Raises
     ------
@@ -64,9 +62,11 @@ class SentContent:
         415 `unsupported-media-type`, `unsupported-encoding`; 400 `bad-digest`.
     """
 
-    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True, of_form: bool = False) -> None:
-        if not of_form:
-            check_media_type(headers.get("content-type", ""))
+    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
+        media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+        if _NO_FILE.fullmatch(media_type):
+            detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}"
+            raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
         encoding = (all_lines(headers, "content-encoding") or "identity").strip().lower()
         if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
             detail = f"the body may come as it is{' or packed by gzip' if packed else ''}, not by {encoding[:100]!r}"
@@ -74,18 +74,14 @@ class SentContent:
             raise Refused(415, "unsupported-encoding", detail, accepted)
         self._sums = BodySums(headers)
         self._gzip = Gunzip() if encoding.endswith("gzip") else None
-        self._first = FirstBytes() if begins and not of_form else None
-        self._stripped = _media_type(headers.get("content-type", "")) == _DATA
+        self._first = FirstBytes() if begins else None
+        self._stripped = media_type == _DATA
         self._taken_bytes = 0
 
     @property
     def has_digest(self) -> bool:
         """True if the body has a digest, which can be checked only when it has arrived whole."""
         return bool(self._sums)
-
-    def sha256_with(self, file_sha256: str) -> str:
-        """Return the checksum by which the body is recognised, here the file's."""
-        return file_sha256
 
     def take(self, part: bytes) -> Iterator[bytes]:
         """Yield the file's bytes that a part of the body holds."""
@@ -165,18 +161,6 @@ class Gunzip:
         if self._given > _FREE_BYTES + _MOST_RATIO * self._taken:
             detail = f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is"
             raise Refused(413, "packed-too-well", detail)
-
-
-def check_media_type(content_type: str) -> None:
-    """Refuse a body whose media type belongs to no file, before a byte is read."""
-    media_type = _media_type(content_type)
-    if _NO_FILE.fullmatch(media_type):
-        detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}"
-        raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
-
-
-def _media_type(content_type: str) -> str:
-    return content_type.partition(";")[0].strip().lower()
 
 
 def empty_body() -> Refused:

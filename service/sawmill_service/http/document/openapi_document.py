@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fastapi import FastAPI
-from pydantic import BaseModel
 
-from sawmill_service.http.bodies.sent_form import FILE
-from sawmill_service.http.bodies.sent_form import MEDIA_TYPE as FORM
 from sawmill_service.http.document.described_answers import BINARY, HEADERS, describe_answers
 from sawmill_service.http.document.openapi_words import complete
 from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
@@ -46,18 +43,6 @@ def trying_file(
         "x-example-file": file,
         "requestBody": {"required": required, "content": {media_type: {"schema": BINARY}}},
     }
-
-
-def trying_form(
-    model: type[BaseModel],
-    file: str,
-    **fields: Any,  # noqa: ANN401 - any JSON value
-) -> dict[str, Any]:
-    """Give the values for an operation that parses a form of a model's fields and a file itself."""
-    schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
-    schema["properties"] = {name: _not_null(described) for name, described in schema["properties"].items()}
-    content = {FORM: {"schema": schema}}
-    return {TRY: {"body": fields}, "x-example-file": file, "requestBody": {"required": True, "content": content}}
 
 
 class Application(FastAPI):
@@ -124,11 +109,8 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     schemas = components.setdefault("schemas", {})
     for generated in ("HTTPValidationError", "ValidationError"):
         schemas.pop(generated, None)
-    _share(Problem.model_json_schema(ref_template="#/components/schemas/{model}"), schemas)
-    for _, _, operation in _operations(document):
-        form = operation.get("requestBody", {}).get("content", {}).get(FORM)
-        if form:
-            form["schema"] = _share(form["schema"], schemas)
+    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas |= problem.pop("$defs") | {problem["title"]: problem}
     _name_by_title(document, schemas)
     components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
@@ -147,13 +129,6 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         _give_examples(operation, operation.pop(TRY, {}))
     components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
     return document
-
-
-def _share(schema: dict[str, Any], schemas: dict[str, Any]) -> dict[str, str]:
-    """Add a schema and its inner schemas to FastAPI's schemas, and return a reference to it."""
-    schemas.update(schema.pop("$defs", {}))
-    schemas[schema["title"]] = schema
-    return {"$ref": f"#/components/schemas/{schema['title']}"}
 
 
 def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
@@ -250,8 +225,8 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
         elif parameter["required"] and examples:
             parameter["example"] = examples[0]
     if "body" in values:
-        [(media_type, media)] = operation["requestBody"]["content"].items()
-        media["example"] = values["body"] | ({FILE: "the bytes of the file"} if media_type == FORM else {})
+        [media] = operation["requestBody"]["content"].values()
+        media["example"] = values["body"]
 
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
@@ -263,16 +238,13 @@ def _example_request(path: str, method: str, operation: dict[str, Any]) -> Examp
             path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
     content = operation.get("requestBody", {}).get("content", {})
     media_type = next(iter(content), None)
-    body = content[media_type].get("example") if media_type else None
-    if media_type == FORM and body:
-        body = {name: value for name, value in body.items() if name != FILE}
     return ExampleRequest(
         operation_id=operation["operationId"],
         method=method.upper(),
         path=path,
         headers=headers,
         query=query,
-        body=body,
+        body=content[media_type].get("example") if media_type else None,
         body_file=operation.get("x-example-file"),
         media_type=media_type,
     )

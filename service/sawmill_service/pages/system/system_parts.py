@@ -32,7 +32,6 @@ PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery"
 # Limits that a person meets: uploads, requests, streams. Locations and secrets are not shown on a page.
 LIMITS = (
     "max_upload_bytes",
-    "max_form_bytes",
     "max_picture_bytes",
     "max_json_bytes",
     "max_connections",
