@@ -101,6 +101,12 @@ READ = {
         "unpacked",
         {"offset": "-1000"},
     ),
+    "packed as in DICOM": (
+        exchange((DATA, "RescaleSlope", 1), (DATA, "RescaleIntercept", -1000), data=PACKED),
+        COUNTS,
+        "unpacked",
+        {"offset": "-1000"},
+    ),
     "packed darks": (
         exchange(("exchange/data_dark", "add_offset", 5.0), data_dark=DARKS - 5),
         COUNTS,

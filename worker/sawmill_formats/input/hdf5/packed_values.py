@@ -13,7 +13,8 @@ from sawmill_vocabulary.messages import Reason
 # Values are the stored numbers times the scale, plus the offset: CF conventions 1.11, 8.1. CIL's NEXUSDataWriter stores
 # value * scale + offset; from another writer this pair may mean anything.
 CIL, CIL_WRITER = ("scale", "offset"), "NEXUSDataWriter"
-PAIRS = (("scale_factor", "add_offset"), ("slope", "intercept"), CIL)
+OTHERS = (("slope", "intercept"), ("RescaleSlope", "RescaleIntercept"), ("scaling_factor", "scaling_offset"))
+PAIRS = (("scale_factor", "add_offset"), *OTHERS, CIL)
 NEUTRAL = {name: number for pair in PAIRS for name, number in zip(pair, (1.0, 0.0), strict=True)}
 
 
