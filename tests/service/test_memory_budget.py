@@ -222,7 +222,8 @@ def test_no_answer_takes_more_memory_than_it_reserves(seeded, store, settings, w
     peaks = [peak_of(status_of(app, path.format("large", "high", "large", "fi"))) for path in paths]
     found = dict(zip(paths, zip(peaks, budget.reserved_bytes, strict=True), strict=True))
     assert {path: both for path, both in found.items() if both[0] > both[1]} == {}
-    assert all(peak >= 4 * side**2 for path, (peak, _) in found.items() if "slices" in path)
+    # Memory that the process had before may serve an answer, but not all of them: else no peak was measured.
+    assert max(peak for path, (peak, _) in found.items() if "slices" in path) >= 4 * side**2
 
 
 @pytest.fixture

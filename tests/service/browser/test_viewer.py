@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from damaged_files import written_by_its_job
 from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
@@ -65,6 +66,7 @@ def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, f
         input_sha256="0" * 64,
     ) as file:
         file.write(0, volume)
+    written_by_its_job(store, path)
     with store.database.write() as session:
         row = session.get(ReconstructionRow, log_id)
         row.result = row.result | {"shape": volume.shape, "pixel_mm": PIXEL_MM, "value_range": [0.0, 4.0]}
