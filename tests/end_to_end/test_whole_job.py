@@ -41,6 +41,7 @@ def test_from_a_stack_of_counts_to_a_theta_and_a_log(engine, mill_scan, events, 
     reported = events(engine, asked["job_id"])
     fractions = [job["progress"]["fraction"] for job in reported if job["progress"]]
     assert reported[-1]["state"] == "succeeded"
+    assert [job["waiting_for"] for job in reported if job["waiting_for"]] == []
     assert reported[-1]["attempt"] == 1
     assert fractions == sorted(fractions)
     assert engine.wait(wanted["job_id"])["state"] == "succeeded"
