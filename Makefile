@@ -59,13 +59,14 @@ test: lint
 # long schemathesis run. Half an hour on two cores.
 nightly: install-dev
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
-	@$(BIN)/python benchmarks/inject_faults.py
+	@$(BIN)/python -m tests.faults.inject_faults
+	@$(BIN)/python tests/faults/planted.py
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel
 
 study-wheel: install-dev
-	@$(BIN)/python benchmarks/wheel.py
+	@$(BIN)/python installation/try_wheel.py
 
 # Errors of 800 production logs, about fifteen minutes, and then the drift chart's run lengths with them, about five.
 study-run-lengths: install-dev
@@ -95,7 +96,7 @@ docs: install-dev
 	@$(BIN)/python docs/generate.py
 
 # Studies, minutes each; every figure in the documents names the one it is from.
-bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift
+bench: bench-speed bench-fbp
 
 # Is this commit slower or less exact than its parent, or than AGAINST=COMMIT? A quarter of an hour, on an idle machine.
 bench-guard: install-dev
@@ -107,16 +108,6 @@ bench-speed: install-dev
 
 bench-fbp: install-dev
 	@$(BIN)/python benchmarks/reconstruction_speed.py
-
-bench-memory: install-dev
-	@$(BIN)/python benchmarks/memory.py
-
-bench-http: install-dev
-	@$(BIN)/python benchmarks/http_latency.py
-
-# OPTIONS: --gb 4, --part-mb 64, --only raw parts.
-bench-upload: install-dev
-	@$(BIN)/python benchmarks/big_upload.py $(OPTIONS)
 
 bench-viewer: install-dev
 	@$(BIN)/python benchmarks/viewer.py
@@ -132,41 +123,15 @@ study-load: install-dev
 bench-job-price: install-dev
 	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)
 
-bench-unsteady: install-dev
-	@$(BIN)/python benchmarks/unsteady.py --scans 62
-
-bench-seeds: install-dev
-	@$(BIN)/python benchmarks/seeds.py
-
-bench-scanners: install-dev
-	@$(BIN)/python benchmarks/random_scanners.py --scans 150 --seed 2 --write
-
-bench-coverage: install-dev
-	@$(BIN)/python benchmarks/coverage.py
-
-bench-misspecified: install-dev
-	@$(BIN)/python benchmarks/misspecified.py
-
-# Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE, --write.
-bench-mill: install-dev
-	@$(BIN)/python benchmarks/mill.py $(OPTIONS)
-
 # Do the bounds hold in each family of faults? Scans by exact chords; hours; goes on where it stopped.
 # OPTIONS: --scans N, --family NAME, --jobs N, --out FILE, --write.
 study-mill: install-dev
 	@$(BIN)/python benchmarks/families.py $(OPTIONS)
 
-# Do the intervals of one drift look hold? OPTIONS: --logs, --views, --rows, --encoder, --nails.
-study-drift: install-dev
-	@$(BIN)/python benchmarks/drift_coverage.py $(OPTIONS)
-
 # Drift checks of production logs by exact chords: modules, wobble, nails, slides, short turns. Goes on where it stopped;
 # ten minutes of a core. OPTIONS: --logs N (of each class), --only CLASS, --out FILE, --show, --write.
 study-production-logs: install-dev
 	@$(BIN)/python benchmarks/production_logs.py $(OPTIONS)
-
-bench-drift: install-dev
-	@$(BIN)/python benchmarks/drift.py
 
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
@@ -174,15 +139,15 @@ paper: install-dev
 
 # The figures of all pages, and docs/evidence, from benchmarks/results, which the commands that measure write.
 figures:
-	@$(PYTHON) benchmarks/figures.py
-	@$(PYTHON) benchmarks/evidence.py
+	@$(PYTHON) docs/tools/figures.py
+	@$(PYTHON) docs/tools/evidence.py
 
 # The drawings of the pages, from the code.
 drawings: install-dev
-	@$(BIN)/python benchmarks/geometry_drawing.py
-	@$(BIN)/python benchmarks/scanner_drawings.py
-	@$(BIN)/python benchmarks/package_drawing.py
-	@$(BIN)/python benchmarks/fit_drawing.py
+	@$(BIN)/python docs/tools/geometry_drawing.py
+	@$(BIN)/python docs/tools/scanner_drawings.py
+	@$(BIN)/python docs/tools/package_drawing.py
+	@$(BIN)/python docs/tools/fit_drawing.py
 
 # A line's logs on several machines, one of which is killed. As root, on an idle machine; half an hour. OPTIONS: --logs N.
 study-machines: install-dev
@@ -191,12 +156,6 @@ study-machines: install-dev
 # The tables of docs/understand/measured.md, where the measured discs are. Six minutes. OPTIONS: --only PART, --processes N.
 measured: install-dev
 	@$(BIN)/python benchmarks/measured.py $(OPTIONS)
-
-bench-preparing: install-dev
-	@$(BIN)/python benchmarks/preparing.py
-
-bench-iterative: install-dev
-	@$(BIN)/python benchmarks/iterative.py
 
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
@@ -209,11 +168,7 @@ study-logs: install-dev
 
 # No job is lost: kills, stops, outages, wrong clocks. Ten minutes. OPTIONS: --long (an hour), --only, --engine, --seed.
 faults: install-dev
-	@$(BIN)/python benchmarks/inject_faults.py $(OPTIONS)
-
-# A watched folder: 300 files, the watcher and the service are killed. OPTIONS: --files N, --seed N, --longest SECONDS.
-faults-folder: install-dev
-	@$(BIN)/python benchmarks/watched_folder.py $(OPTIONS)
+	@$(BIN)/python -m tests.faults.inject_faults $(OPTIONS)
 
 # Every page in every state, language, width and colours, into SHOTS, which is outside of the repository; then the
 # pictures in docs/pictures. By Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
@@ -221,11 +176,11 @@ SHOTS ?= /tmp/sawmill-screenshots
 screenshots: install-dev
 	@mkdir -p $(SHOTS)
 	@SAWMILL_SCREENSHOTS=$(SHOTS) $(BIN)/python -m pytest --quiet -m nightly tests/service/browser/test_every_page.py
-	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
+	@$(BIN)/python docs/tools/screenshots.py $(OPTIONS)
 
 # The notebooks in examples/ with their outputs, and the page that is made from one of them. Two minutes.
 notebooks: install-dev
-	@$(BIN)/python benchmarks/notebooks.py
+	@$(BIN)/python docs/tools/notebooks.py
 	@$(BIN)/python docs/generate.py
 
 # One archive for a machine without a network, of the commit that is checked out, in dist/.

@@ -2,7 +2,7 @@
 
     python benchmarks/fixed_scans.py [--write] [--jobs 2]
 
-`fixed_scans.json` names them by their numbers in `mill.py`'s study of seed 1, with the answer to each. Exit code 1
+`fixed_scans.json` names them by their numbers in `mill_scans.py` with seed 1, with the answer to each. Exit code 1
 where a verdict, a refusal or a hypothesis is another one, or where a number of the geometry moved by more than a tenth
 of its standard deviation. `--write` keeps the answers of this commit as those to compare with. Half a minute.
 The geometry is theta as (psi, R, SDD, u_c, tau), whose deviations are known where the source shift's is not.

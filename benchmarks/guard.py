@@ -37,8 +37,7 @@ from typing import Any
 import guard_rows
 import httpx
 import numpy as np
-from http_latency import scan_of
-from job_price import VIEWS, calibrated
+from job_price import VIEWS, calibrated, scan_of
 from scanners import SCANNER
 from scans import TRUE_THETA, rotated_ray_error_mm, sources
 

@@ -24,15 +24,34 @@ from datetime import datetime
 from pathlib import Path
 
 import httpx
-from http_latency import by_events, scan_of
 from measurement import Measurement
 
-from sawmill_command import demo_client
+from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import Json
 
 HERE = Path(__file__).resolve().parents[1]
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 VIEWS, REST_S, QUIET_S, QUEUED = 20, 10.0, 1.5, 40
+
+
+def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
+    """Create a scanner, and a stack of it with the phantom on a log's end, read and ready; return the scan's id."""
+    stack = folder / "stack.h5"
+    examples.write_mill_stack(stack, views, examples.mill_slices())
+    # An earlier version, with which the guard compares, does not know all fields.
+    spec = {"name": "line", "constants": {name: value for name, value in vars(examples.SCANNER).items() if value != ()}}
+    scanner = demo_client.post(client, "/v1/scanners", json=spec)
+    fields = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{examples.PHANTOM_ROWS}"}
+    scan = demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **fields)
+    return str(scan["id"])
+
+
+def by_events(client: httpx.Client, job_id: str) -> None:
+    """Wait for the event `end`."""
+    with client.stream("GET", f"/v1/jobs/{job_id}/events") as stream:
+        for line in stream.iter_lines():
+            if line == "event: end":
+                return
 
 
 def processes(root: int | None = None) -> list[int]:

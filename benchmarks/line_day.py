@@ -3,10 +3,13 @@
 The tables are made from the values that `benchmarks/load.py` measures.
 """
 
+import sys
 from collections.abc import Iterable, Sequence
 from math import ceil, log2
+from pathlib import Path
 from typing import Any
 
+sys.path.append(str(Path(__file__).parents[1] / "docs/tools"))
 from figures import rounded
 
 LOGS, VIEWS, ROWS, CELLS, SAMPLE_BYTES = 2000, 20, 2500, 768, 2

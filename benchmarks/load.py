@@ -13,6 +13,7 @@ prints, unless `--results` names a folder.
 """
 
 import argparse
+import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from faults.servers import Postgres
 from filled_line import Line
 from job_price import name_of, processes, pss_mib
 from line_day import ROWS, derived
@@ -33,6 +33,9 @@ from sawmill_command import demo_client
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
+
+sys.path.append(str(Path(__file__).parents[1]))
+from tests.faults.servers import Postgres
 
 # Beyond what this program asks for.
 NO_LIMITS = {

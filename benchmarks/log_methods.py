@@ -3,18 +3,15 @@
 Each takes a scan and chooses its settings, or takes settings that it chose before and is only timed.
 """
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
 
 import astra_rivals
 import numpy as np
 from log_scans import LogScan
 from scanners import SCANNER
 from scans import TRUE_THETA
-from stack_total_variation import StackObjective
 from whole_logs import Rows
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -22,7 +19,6 @@ from sawmill_contracts.reconstructions import ReconstructionOptions, Reconstruct
 from sawmill_tomography.reconstruction.iterative.cross_validation import parabola_minimum
 from sawmill_tomography.reconstruction.iterative.descent import Floats
 from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
-from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.use_cases.reconstruction.reconstruct import (
@@ -37,9 +33,6 @@ WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6,
 CONVERGED = 1e-4
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
-# Search for the stack's weights: the step of each, the steps from the weight in the plane and an axis of 1 at which
-# the search starts, and the rows on either side of a judged one that the search uses.
-WEIGHT_STEP, AXIS_STEP, FIRST_STEPS, AROUND = math.sqrt(2.0), 2.0, (-2, 1), 2
 Settings = Mapping[str, float]
 
 
@@ -171,7 +164,6 @@ def _in_the_plane(scan: LogScan, lines: Rows, weight: float) -> Rows:
     return total_variation(scan.projector, lines, weight=weight, tolerance=CONVERGED).image
 
 
-@lru_cache(maxsize=1)  # the stack's search starts from it
 def _weight_in_the_plane(scan: LogScan) -> float:
     """Search for the best weight for the judged rows."""
     judged, lines = scan.judged, scan.lines[scan.judged]
@@ -190,55 +182,6 @@ def tuned_in_the_plane(scan: LogScan, settings: Settings | None) -> Outcome:
     return Outcome(found, cpu, wall, settings=chosen)
 
 
-def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
-    """Run isotropic total variation of the stack; weight and axis by the truth of the rows around a judged one.
-
-    The search continues at the best neighbour as long as that improves.
-    """
-    if len(scan.lines) == 1:
-        return tuned_in_the_plane(scan, settings)
-    wood, support = _wood(scan), SupportRegion.of(scan.projector, scan.lines)
-
-    def minimum(start: Rows, lines: Rows, weight: float, axis: float) -> Rows:
-        objective = StackObjective(support.projector, lines, weight, axis, wood)
-        return support.embedded(objective.minimum(start[:, *support.part]))
-
-    def near(lines: Rows, weight: float, axis: float) -> Rows:
-        """Compute a stack to start from."""
-        return total_variation(scan.projector, lines, weight=weight, coupling=0.5 * axis).image
-
-    def choice() -> Settings:
-        first, in_plane = max(scan.judged[0] - AROUND, 0), _weight_in_the_plane(scan)
-        rows = list(range(len(scan.lines)))[first : first + 2 * AROUND + 1]
-        lines, kept = scan.lines[rows], rows[1:-1]
-
-        def weights(step: tuple[int, int]) -> tuple[float, float]:
-            return in_plane * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
-
-        start = near(lines, *weights(FIRST_STEPS))
-
-        def error(step: tuple[int, int]) -> float:
-            return scan.error(minimum(start, lines, *weights(step))[1:-1], kept)
-
-        weight, axis = weights(lowest_neighbour(error, FIRST_STEPS))
-        return {"weight": weight, "axis": axis}
-
-    chosen = choice() if settings is None else settings
-    both = chosen["weight"], chosen["axis"]
-    images, cpu, wall = _timed(lambda: minimum(near(scan.lines, *both), scan.lines, *both))
-    return Outcome(images, cpu, wall, settings=chosen)
-
-
-def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int, int]) -> tuple[int, int]:
-    """Search for the place where no neighbour of four is lower."""
-    cached, at = cache(error), start
-    while True:
-        best = min((at, *((at[0] + i, at[1] + j) for i, j in ((0, -1), (0, 1), (-1, 0), (1, 0)))), key=cached)
-        if best == at:
-            return at
-        at = best
-
-
 METHODS: dict[str, Method] = {
     "FBP": ours("fbp"),
     "FBP, tuned": tuned_fbp,
@@ -249,5 +192,4 @@ METHODS: dict[str, Method] = {
     "total variation": ours("total_variation", ("weight",), coupling="none"),
     "total variation, coupled": ours("total_variation", ("weight", "coupling"), coupling="auto"),
     "2-D total variation, tuned": tuned_in_the_plane,
-    "3-D total variation, tuned": tuned_along_the_axis,
 }

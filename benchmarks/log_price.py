@@ -9,8 +9,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from line_day import VIEWS
-from memory import make_counts
+import h5py
+import numpy as np
+from line_day import CELLS, VIEWS
 from scanners import SCANNER
 from scans import TRUE_THETA
 from waiting_job import do_waiting_job
@@ -28,6 +29,7 @@ from sawmill_worker.jobs.running import warm_up
 FEW = ReconstructionMethod.TOTAL_VARIATION
 FEW_ROWS = (32, 96)
 UNLIMITED = 2**40
+PHOTONS, DARK = 40_000.0, 200.0
 
 
 def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMethod) -> dict[str, Any]:
@@ -65,9 +67,34 @@ def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMeth
             }
 
 
+def make_counts(path: Path, rows: int) -> None:
+    """Write 20 views of a round log with a knot as NXtomo, uint16, with a dark and a flat field."""
+    rng, across, turn = (
+        np.random.default_rng(4),
+        np.linspace(-1.0, 1.0, CELLS),
+        (np.arange(VIEWS) + 0.5) * 360.0 / VIEWS,
+    )
+    log = 10.0 * np.sqrt(np.clip(0.4**2 - across**2, 0.0, None))
+    along = 1.0 + np.sin(np.arange(rows) / 7.0)[:, None]
+    with h5py.File(path, "w") as file:
+        entry = file.create_group("entry")
+        entry["definition"] = "NXtomo"
+        data = entry.create_dataset("instrument/detector/data", (2 + VIEWS, rows, CELLS), np.uint16)
+        entry["instrument/detector/image_key"] = [2, 1] + [0] * VIEWS
+        entry["instrument/detector/x_pixel_size"] = SCANNER.detector_pitch_mm
+        entry["instrument/detector/x_pixel_size"].attrs["units"] = "mm"
+        entry["sample/rotation_angle"] = np.concatenate([np.zeros(2), turn])
+        entry["sample/rotation_angle"].attrs["units"] = "deg"
+        data[0], data[1] = DARK, PHOTONS + DARK
+        for view, angle in enumerate(np.radians(turn), 2):
+            knot = np.sqrt(np.clip(0.05**2 - (across - 0.1 * np.cos(angle)) ** 2, 0.0, None))
+            image = (log + along * knot + 0.01 * rng.standard_normal((rows, CELLS))).astype(np.float32)
+            data[view] = (PHOTONS * np.exp(-image) + DARK).astype(np.uint16)
+
+
 def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
     """Store a scan; return its id, the processor seconds of reading it, and its file's bytes."""
-    make_counts(file, rows, number=VIEWS, fields=1)
+    make_counts(file, rows)
     scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(SCANNER))))
     with file.open("rb") as content:
         received = store.files.receive(iter(lambda: content.read(2**20), b""), max_bytes=UNLIMITED)

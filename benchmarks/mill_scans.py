@@ -1,7 +1,7 @@
 """The scans of the mill's study: random scanners and phantoms, and the effects with the sizes that a mill has.
 
 A size is drawn evenly in the logarithm, up to the largest that a mill would let pass. The smallest moves the rays of a
-plain fit by about 0.01 mm, or less, in the median scan (column `effect` of the study's table). All scans have cells
+plain fit by about 0.01 mm, or less, in the median scan (`benchmarks/mill.py` at 3ab7f653). All scans have cells
 whose gains differ by 3 %, ten flats and darks, and a phantom whose size is off by the stated 0.15 % (standard
 deviation).
 """

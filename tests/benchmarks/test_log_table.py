@@ -6,9 +6,8 @@ import log_table
 import numpy as np
 import pytest
 from astra_rivals import STOPS, tuned
-from log_methods import METHODS, lowest_neighbour
+from log_methods import METHODS
 from log_scans import LogScan, whole_scan
-from stack_total_variation import StackObjective
 from tiers import first_by_day
 from whole_logs import WholeLog
 
@@ -57,36 +56,6 @@ def astra_image(scan, line, iterations):
     rays = astra.create_proj_geom("fanflat_vec", scanner.num_detector_pixels, scan.projector.geometry.astra_vectors())
     operator = astra.OpTomo(astra.create_projector("line_fanflat", rays, volume))
     return operator.reconstruct("CGLS", line, iterations=iterations)
-
-
-def test_the_gradient_of_the_stack_agrees_with_finite_differences(scan):
-    rng = np.random.default_rng(4010)
-    objective = StackObjective(scan.projector, scan.lines, 20.0, 0.7, 0.2)
-    one = np.arange(1)
-    images = (0.01 + 0.005 * rng.standard_normal((5, 32, 32))).astype(np.float32)
-    way = (0.002 * rng.standard_normal(images.shape)).astype(np.float32)
-    _, (gradient,) = objective(images[None], one)
-    up, down = (objective((images + sign * 0.5 * way)[None], one)[0][0] for sign in (1.0, -1.0))
-    assert up - down == pytest.approx(float(np.vdot(gradient, way)), rel=2e-2)
-    # Rows that are alike cost nothing along the axis.
-    even = np.repeat(images[:1], 5, axis=0)
-    assert objective.penalty(even, np.zeros_like(even)) == pytest.approx(
-        StackObjective(scan.projector, scan.lines, 20.0, 0.0, 0.2).penalty(even, np.zeros_like(even)), rel=1e-5
-    )
-
-
-def test_the_stack_is_at_rest_where_every_way_leads_up(scan):
-    rng = np.random.default_rng(4012)
-    objective = StackObjective(scan.projector, scan.lines, 300.0, 1.0, 0.012)
-    found, one = objective.minimum(np.zeros((5, 32, 32), np.float32)), np.arange(1)
-    value = objective(found[None], one)[0][0]
-    for size in (1e-4, 1e-3):
-        there = np.maximum(found + size * rng.standard_normal(found.shape).astype(np.float32), 0.0)
-        assert objective(there[None], one)[0][0] > value
-
-
-def test_the_search_ends_where_no_neighbour_is_lower():
-    assert lowest_neighbour(lambda at: (at[0] - 2) ** 2 + (at[1] + 1) ** 2, (0, 0)) == (2, -1)
 
 
 TINY = ["--rows", "6", "--size", "32", "--settings", "12:0.04"]

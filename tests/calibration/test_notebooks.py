@@ -121,7 +121,7 @@ def test_the_notebook_of_a_measured_disc_runs_and_draws(published_data, kernel, 
     kept, now = nbformat.read(MEASURED, as_version=4), run(MEASURED, kernel, tmp_path)
     assert shown(now) == shown(kept)
     assert differences(printed(now), printed(kept)) == [], (
-        "run `python benchmarks/measured_pictures.py --only notebook`"
+        "run `python docs/tools/measured_pictures.py --only notebook`"
     )
 
 

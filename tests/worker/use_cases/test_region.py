@@ -105,7 +105,8 @@ def test_a_field_that_saves_little_has_pixels_of_one_size(field):
     assert TwoGrids.of(field, 130.0) is None
 
 
-# Nine logs and regions of `python benchmarks/region.py` have at most 1.034 times the whole's error at 2 % noise.
+# Nine logs and regions of `benchmarks/region.py` at 3ab7f653
+# have at most 1.034 times the whole's error at 2 % noise.
 @pytest.mark.nightly
 @pytest.mark.parametrize("views", [20, 360])
 @pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "total_variation"])

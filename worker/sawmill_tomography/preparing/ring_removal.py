@@ -13,7 +13,7 @@ from sawmill_tomography.statistics.robust import robust_deviation
 Sinogram = NDArray[np.float32]
 
 # Width of the median, in cells. The publication's 21 is for finer detectors: it harms a log three times as much as 9
-# (benchmarks/preparing.py).
+# (benchmarks/preparing.py at 3ab7f653).
 WINDOW = 9
 
 

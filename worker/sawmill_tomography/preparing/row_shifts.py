@@ -19,17 +19,18 @@ Stack = NDArray[np.float32]
 # Shifts are whole rows when they scatter about whole numbers by less. Uniform fractions scatter by 1 / sqrt(12) = 0.29
 # (tests/tomography/preparing/test_row_shifts.py).
 WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
-# Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
+# Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py at 3ab7f653).
 MOST_UNCERTAIN = 0.3
 # A view's shift counts as a whole number within this number of its standard deviations; or, where at least half of the
 # views are whole rows apart, within this number of rows: shifts are found to 0.07 rows, and resampling a view that
-# is where it should be costs more than it corrects (benchmarks/lost_rows.py).
+# is where it should be costs more than it corrects (benchmarks/lost_rows.py at 3ab7f653).
 SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
 # Departures of neighbouring rows are correlated, so shifts scatter more than estimated: by this factor if no views
-# share a position, which would show it. Interpolation between rows adds an error too (benchmarks/lost_rows.py).
+# share a position, which would show it. Interpolation between rows adds an error too
+# (benchmarks/lost_rows.py at 3ab7f653).
 UNSEEN_INFLATION, BETWEEN_ROWS = 2.0, 0.03
 # A step of the row sums is the end of a body where it is this many times the two before, the two after and the median
-# (benchmarks/lost_rows.py).
+# (benchmarks/lost_rows.py at 3ab7f653).
 JUMP = 4.0
 
 

@@ -28,18 +28,19 @@ MOST_FEATURES = 800
 CONTRAST = 0.01 / 3.0
 SMOOTHING = 1.0
 # Width in cells of the smallest features. Smaller ones are noise: with a width of 1.0, views of a noise of 0.1 are
-# aligned wrongly and not refused (benchmarks/preparing.py).
+# aligned wrongly and not refused (benchmarks/preparing.py at 3ab7f653).
 SMALLEST = 1.2
 # A match is kept if the next best one is farther by this factor (Lowe 2004, section 7.1), and not farther across.
 RATIO, FURTHEST_ACROSS = 0.8, 0.25
 # Matches agree on a shift within this number of rows; fewer matches, or a smaller share, agree by chance
-# (benchmarks/preparing.py, as the constants below).
+# (benchmarks/preparing.py at 3ab7f653, as the constants below).
 AGREEING_ROWS, FEWEST_AGREEING, SHARE_AGREEING = 0.5, 6, 0.15
 # The number of following views that each view is matched with, and the angle over which features stay recognisable.
 NEIGHBOURS, FURTHEST_RAD = 2, math.radians(20.0)
 # Pairs whose shifts scatter less about whole numbers lost whole rows; rounding prevents errors from adding up.
 WHOLE_SCATTER = 0.22
-# Rows by which a match may differ from the end of a body, which is known to half a row (benchmarks/lost_rows.py).
+# Rows by which a match may differ from the end of a body, which is known to half a row
+# (benchmarks/lost_rows.py at 3ab7f653).
 MOST_APART = 0.5
 WHAT_FOR = (
     "features are for logs with knots or bark, from views at most "

@@ -25,7 +25,7 @@ from sawmill_tomography.preparing.row_shifts import (
 from sawmill_tomography.sinograms.present_rows import Rows
 
 # A view shares at least this part of its rows with the other views, and needs this number of rows for a profile
-# (benchmarks/preparing.py, as the constants below).
+# (benchmarks/preparing.py at 3ab7f653, as the constants below).
 SHARE_FOUND, FEWEST_ROWS = 0.5, 16
 # Least difference in log likelihood between a view's best position and the next best one.
 DISTINCT = 15.0

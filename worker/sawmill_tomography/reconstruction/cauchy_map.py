@@ -53,9 +53,9 @@ STEP_PENALTY = 0.4
 REFERENCE_TOLERANCE = 1e-3
 ITERATIONS = 400
 TOLERANCE = 2e-5
-# Iterations after which most logs have converged (benchmarks/iterative.py).
+# Iterations after which most logs have converged (benchmarks/iterative.py at 3ab7f653).
 USUAL_ITERATIONS = 40
-# Projections forward and back with the continuation (benchmarks/iterative.py).
+# Projections forward and back with the continuation (benchmarks/iterative.py at 3ab7f653).
 USUAL_PAIRS = 105.0
 # Cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
 # variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views

@@ -13,7 +13,7 @@ SECONDS_A_CELL = 8e-9
 SECONDS_AN_UPDATE = 6.0e-11
 SECONDS_A_PIXEL = 2.0e-8
 # Time of a forward and an adjoint projection of one of 16 slices, for each ray and each pixel across, and of a
-# descent's own step for each pixel, on two cores (`benchmarks/iterative.py`).
+# descent's own step for each pixel, on two cores (`benchmarks/iterative.py` at 3ab7f653).
 SECONDS_A_CROSSING = 1.14e-10
 SECONDS_A_STEP_PIXEL = 8.0e-9
 

@@ -330,7 +330,7 @@ class Tikhonov(FittedMethod):
     """The method `tikhonov` in the table of methods."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
-    # Slices are solved one by one, which makes a projection 2.4 times as slow (benchmarks/iterative.py).
+    # Slices are solved one by one, which makes a projection 2.4 times as slow (benchmarks/iterative.py at 3ab7f653).
     pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + VALIDATION_STEPS)
     shrinks: ClassVar[bool] = True
 

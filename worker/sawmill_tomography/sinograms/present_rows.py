@@ -13,7 +13,7 @@ Rows = NDArray[np.bool_]
 
 # A row is used if at least this share of the views has it, and if they leave no gap beyond this number of the
 # scan's median steps, or this angle. With a third fewer views, missing at random, the error of an FBP slice of a log is
-# 1.1 (360 views) to 1.3 times (60 views) the error of the complete scan (benchmarks/lost_rows.py).
+# 1.1 (360 views) to 1.3 times (60 views) the error of the complete scan (benchmarks/lost_rows.py at 3ab7f653).
 ENOUGH, WIDEST_STEPS, WIDEST_RAD = 0.5, 5.0, math.radians(60.0)
 
 
@@ -80,7 +80,7 @@ def filled(stack: NDArray[np.float32], angles_rad: FloatArray) -> NDArray[np.flo
     """Interpolate missing rows of a stack (views, rows, detector) between the two views nearest in angle.
 
     For methods that need views at equal steps: weighting the views next to a gap by its width instead is the same as
-    the nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py).
+    the nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py at 3ab7f653).
     """
     there = present_rows(stack)
     if there.all():

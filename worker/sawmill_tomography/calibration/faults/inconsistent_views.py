@@ -10,7 +10,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 
 # A view is inconsistent when its neighbouring cells share more than INCONSISTENT times the views' residual power
 # (median), if at most the share MOST_VIEWS of the views does. An error of a drawing shows in all views, and at most
-# three times as strongly in some (benchmarks/misspecified.py).
+# three times as strongly in some (benchmarks/misspecified.py at 3ab7f653).
 INCONSISTENT, MOST_VIEWS = 3.0, 0.1
 # Neighbouring cells must also share more than this share of the sinogram, as RMS: a model that is finer than the scan
 # leaves less, unequally in the views.

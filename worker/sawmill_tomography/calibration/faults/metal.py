@@ -35,7 +35,7 @@ STANDS_OUT, MOST_PLACES, AROUND_MM = 6.0, 24, 14
 # A median over the views is beyond chance when it exceeds this number of standard deviations of the median.
 CHANCE = 6.0
 # Metal absorbs as much as LEAST_WOOD_MM of wood, and is denser than wood by more than the factor DENSER, in an image of
-# resolution FINEST_MM: steel is 15 to 40 times as dense, a knot up to 2 (benchmarks/metal.py).
+# resolution FINEST_MM: steel is 15 to 40 times as dense, a knot up to 2 (benchmarks/metal.py at 3ab7f653).
 LEAST_WOOD_MM, DENSER, FINEST_MM = 8.0, 2.5, 3.0
 # A point belongs to a piece of metal when its density is above this share of the piece's highest density.
 BODY = 0.3

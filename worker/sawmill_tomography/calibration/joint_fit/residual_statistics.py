@@ -26,7 +26,8 @@ STUDENT = (4.303 / 1.96, 2.776 / 1.96)
 # An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine its
 # direction.
 SINGULAR = 1e-11
-# By chance each parameter takes one of this number of shares of the structure in the residual (benchmarks/mill.py).
+# By chance each parameter takes one of this number of shares of the structure in the residual
+# (benchmarks/mill.py at 3ab7f653).
 SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3

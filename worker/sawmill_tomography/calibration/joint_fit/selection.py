@@ -14,7 +14,7 @@ from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics.chi_square import exceeded_chi_square
 
 # Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
-# added to the covariance (benchmarks/mill.py).
+# added to the covariance (benchmarks/mill.py at 3ab7f653).
 FITTED, BEYOND_CHANCE = 1e-5, 0.01
 # Numbers of blocks of neighbouring views whose scores are compared: errors of a model continue from view to view.
 BLOCKS = (64, 32, 16, 8)

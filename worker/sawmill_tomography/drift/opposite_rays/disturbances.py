@@ -19,7 +19,7 @@ from sawmill_tomography.drift.opposite_rays.paired_rays import PairedRays, fan_a
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 
 # A disturbance is found if its log Bayes factor, against no disturbance, is above this: 3000 to 1
-# (benchmarks/drift.py).
+# (benchmarks/drift.py at 3ab7f653).
 FOUND = 8.0
 # Standard deviation of a disturbance's expected amplitude, and of a sound scanner's: the latter enters the covariance
 # where no disturbance is found. Degrees for the encoder, mm for the bearing.

@@ -15,7 +15,7 @@ REACH_CELLS = 13
 # Each round removes half of the residual: the opposite rays contain as much of it as the rays.
 ROUNDS = 8
 # Gain and offset of the views must explain this number of times more of the differences than noise would
-# (benchmarks/unsteady.py).
+# (benchmarks/unsteady.py at 3ab7f653).
 EVIDENCE = 3.0
 
 

@@ -58,7 +58,7 @@ HARDENING_SEEN = (
     "tenth: the standard deviations are as large as that asks for"
 )
 # Largest number of views compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
-# unknown, and the interval too short (benchmarks/drift_coverage.py).
+# unknown, and the interval too short (benchmarks/drift_coverage.py at 3ab7f653).
 MOST_VIEWS = 45
 # Smallest number of comparisons, not explained by anything else, that give the noise: Student's t then doubles
 # intervals.

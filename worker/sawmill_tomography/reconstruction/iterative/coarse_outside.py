@@ -17,7 +17,7 @@ from sawmill_tomography.reconstruction.iterative.coarse_to_fine import finer
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_weight
 
-# The constants of this file were measured with benchmarks/region.py.
+# The constants of this file were measured with benchmarks/region.py at 3ab7f653.
 # Ratio of the pixel sizes outside and inside: the first of these with which this number of pixels lies across the log.
 FACTORS, LEAST_ACROSS = (4, 2), 160
 # Large pixels around the field that are reconstructed with the field's own: a step at the border stays outside.

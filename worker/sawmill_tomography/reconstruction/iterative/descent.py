@@ -28,7 +28,8 @@ SHRINK = 0.4
 SHORTEST = 1e-8
 # Slow steps come in runs: a descent has converged when this many iterations together gain too little.
 WINDOW = 8
-# Iterations after which the preconditioner is updated to the images. This and WINDOW: benchmarks/iterative.py.
+# Iterations after which the preconditioner is updated to the images.
+# This and WINDOW: benchmarks/iterative.py at 3ab7f653.
 REFRESH = 4
 # First iterations after each of which the preconditioner's size is updated: a warm start then takes shorter steps.
 SIZED = 3

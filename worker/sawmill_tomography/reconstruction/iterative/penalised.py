@@ -23,7 +23,7 @@ from sawmill_tomography.reconstruction.iterative.descent import (
 from sawmill_tomography.reconstruction.iterative.priors import Prior
 
 # The Cauchy density is not log-concave: a first descent with this multiple of its scale leads to lower minima. Both
-# numbers were found on simulated logs (benchmarks/choosing.py, benchmarks/iterative.py).
+# numbers were found on simulated logs (benchmarks/choosing.py, benchmarks/iterative.py at 3ab7f653).
 CONTINUATION_FACTOR = 8.0
 CONTINUATION_ITERATIONS = 15
 # Seed of the random image that shows the data's curvature: equal data give equal answers.

@@ -11,7 +11,8 @@ from sawmill_tomography.reconstruction.iterative.descent import OnIteration
 # Called with the finished share of the work, from 0 to 1.
 OnProgress = Callable[[float], None]
 
-# The cost of each further image relative to the first, measured on 16 of 256 x 256 pixels (benchmarks/iterative.py).
+# The cost of each further image relative to the first, measured on 16 of 256 x 256 pixels
+# (benchmarks/iterative.py at 3ab7f653).
 FURTHER_IMAGE_COST = 0.6
 
 

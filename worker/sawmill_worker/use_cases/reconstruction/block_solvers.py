@@ -48,7 +48,7 @@ Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 
 # Number of slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it.
 CHECKED_SLICES = 5
-# Number of slices that a fitted method reconstructs together: more are no faster (benchmarks/iterative.py).
+# Number of slices that a fitted method reconstructs together: more are no faster (benchmarks/iterative.py at 3ab7f653).
 FITTED_TOGETHER = 16
 # Number of slices that are coupled, including the neighbours of the block.
 COUPLED_TOGETHER = 32

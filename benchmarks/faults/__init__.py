@@ -1,1 +1,0 @@
-"""The product under faults (`benchmarks/inject_faults.py`)."""

@@ -1,0 +1,166 @@
+"""The faults, a function each: it disturbs a trial until there have been enough, and leaves everything as it was."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import httpx
+from tests.faults.processes import playing, send, serving
+from tests.faults.product import LEASE_S, LONGEST_STOP_S
+from tests.faults.trial import Trial
+
+HOUR_S = 3600.0
+AIMED = 0.8  # share of the faults that look for a process with a job
+
+
+def kill(trial: Trial) -> None:
+    """Kill by SIGKILL: the API, a worker, an attempt, a template of attempts."""
+    while trial.again(0.5, 4.0):
+        part, victim = _victim(trial, ("api", "worker", "attempt", "attempt", "template"))
+        send([victim], signal.SIGKILL)
+        trial.happened[f"killed {part}"] += 1
+
+
+def stop(trial: Trial) -> None:
+    """Stop by SIGSTOP: a worker, or an attempt under a running worker, for twice the lease; an attempt for good."""
+    while trial.again(0.5, 2.0):
+        part, victim = _victim(trial, ("worker", "attempt"))
+        send([victim], signal.SIGSTOP)
+        if part == "attempt" and trial.rng.random() < 0.5:
+            trial.happened["hung attempt"] += 1
+            continue
+        time.sleep(2 * LEASE_S)
+        send([victim], signal.SIGCONT)
+        trial.happened[f"stopped {part}"] += 1
+
+
+def terminate(trial: Trial) -> None:
+    """Terminate by SIGTERM while jobs run and a stream of events is open, then start everything again."""
+    while trial.again(2.0, 6.0):
+        following = threading.Thread(target=_follow, args=(trial,), daemon=True)
+        following.start()
+        time.sleep(trial.rng.uniform(0.2, 1.0))
+        taken_s = trial.product.restart()
+        trial.happened["terminated"] += 1
+        if taken_s > LONGEST_STOP_S:
+            trial.wrong.append(f"a stop took {taken_s:.0f} s")
+        following.join()
+
+
+def redis_trouble(trial: Trial) -> None:
+    """Kill, pause and empty Redis, and once take it away for long."""
+    server = trial.redis
+    assert server is not None
+    away_s = 600.0 if trial.long else 15.0
+    waits = {"killed": 0.5, "away": away_s}
+    for what in _mixed(trial, ("killed", "paused", "flushed", "away"), once="away"):
+        if what == "flushed":
+            server.flush()
+        elif what == "paused":
+            with server.paused():
+                time.sleep(2 * LEASE_S)
+        else:
+            server.kill()
+            time.sleep(waits[what])
+            server.start()
+        trial.happened[f"redis {what}"] += 1
+
+
+def postgres_trouble(trial: Trial) -> None:
+    """Restart PostgreSQL in order, crash it, pause it for twice the lease, and once take it away."""
+    server = trial.postgres
+    assert server is not None
+    away_s = 120.0 if trial.long else 10.0
+    for what in _mixed(trial, ("restarted", "crashed", "paused", "away"), once="away"):
+        if what == "paused":
+            with server.paused():
+                time.sleep(2 * LEASE_S)
+        else:
+            server.end(crash=what == "crashed")
+            time.sleep(away_s if what == "away" else 0.0)
+            server.start()
+        trial.happened[f"postgresql {what}"] += 1
+
+
+def clock_steps(trial: Trial) -> None:
+    """Set the clock of one process, or of all, hours off in either direction, and back again."""
+    clocks = trial.clocks
+    assert clocks is not None
+    while trial.again(0.5, 3.0):
+        offset_s = trial.rng.choice((-1.0, 1.0)) * trial.rng.uniform(0.5, 12.0) * HOUR_S
+        if trial.rng.random() < 0.3:
+            clocks.step_all(offset_s)
+            trial.happened["stepped all"] += 1
+        else:
+            part, victim = _victim(trial, ("api", "worker", "attempt", "template"))
+            clocks.step(victim, offset_s)
+            trial.happened[f"stepped {part}"] += 1
+        time.sleep(trial.rng.uniform(0.0, 90.0) if trial.long else 0.0)  # a minute makes a step a lasting one
+    clocks.step_all(0.0)
+
+
+def disk_full(trial: Trial) -> None:
+    """Fill the disk to the last byte, then leave room for rows and none for results, then free the disk."""
+    ballast = trial.product.data / "ballast"
+    while trial.again(1.0, 4.0):
+        for free_bytes in (0, 120_000):
+            _leave_free(ballast, free_bytes)
+            time.sleep(trial.rng.uniform(1.0, 4.0))
+        ballast.unlink()
+        trial.happened["disk filled"] += 1
+
+
+def kill_services(trial: Trial) -> None:
+    """Kill one of several services by SIGKILL, while another continues."""
+    while trial.again(3.0, 10.0):
+        send([trial.rng.choice(trial.product.api)], signal.SIGKILL)
+        trial.happened["killed api"] += 1
+
+
+def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
+    """Choose a part that runs and one of its processes, mostly one that has a job."""
+    while True:
+        part = trial.rng.choice(parts)
+        processes, holders = playing(trial.product.world, part), trial.holders()
+        if processes and trial.rng.random() < AIMED:
+            aimed = [process_id for process_id in processes if process_id in holders]
+            return part, serving(processes, holders) if part == "attempt" else (aimed or processes)[0]
+        if processes:
+            return part, trial.rng.choice(processes)
+        time.sleep(0.1)
+
+
+def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
+    """Yield kinds in random order, again and again, one of them once."""
+    left = list(kinds)
+    while trial.again(1.0, 4.0):
+        what = trial.rng.choice(left)
+        if what == once:
+            left.remove(once)
+        yield what
+
+
+def _follow(trial: Trial) -> None:
+    """Follow a job's events: a stop may not cut them off in the middle."""
+    job_id, last = trial.asker.accepted[-1].job_id, ""
+    with (
+        suppress(httpx.TransportError),
+        trial.product.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=LONGEST_STOP_S) as stream,
+    ):
+        for line in stream.iter_lines():
+            last = line.removeprefix("event: ") if line.startswith("event: ") else last
+    trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
+    if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
+        trial.wrong.append(f"a stream ended with {last}")
+
+
+def _leave_free(ballast: Path, free_bytes: int) -> None:
+    with ballast.open("ab", buffering=0) as file:
+        for size in (2**20, 2**12):
+            with suppress(OSError):
+                while True:
+                    file.write(bytes(size))
+        file.truncate(max(0, file.tell() - free_bytes))

@@ -1,0 +1,138 @@
+"""The product as a mill runs it: `sawmill serve` and, with a broker, a Celery worker; started again when they end."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import httpx
+from tests.faults.processes import MARK, marked, send
+from tests.faults.servers import free_port
+
+READY_S = 120.0
+LONGEST_STOP_S = 40.0
+LEASE_S = 4.0
+# Waits in proportion to a lease of four seconds instead of a minute; a thread for each worker's job.
+SETTINGS = {
+    "SAWMILL_LEASE_S": f"{LEASE_S:g}",
+    "SAWMILL_HEARTBEAT_S": "1",
+    "SAWMILL_HOUSEKEEPING_S": "0.5",
+    "SAWMILL_LOSS_WAIT_S": "0.2",
+    "SAWMILL_OUTAGE_WAIT_S": "0.5",
+    "SAWMILL_SWEEP_S": "2",
+    "SAWMILL_LEFTOVERS_S": "5",
+    "SAWMILL_STALL_S": "12",
+    "SAWMILL_MAX_ATTEMPTS": "10",  # the faults choose their victims blindly: a job may be hit often
+    "SAWMILL_SPARE_PROCESSES": "1",
+    "SAWMILL_NUMBA_NUM_THREADS": "1",
+    "SAWMILL_DISK_RESERVE_BYTES": "1000000",
+    "SAWMILL_LOG_FORMAT": "json",
+}
+
+
+class Product:
+    """Servers that share a data folder and a database, and are kept up as an init system does.
+
+    Parameters
+    ----------
+    folder
+        Folder for the data folder, which is `folder / "data"`, and for logs.
+    variables
+        Variables of the environment, added to the usual ones.
+    services
+        `sawmill serve` processes; the client talks to the first.
+    broker
+        True if a Celery worker does the work.
+    """
+
+    def __init__(self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool) -> None:
+        self.world, self._log = folder.name, folder / "log"
+        self.data = folder / "data"
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+        data = {"SAWMILL_DATA_FOLDER": str(self.data)}
+        self._environment = {**kept, **SETTINGS, **data, **variables, MARK: self.world}
+        ports = [free_port() for _ in range(services)]
+        serve = [sys.executable, "-m", "sawmill_command.commands", "serve", "--no-examples", "--port"]
+        self._commands = [[*serve, str(port)] for port in ports]
+        if broker:
+            self._commands.append([sys.executable, "-m", "celery", "-A", "sawmill_worker.celery_app", "worker"])
+        self._running: dict[int, subprocess.Popen[bytes]] = {}
+        self._keeping, self._ended = threading.Lock(), threading.Event()
+        self._keeper = threading.Thread(target=self._keep_up, daemon=True)
+        self.client = httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=30.0, trust_env=False)
+
+    @property
+    def api(self) -> list[int]:
+        """The processes that serve, in order of their ports, and the Celery worker last."""
+        return [self._running[place].pid for place in sorted(self._running)]
+
+    def start(self) -> None:
+        """Start the processes, and wait until the service is ready."""
+        self._start_missing()
+        self.wait_until_ready()
+        if not self._keeper.is_alive():
+            self._keeper.start()
+
+    def wait_until_ready(self) -> None:
+        """Wait until the first service answers that it is."""
+        deadline = time.monotonic() + READY_S
+        while time.monotonic() < deadline:
+            with suppress(httpx.TransportError):
+                if self.client.get("/health/ready").is_success:
+                    return
+            time.sleep(0.1)
+        raise AssertionError(f"the service was not ready after {READY_S:g} s; see {self._log}")
+
+    def restart(self) -> float:
+        """Stop everything in order, and start it again.
+
+        Returns
+        -------
+        float
+            Seconds until the last of its processes had ended; beyond `LONGEST_STOP_S` they are killed.
+        """
+        with self._keeping:
+            taken_s = self._stop()
+            self._start_missing()
+        self.wait_until_ready()
+        return taken_s
+
+    def end(self) -> float:
+        """Stop everything for good; the seconds that it took."""
+        self._ended.set()
+        with self._keeping:
+            taken_s = self._stop()
+        self.client.close()
+        return taken_s
+
+    def _stop(self) -> float:
+        started = time.monotonic()
+        send(self.api, signal.SIGTERM)
+        while marked(self.world) and time.monotonic() - started < LONGEST_STOP_S:
+            time.sleep(0.05)
+        taken_s = time.monotonic() - started
+        send(marked(self.world), signal.SIGKILL)
+        for process in self._running.values():
+            process.wait()
+        self._running.clear()
+        return taken_s
+
+    def _keep_up(self) -> None:
+        while not self._ended.wait(0.3):
+            with self._keeping:
+                if not self._ended.is_set():
+                    self._start_missing()
+
+    def _start_missing(self) -> None:
+        for place, command in enumerate(self._commands):
+            process = self._running.get(place)
+            if process is None or process.poll() is not None:
+                with self._log.open("ab") as log:
+                    self._running[place] = subprocess.Popen(
+                        command, stdout=log, stderr=log, env=self._environment, start_new_session=True
+                    )

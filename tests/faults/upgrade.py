@@ -1,0 +1,65 @@
+"""An upgrade from the tables of 0.1.0 with jobs of every kind queued, one of them running as its worker was killed."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Boolean, Connection, DateTime, MetaData, Table
+from tests.faults.trial import Trial
+from tests.faults.work import Accepted, Work, log_scan, phantom_scan
+
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.engines import make_engine
+
+REVISION = "0003"
+# In tables of that revision, with what `tests.faults.work` asks for; the first is running.
+ROWS = Path(__file__).with_name("rows_0003.json")
+_NAMES = {
+    "phantom-scan": "phantom scan",
+    "log-scan": "log scan",
+    "calibration": "calibration",
+    "drift": "drift check",
+    "reconstruction": "reconstruction",
+    "plan-0": "plan 0",
+    "plan-1": "plan 1",
+}
+_PLURALS = {"ingest": "scans", "calibrate": "calibrations", "drift": "drifts", "reconstruct": "reconstructions"}
+
+
+def before(data: Path, url: str) -> None:
+    """Leave a database and uploads as 0.1.0 left them."""
+    for name, content in (("phantom-scan", phantom_scan()), ("log-scan", log_scan())):
+        upload = data / "uploads" / "scans" / name / "original"
+        upload.parent.mkdir(parents=True)
+        upload.write_bytes(content)
+    engine = make_engine(url)
+    Database(engine).upgrade(REVISION)
+    with engine.connect().execution_options(writes=True) as connection, connection.begin():
+        _insert(connection, json.loads(ROWS.read_text()))
+    engine.dispose()
+
+
+def begin(trial: Trial) -> None:
+    """Add the jobs that were accepted before the upgrade: their answers must be the same."""
+    for row in json.loads(ROWS.read_text())["jobs"]:
+        work = Work(_NAMES[row["subject_id"]], _PLURALS.get(row["kind"], "plans"))
+        trial.asker.accepted.append(Accepted(work, row["subject_id"], row["id"]))
+
+
+def _insert(connection: Connection, rows: dict[str, list[dict[str, Any]]]) -> None:
+    tables = MetaData()
+    tables.reflect(connection)
+    for name, records in rows.items():
+        table = tables.tables[name]
+        for record in records:
+            connection.execute(table.insert(), {key: _typed(table, key, value) for key, value in record.items()})
+
+
+def _typed(table: Table, name: str, value: object) -> object:
+    """Convert a JSON value to the column's type."""
+    column = table.columns[name].type
+    if isinstance(column, DateTime):
+        moment = datetime.fromisoformat(str(value))
+        return moment.replace(tzinfo=UTC) if column.timezone else moment
+    return bool(value) if isinstance(column, Boolean) else value
