@@ -1,15 +1,22 @@
 """Plugin of pytest that prints at the end how many processor seconds each folder of tests has taken.
 
 The seconds of a test include those of its processes that ended in it. What belongs to no test (imports, collection,
-fixtures of a whole run) is the row "between tests".
+fixtures of a whole run) is the row "between tests". A run of the whole suite also prints the sum in units of the
+reference computation (benchmarks/measurement.py), so that machines can be compared, and fails above the limit of
+pyproject.toml.
 """
 
 import os
+import tomllib
 from collections import defaultdict
 from pathlib import PurePosixPath
+from statistics import median
 from typing import Any
 
 import pytest
+from measurement import reference_s
+
+WHOLE = "not nightly"  # the selection of `make test`
 
 
 def processor_seconds() -> float:
@@ -25,6 +32,9 @@ class ProcessorSeconds:
         self._before = processor_seconds()
         self._by_folder: dict[str, float] = defaultdict(float)
         self._of_workers = 0.0
+
+    def pytest_sessionstart(self, session: pytest.Session) -> None:
+        self._session = session
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self) -> None:
@@ -58,6 +68,29 @@ class ProcessorSeconds:
         for name, seconds in sorted(rows.items(), key=lambda row: -row[1]):
             terminalreporter.write_line(f"{seconds:8.1f}  {name}")
         terminalreporter.write_line(f"{total:8.1f}  in all")
+        if is_whole(terminalreporter.config):
+            self.compare(terminalreporter, total)
+
+    def compare(self, terminalreporter: Any, total_s: float) -> None:
+        """Print the sum in units of the reference computation; above the limit the run fails."""
+        unit_s = median(reference_s() for _ in range(3))
+        units, limit = total_s / unit_s, suite_limit(terminalreporter.config.rootpath)
+        terminalreporter.write_line(f"{units:8.0f}  times the reference computation of {unit_s:.3f} s; limit {limit}")
+        if units > limit:
+            terminalreporter.write_line("The suite takes too long: pyproject.toml, tool.sawmill.budget", red=True)
+            self._session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def is_whole(config: pytest.Config) -> bool:
+    """Return whether no file, word or other marker was asked for."""
+    asked = config.option.keyword or config.option.markexpr != WHOLE
+    return config.args_source is pytest.Config.ArgsSource.TESTPATHS and not asked
+
+
+def suite_limit(root: Any) -> float:
+    """Read the limit of the whole suite, in units of the reference computation."""
+    settings = tomllib.loads((root / "pyproject.toml").read_text())
+    return float(settings["tool"]["sawmill"]["budget"]["suite_reference_units"])
 
 
 def pytest_configure(config: pytest.Config) -> None:
