@@ -20,19 +20,7 @@ TEMPORARY = ("attempts", "incoming", "removed")
 
 @dataclass(frozen=True)
 class Ledger:
-    """The content of the database at the end.
-
-    Attributes
-    ----------
-    states : dict of str to str
-        Job -> state.
-    losses : int
-        Attempts that were lost, of all jobs.
-    doubles : list of str
-        Jobs that ended twice, results that were published twice, due times that ran twice; a sentence each.
-    known : frozenset of str
-        The ids of all rows.
-    """
+    """The content of the database at the end."""
 
     states: dict[str, str]
     losses: int
@@ -41,13 +29,7 @@ class Ledger:
 
 
 class Audit:
-    """A connection of the harness's own to the database of a run.
-
-    Parameters
-    ----------
-    url
-        The database's URL in SQLAlchemy's form.
-    """
+    """A connection of the harness's own to the database of a run."""
 
     def __init__(self, url: str) -> None:
         options = {"timeout": 30} if url.startswith("sqlite") else {"connect_timeout": 5}

@@ -9,18 +9,7 @@ from tests.faults.servers import NotHere
 
 
 class Clocks:
-    """The clocks of all processes that are started with `variables`.
-
-    Parameters
-    ----------
-    folder
-        Holds the compiled shim and a small file a process.
-
-    Raises
-    ------
-    NotHere
-        There is no `cc`.
-    """
+    """The clocks of all processes that are started with `variables`."""
 
     def __init__(self, folder: Path) -> None:
         compiler = shutil.which("cc")

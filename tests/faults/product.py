@@ -89,13 +89,7 @@ class Product:
         raise AssertionError(f"the service was not ready after {READY_S:g} s; see {self._log}")
 
     def restart(self) -> float:
-        """Stop everything in order, and start it again.
-
-        Returns
-        -------
-        float
-            Seconds until the last of its processes had ended; beyond `LONGEST_STOP_S` they are killed.
-        """
+        """Stop everything in order, and start it again."""
         with self._keeping:
             taken_s = self._stop()
             self._start_missing()

