@@ -1,10 +1,12 @@
-"""Every study can be started: its modules are imported and its arguments are parsed, all in one process."""
+"""Every study and every tool starts: modules are imported and arguments are parsed, all in one process."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+import pytest
+
+ROOT = Path(__file__).parents[2]
 # Prints one line for each script that cannot be imported or does not describe its arguments.
 PROGRAM = """
 import contextlib, importlib, io, pathlib, sys
@@ -27,6 +29,8 @@ for path in sorted(pathlib.Path().glob("*.py")):
 """
 
 
-def test_every_script_is_imported_and_parses_its_arguments():
-    done = subprocess.run([sys.executable, "-c", PROGRAM], cwd=BENCHMARKS, capture_output=True, text=True, check=False)
+@pytest.mark.parametrize("folder", ["benchmarks", "docs/tools"])
+def test_every_script_is_imported_and_parses_its_arguments(folder):
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, cwd=ROOT / folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr

@@ -80,7 +80,7 @@ def test_the_error_bars_are_honest(full_turn):
         sinogram = scan(full_turn(180), theta=theta, seed=seed)
         fit = conjugate_fit(MILL, sinogram, full_turn(180), moved(truth, 0.6, 0.002, 5.0))
         shares.append((detector(fit) - detector(truth)) / fit.deviation)
-    # Of 16 standard normal numbers the RMS lies within these in 99.7 % of draws; `make study-drift` takes 1 000 logs.
+    # Of 16 standard normal numbers the RMS lies within these in 99.7 % of draws.
     assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.53)
 
 

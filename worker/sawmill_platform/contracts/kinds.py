@@ -6,8 +6,8 @@ from importlib import import_module
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 
-# A file of this size is read in 5 s, one of 1.4 GB in 27 s (`make bench-memory`); a packed one may hold several
-# times as many samples.
+# A file of this size is read in 5 s, one of 1.4 GB in 27 s (benchmarks/memory.py at 3ab7f653); a packed one
+# may hold several times as many samples.
 SHORT_UPLOAD_BYTES = 256 * 2**20
 # Time to read any file, and the fiftieth part of that rate.
 READING_S, READING_BYTES_PER_S = 60.0, 2**20
