@@ -211,10 +211,6 @@ study-logs: install-dev
 faults: install-dev
 	@$(BIN)/python benchmarks/inject_faults.py $(OPTIONS)
 
-# A watched folder: 300 files, the watcher and the service are killed. OPTIONS: --files N, --seed N, --longest SECONDS.
-faults-folder: install-dev
-	@$(BIN)/python benchmarks/watched_folder.py $(OPTIONS)
-
 # Every page in every state, language, width and colours, into SHOTS, which is outside of the repository; then the
 # pictures in docs/pictures. By Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
 SHOTS ?= /tmp/sawmill-screenshots
