@@ -241,7 +241,9 @@ def test_the_watcher_of_another_machine_sends_each_file_once(tmp_path, embedded)
     (file,) = tmp_path.glob("done/*-log.npy")
     file.rename(tmp_path / "log.npy")  # as after a kill between the answer and the move
     sent(1)
-    assert [scan["name"] for scan in embedded.get("/v1/scans", scanner_id=scanner_id)["items"]] == ["log.npy"]
+    assert [scan["name"] for scan in embedded.get("/v1/scans", params={"scanner_id": scanner_id}).json()["items"]] == [
+        "log.npy"
+    ]
 
 
 def test_the_first_program_prints_what_its_page_shows(stack, embedded):

@@ -56,7 +56,7 @@ class Watched:
         return path
 
     def look(self, times: int = 1, *, after_s: float = 0.0) -> None:
-        """Let the taker look, after so many seconds."""
+        """Let the taker look, each time after this number of seconds."""
         for _ in range(times):
             self.clock.now_s += after_s
             self.taker.look()

@@ -22,6 +22,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
@@ -172,7 +173,7 @@ class _Folder:
     def _forget_all_but(self, names: Collection[str]) -> None:
         for notes in (self._looks, self._said, self._again_s):
             for gone in notes.keys() - names:
-                notes.pop(gone)  # type: ignore[attr-defined]
+                notes.pop(gone)
 
     def _is_due(self, name: str) -> bool:
         return self._monotonic() >= self._again_s.get(name, 0.0)
@@ -383,7 +384,7 @@ def _share(descriptor: int, within: int, mask: int) -> None:
         os.fchmod(descriptor, os.fstat(within).st_mode & mask)
 
 
-def _opened_file(folder: int, name: str) -> BinaryIO:
+def _opened_file(folder: int, name: str) -> BufferedReader:
     descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
     file = os.fdopen(descriptor, "rb")
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
