@@ -77,26 +77,7 @@ _COMMON = _LASTING + _BOUNDED + _STRICT
 
 @dataclass(frozen=True)
 class Installation:
-    """Installation that the units describe.
-
-    Parameters
-    ----------
-    program
-        The command `sawmill`.
-    data
-        The service's data folder.
-    user
-        User as whom the service runs.
-    token
-        A file with the first administrator's key, which only root needs to be able to read; None without a key.
-    watched
-        Folders in which scanners may have watched folders.
-
-    Raises
-    ------
-    ValueError
-        The units could not work; the sentence names what would be right.
-    """
+    """Program, data, user, file of the first key and watched folders; a `ValueError` names what would be right."""
 
     program: Path
     data: Path = DATA
@@ -139,26 +120,14 @@ class Installation:
         }
 
     def write(self, folder: Path) -> list[Path]:
-        """Write all units or none; older units of the same names are replaced.
-
-        Raises
-        ------
-        OSError
-            The folder cannot be written to.
-        """
+        """Write all units or none; older units of the same names are replaced."""
         with tempfile.TemporaryDirectory(dir=folder) as fresh:
             for name, text in self.units().items():
                 (Path(fresh) / name).write_text(text)
             return [(Path(fresh) / name).replace(folder / name) for name in self.units()]
 
     def next_steps(self, *, written: bool) -> list[str]:
-        """Return the commands that root must run next.
-
-        Parameters
-        ----------
-        written
-            True if the units are in a folder that systemd reads.
-        """
+        """Return the commands that root must run next, with that which writes the units if they are not written."""
         steps = [f"useradd --system --user-group --home-dir {DATA} --shell /usr/sbin/nologin {self.user}"]
         if STATE not in self.data.parents:
             steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))

@@ -7,7 +7,7 @@ A file is in one of these places, and goes from one to the next by a rename:
     taken/ID.TIME/NAME      its scan was made; TIME is the file's last change, ns, when it was copied
     refused/DAY/NAME        it was refused, for the reason in NAME.reason.txt; what the service has read is removed
 
-A table holds an id once: a file makes one scan, however often its taker is killed, and whoever takes it next. Folders
+A table holds an id once: a file makes one scan, however often its taker is killed, and whichever process takes it next. Folders
 are opened one within the other and without links: a user who can write into a watched folder leads nowhere else.
 """
 # ruff: noqa: PTH208 - lists what is in an open folder
@@ -53,17 +53,7 @@ _STOP_S = 2.0
 
 
 class WatchedFolders:
-    """Taker of the files in the watched folders of all scanners; of several processes on one store one takes.
-
-    Parameters
-    ----------
-    store
-        Store with the scanners and the scans.
-    stop
-        Event that ends the copying of a file.
-    monotonic
-        Clock of the time for which files have not changed, seconds.
-    """
+    """Taker of the files in the watched folders of all scanners; of several processes on one store one takes."""
 
     def __init__(self, store: Store, stop: threading.Event, monotonic: Callable[[], float]) -> None:
         self._store = store
@@ -74,7 +64,7 @@ class WatchedFolders:
         self._is_taker = False
 
     def look(self) -> None:
-        """Let each folder look at its files, in a thread of its own."""
+        """Inspect each folder in a separate thread."""
         if not self._is_taker:
             try:
                 self._lock.enter_context(kernel_lock(self._store.files.folder / "watch.lock"))
@@ -88,7 +78,7 @@ class WatchedFolders:
             self._folders[scanner_id].look(settings)
 
     def wait(self, limit_s: float = _STOP_S) -> None:
-        """Wait for the end of the present looks, at most this number of seconds for each folder."""
+        """Wait for the end of the present inspections, at most this number of seconds for each folder."""
         for folder in self._folders.values():
             folder.wait(limit_s)
 
@@ -99,7 +89,7 @@ class WatchedFolders:
 
 
 class _Refused(Exception):  # noqa: N818 - an outcome
-    """A file that a person must look at; the message is the reason."""
+    """A file that a person must check; the message is the reason."""
 
     def __init__(self, code: str, reason: str) -> None:
         super().__init__(reason)
@@ -108,7 +98,7 @@ class _Refused(Exception):  # noqa: N818 - an outcome
 
 @dataclass(frozen=True)
 class _Look:
-    """Size in bytes and last change in ns of a file, since when they have been the same, and at how many looks."""
+    """Size in bytes and last change in ns of a file, since when they have been the same, and at how many inspections."""
 
     signature: tuple[int, int]
     since_s: float
@@ -130,13 +120,13 @@ class _Folder:
         self._again_s: dict[str, float] = {}
 
     def look(self, watched: WatchedFolder) -> None:
-        """Start a look in a thread, unless one goes on: a share that does not answer keeps no other work waiting."""
+        """Start an inspection in a thread, unless one is running: a silent share keeps no other work waiting."""
         if self._thread is None or not self._thread.is_alive():
             self._thread = threading.Thread(target=self._look, args=(watched,), name="watched", daemon=True)
             self._thread.start()
 
     def wait(self, limit_s: float) -> None:
-        """Wait for the end of the look."""
+        """Wait for the end of the inspection."""
         if self._thread is not None:
             self._thread.join(limit_s)
 
@@ -198,7 +188,7 @@ class _Folder:
         return sorted(complete, key=complete.__getitem__)
 
     def _is_looked_at(self, watched: WatchedFolder, here: int, names: set[str], name: str) -> bool:
-        """Return whether a name is that of a file to take, or of a mark whose file was taken before the mark came."""
+        """Return whether a name belongs to a file to take, or to a mark whose file was taken before the mark came."""
         if name.startswith(".") or name.lower().endswith(_UNFINISHED) or name in {TAKEN, REFUSED}:
             return False
         is_mark = name.endswith(DONE)
@@ -231,7 +221,7 @@ class _Folder:
     # The way of a file
 
     def _take(self, here: int, taken: int, name: str) -> str:
-        """Move a complete file into a folder of its own, and return the folder's name, the id of the scan."""
+        """Move a complete file into a new folder, and return the folder's name, the id of the scan."""
         scan_id = uuid4().hex
         os.mkdir(scan_id, dir_fd=taken)
         with _opened(scan_id, taken) as inside:
@@ -344,7 +334,7 @@ class _Folder:
 
 
 def _opened_below(stack: ExitStack, roots: Sequence[Path], folder: Path) -> int:
-    """Open a folder below one of the allowed ones, each part of its path within the one before."""
+    """Open a folder below one of the allowed ones, each part of the path within the one before."""
     root = next((each for each in roots if folder.is_relative_to(each)), None)
     if root is None:
         msg = f"SAWMILL_WATCH_FOLDERS does not allow {folder} any more"
@@ -394,7 +384,7 @@ def _opened_file(folder: int, name: str) -> BufferedReader:
 
 
 def _write(folder: int, name: str, text: str) -> None:
-    """Write a small file in place of any other of its name."""
+    """Write a small file in place of any other with this name."""
     with suppress(FileNotFoundError):
         os.unlink(name, dir_fd=folder)
     descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600, dir_fd=folder)
@@ -413,7 +403,7 @@ def _is_file(folder: int, name: str) -> bool:
 
 
 def _is_marked(folder: int, names: Collection[str], name: str, look: _Look) -> bool:
-    """Return whether NAME.done is there; a mark older than the file is that of an earlier file of the name."""
+    """Return whether NAME.done is there; a mark older than the file belongs to an earlier file of the name."""
     if name + DONE not in names or not _is_file(folder, name + DONE):
         return False
     return os.stat(name + DONE, dir_fd=folder, follow_symlinks=False).st_mtime_ns >= look.signature[1]

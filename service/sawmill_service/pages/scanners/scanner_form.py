@@ -171,15 +171,7 @@ class ScannerForm:
 
 
 class ScannerForms:
-    """Reader and writer of forms in one language.
-
-    Parameters
-    ----------
-    locale
-        Locale whose decimals are typed.
-    text
-        Catalogue of the language.
-    """
+    """Reader and writer of forms in one language and its locale's decimals."""
 
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
         self._decimal = get_decimal_symbol(locale)
@@ -212,13 +204,7 @@ class ScannerForms:
         return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
-        """Read what somebody typed: the form, and the scanner that it describes unless something is wrong.
-
-        Parameters
-        ----------
-        stored
-            Scanner whose values are kept where the form has no field for them; None: the scanner is new.
-        """
+        """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
         names = ("name", FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
         form = ScannerForm({name: typed.get(name, "").strip() for name in names})
         own = set(ScannerSpec.model_fields)
