@@ -7,8 +7,8 @@ A file is in one of these places, and goes from one to the next by a rename:
     taken/ID.TIME/NAME      its scan was made; TIME is the file's last change, ns, when it was copied
     refused/DAY/NAME        it was refused, for the reason in NAME.reason.txt; what the service has read is removed
 
-A table holds an id once: a file makes one scan, however often its taker is killed, and whichever process takes it next. Folders
-are opened one within the other and without links: a user who can write into a watched folder leads nowhere else.
+A table holds an id once: a file makes one scan, however often its taker is killed, and by whichever process it is taken
+next. Folders are opened one within the other and without links: a user who can write into one leads nowhere else.
 """
 # ruff: noqa: PTH208 - lists what is in an open folder
 
@@ -98,7 +98,7 @@ class _Refused(Exception):  # noqa: N818 - an outcome
 
 @dataclass(frozen=True)
 class _Look:
-    """Size in bytes and last change in ns of a file, since when they have been the same, and at how many inspections."""
+    """Size in bytes and last change in ns of a file, since when they are the same, and at how many inspections."""
 
     signature: tuple[int, int]
     since_s: float
