@@ -31,7 +31,7 @@ from sawmill_store.store import Store
 from sawmill_worker.watched_folders import WAIT_S, WatchedFolders
 
 BAD = b"no scan"
-FILES = 12
+FILES = 20
 
 
 class Clock:
@@ -556,15 +556,15 @@ def test_files_under_kills_of_two_processes_are_each_taken_once(watched):
         for process in processes:
             process.start()
         # Longer and longer, so that a busy machine gets somewhere too.
-        time.sleep(random.uniform(0.1, 0.5) * 1.05**kills)
-        watched.read()
+        time.sleep(random.uniform(0.03, 0.3) * 1.05**kills)
         for process in processes:
             os.kill(process.pid, signal.SIGKILL)
             process.join()
+        watched.read()
         kills += 1
-        assert kills < 100
     assert watched.contents() == contents
-    assert (len(watched.scans()), kills > 1) == (FILES, True)
+    assert len(watched.scans()) == FILES
+    assert kills > 3  # eight files are taken at a time, and removed once they have been read
 
 
 def test_the_page_has_each_field_and_its_example_is_taken():
