@@ -32,7 +32,7 @@ ENV PATH=/opt/sawmill/bin:$PATH \
     SAWMILL_DATA_FOLDER=/data \
     NUMBA_CACHE_DIR=/var/cache/sawmill
 # The user's home is a folder that every container may write to and none keeps. Any other user id may run the image too.
-RUN useradd --home-dir /tmp --uid 1000 sawmill && install --directory --mode=1777 /data /var/cache/sawmill
+RUN useradd --home-dir /tmp --uid 1000 sawmill && install --directory --mode=1777 /data /watched /var/cache/sawmill
 USER sawmill
 # A processor of another kind compiles them again at the first start.
 RUN umask 0000 && sawmill compile

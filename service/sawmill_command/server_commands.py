@@ -114,15 +114,19 @@ def install_service(
             readable=False, resolve_path=True, help="File of the token, which root alone need be able to read."
         ),
     ] = None,
+    watch: Annotated[
+        list[Path] | None,
+        typer.Option(readable=False, help="Folder in which scanners may have watched folders; may be repeated."),
+    ] = None,
 ) -> None:
-    """Make systemd units for this installation: the service, and more workers, watched folders and nightly backups.
+    """Make systemd units for this installation: the service, and more workers and nightly backups.
 
     Nothing is started. What to do next is written to standard error.
     """
     from sawmill_command.service_units import Installation, program
 
     try:
-        installation = Installation(program(), data, user, token)
+        installation = Installation(program(), data, user, token, tuple(watch or ()))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     if printed:

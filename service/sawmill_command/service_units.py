@@ -5,6 +5,7 @@ The hardening leaves out settings that the product cannot work with: Numba makes
 own files by system calls that are in none of systemd's sets (`landlock_...`, `seccomp`).
 """
 
+import json
 import os
 import re
 import shlex
@@ -76,29 +77,13 @@ _COMMON = _LASTING + _BOUNDED + _STRICT
 
 @dataclass(frozen=True)
 class Installation:
-    """Installation that the units describe.
-
-    Parameters
-    ----------
-    program
-        The command `sawmill`.
-    data
-        The service's data folder.
-    user
-        User as whom the service runs.
-    token
-        A file with the first administrator's key, which only root needs to be able to read; None without a key.
-
-    Raises
-    ------
-    ValueError
-        The units could not work; the sentence names what would be right.
-    """
+    """Program, data, user, file of the first key and watched folders; a `ValueError` names what would be right."""
 
     program: Path
     data: Path = DATA
     user: str = "sawmill"
     token: Path | None = None
+    watched: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,31}", self.user):
@@ -111,7 +96,7 @@ class Installation:
 
     @property
     def _paths(self) -> list[Path]:
-        return [self.program, self.data, *([] if self.token is None else [self.token])]
+        return [self.program, self.data, *([] if self.token is None else [self.token]), *self.watched]
 
     def doubts(self) -> Iterator[str]:
         """Yield reasons why the service might not start, which depend on rights of the user that are not known here."""
@@ -130,32 +115,19 @@ class Installation:
         return {
             "sawmill.service": self._service(),
             "sawmill-worker@.service": self._worker(),
-            "sawmill-watch@.service": self._watch(),
             "sawmill-backup@.service": self._backup(),
             "sawmill-backup@.timer": _NIGHTLY,
         }
 
     def write(self, folder: Path) -> list[Path]:
-        """Write all units or none; older units of the same names are replaced.
-
-        Raises
-        ------
-        OSError
-            The folder cannot be written to.
-        """
+        """Write all units or none; older units of the same names are replaced."""
         with tempfile.TemporaryDirectory(dir=folder) as fresh:
             for name, text in self.units().items():
                 (Path(fresh) / name).write_text(text)
             return [(Path(fresh) / name).replace(folder / name) for name in self.units()]
 
     def next_steps(self, *, written: bool) -> list[str]:
-        """Return the commands that root must run next.
-
-        Parameters
-        ----------
-        written
-            True if the units are in a folder that systemd reads.
-        """
+        """Return the commands that root must run next, with that which writes the units if they are not written."""
         steps = [f"useradd --system --user-group --home-dir {DATA} --shell /usr/sbin/nologin {self.user}"]
         if STATE not in self.data.parents:
             steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))
@@ -171,6 +143,7 @@ class Installation:
             yield f"--user={self.user}"
         if self.token is not None:
             yield f"--token={self.token}"
+        yield from (f"--watch={folder}" for folder in self.watched)
 
     def _service(self) -> str:
         return f"""\
@@ -188,7 +161,7 @@ ExecStart={self._command("serve")}
 TimeoutStartSec=infinity
 # The service's loop reports twice in this time.
 WatchdogSec=60
-{self._credential()}{self._on_data()}{_CACHED}{_COMMON}
+{self._credential()}{self._on_data()}{self._watching()}{_CACHED}{_COMMON}
 [Install]
 WantedBy=multi-user.target
 """
@@ -205,27 +178,7 @@ Type=exec
 ExecStartPre=-{self._command("compile")}
 ExecStart={self._command("worker")}
 TimeoutStartSec=infinity
-{self._on_data()}{_CACHED}{_COMMON}
-[Install]
-WantedBy=multi-user.target
-"""
-
-    def _watch(self) -> str:
-        return f"""\
-# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.toml. What it names may lie anywhere but in
-# homes and /tmp, so that the whole system is not read-only for it; its user must be allowed to write there. It works
-# without the service's data and settings, so that its user may be another one. It is started again without end, for a
-# share may come late.
-[Unit]
-Description=Sawmill calibration, watched folder %i
-After=network.target
-RequiresMountsFor={_word(self.program)}
-
-[Service]
-Type=exec
-ExecStart={self._command("watch")} /etc/sawmill/%i.toml
-{self._as_user()}{_LASTING}{_BOUNDED}ProtectSystem=full
-
+{self._on_data()}{self._watching()}{_CACHED}{_COMMON}
 [Install]
 WantedBy=multi-user.target
 """
@@ -267,22 +220,28 @@ LoadCredential=sawmill_token:{_specifiers(self.token)}
 Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
 """
 
-    def _as_user(self) -> str:
-        in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
+    def _watching(self) -> str:
+        """Return the settings of units that take files from watched folders; a share may come after the start."""
+        if not self.watched:
+            return ""
+        folders = json.dumps([str(folder) for folder in self.watched])
         return f"""\
-User={self.user}
-Environment=SAWMILL_LOG_FORMAT=json
-ProtectHome={"read-only" if in_homes else "yes"}
+Environment='SAWMILL_WATCH_FOLDERS={_specifiers(folders)}'
+ReadWritePaths={" ".join(_word(f"-{folder}") for folder in self.watched)}
 """
 
     def _on_data(self) -> str:
         """Return the settings of units that work on the service's data, which belong only to its user."""
+        in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
         if STATE in self.data.parents:
             folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
         else:
             folder = f"ReadWritePaths={_word(self.data)}"
         return f"""\
-{self._as_user()}Environment={_word(f"SAWMILL_DATA_FOLDER={self.data}")}
+User={self.user}
+Environment=SAWMILL_LOG_FORMAT=json
+ProtectHome={"read-only" if in_homes else "yes"}
+Environment={_word(f"SAWMILL_DATA_FOLDER={self.data}")}
 EnvironmentFile=-{SETTINGS}
 {folder}
 UMask=0077

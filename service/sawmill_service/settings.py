@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from sawmill_platform.settings import LargestScan
 from sawmill_service.http.limits.rates import check_rate
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.webhooks.destinations import check_entry
@@ -85,12 +86,9 @@ class NetworkSettings(BaseSettings):
     )
 
 
-class UploadSettings(BaseSettings):
+class UploadSettings(LargestScan):
     """Uploads."""
 
-    max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
-    )
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )

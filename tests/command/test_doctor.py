@@ -337,6 +337,13 @@ def test_beyond_loopback_without_a_key(found, run, data, monkeypatch):
     run("doctor", "--data", data)
 
 
+def test_a_folder_that_may_be_watched_and_is_missing(found, run, data, tmp_path, monkeypatch):
+    monkeypatch.setenv("SAWMILL_WATCH_FOLDERS", json.dumps([str(tmp_path), str(tmp_path / "gone")]))
+    assert f"{tmp_path}/gone of SAWMILL_WATCH_FOLDERS is missing" in found("watched folders")["sentence"]
+    monkeypatch.setenv("SAWMILL_WATCH_FOLDERS", '["scanners"]')
+    assert "SAWMILL_WATCH_FOLDERS" in run("doctor", "--data", data, code=1).stdout
+
+
 def test_a_package_that_is_too_old():
     findings = machine.wrong_packages(["numpy>=999", "no-such-package-of-ours", "h5py; extra == 'x'", "numpy>=1"])
     sentences = [finding.sentence for finding in findings if finding.state is State.BAD]

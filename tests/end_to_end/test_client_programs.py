@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -210,6 +211,39 @@ def test_the_csharp_program_does_the_whole_job(tmp_path, embedded, stack):
     [command] = re.findall(r"^// {3}(mcs .+) whole_job\.cs$", source.read_text(), re.MULTILINE)
     run([*command.split(), "-warnaserror", f"-out:{tmp_path}/whole_job.exe", source], tmp_path)
     do_the_whole_job(["mono", tmp_path / "whole_job.exe"], stack, tmp_path, embedded)
+
+
+def test_the_watcher_of_another_machine_sends_each_file_once(tmp_path, embedded):
+    scanner_id = embedded.create_scanner(name="elsewhere")
+    (tmp_path / "log.npy").write_bytes(b"not read here")
+    (tmp_path / "page.npy").write_bytes(b"<html>")
+    key = embedded.post("/v1/keys", json={"name": "elsewhere", "scope": "submit"})["secret"]
+    fields = [f"scanner_id={scanner_id}", "data=line-integrals", "angles_deg=0:1"]
+    command = [
+        sys.executable,
+        PROGRAMS / "watch_folder.py",
+        str(embedded.client.base_url).rstrip("/"),
+        tmp_path,
+        *fields,
+    ]
+    environment = {**os.environ, "no_proxy": "*", "SAWMILL_KEY": key, "STILL_FOR_S": "0.05"}
+
+    def sent(done: int) -> None:
+        with subprocess.Popen(command, env=environment) as program:
+            deadline = time.monotonic() + 60
+            while len(list(tmp_path.glob("done/*"))) < done or not list(tmp_path.glob("refused/*-page.npy")):
+                assert program.poll() is None
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            program.kill()
+
+    sent(1)
+    (file,) = tmp_path.glob("done/*-log.npy")
+    file.rename(tmp_path / "log.npy")  # as after a kill between the answer and the move
+    sent(1)
+    assert [scan["name"] for scan in embedded.get("/v1/scans", params={"scanner_id": scanner_id}).json()["items"]] == [
+        "log.npy"
+    ]
 
 
 def test_the_first_program_prints_what_its_page_shows(stack, embedded):

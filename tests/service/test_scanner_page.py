@@ -386,9 +386,32 @@ def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
 
 
+def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
+    store.settings.watch_folders.append(tmp_path)
+    given = {**SETTINGS, "watched_folder": str(tmp_path / "line-2"), "watched_folder_data": "line-integrals"}
+    assert seeded.post("/scanners/example/settings", data=given).status_code == 303
+    scanner = store.scanners.get("example")
+    watched = scanner.watched_folder
+    assert (watched.folder, watched.data, watched.match) == (given["watched_folder"], "line-integrals", "*")
+    by_program = watched.model_copy(update={"match": "*.h5", "still_for_s": None})
+    store.scanners.update("example", scanner.model_copy(update={"watched_folder": by_program}))
+    page = seeded.get("/scanners/example").text
+    assert f'value="{given["watched_folder"]}"' in page
+    assert '<option value="line-integrals" selected>' in page
+    seeded.post("/scanners/example/settings", data={**given, "watched_folder": str(tmp_path / "line-3")})
+    watched = store.scanners.get("example").watched_folder
+    assert (watched.folder, watched.match, watched.still_for_s) == (str(tmp_path / "line-3"), "*.h5", None)
+    taken = seeded.post("/scanners/new", data={**given, "watched_folder": str(tmp_path / "line-3/a")})
+    assert (taken.status_code, "watched folder of scanner &#39;example&#39;" in taken.text) == (422, True)
+    seeded.post("/scanners/example/settings", data=SETTINGS)
+    assert store.scanners.get("example").watched_folder is None
+
+
 @pytest.mark.parametrize(
     ("field", "typed", "sentence"),
     [
+        ("watched_folder", "/srv/elsewhere", "SAWMILL_WATCH_FOLDERS, which the administrator sets, allows no folder"),
+        ("watched_folder", "line-2", "must be an absolute path without .., as /srv/scanners/line-2"),
         ("source_to_cor_mm", "-5", "must be more than 0, not -5"),
         ("source_to_cor_mm", "86 cm", "must be a number, as in 859.46, not “86 cm”"),
         ("source_to_cor_mm", "1.859,46", "not “1.859,46”"),
@@ -402,7 +425,10 @@ def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
     ],
 )
 def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seeded, store, field, typed, sentence):
-    page = seeded.post("/scanners/example/settings", data={**SETTINGS, "name": "Renamed", field: typed})
+    page = seeded.post(
+        "/scanners/example/settings",
+        data={**SETTINGS, "watched_folder_data": "counts", "name": "Renamed", field: typed},
+    )
     assert page.status_code == 422
     marked = re.search(rf'<input id="{field}".*?</div>', page.text, re.DOTALL)[0]
     assert sentence in marked

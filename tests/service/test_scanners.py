@@ -31,6 +31,23 @@ def test_a_false_cursor_is_a_problem(client):
     assert client.get("/v1/scanners?after=nonsense").json()["code"] == "invalid-cursor"
 
 
+def test_a_watched_folder_that_is_not_allowed_is_a_problem(client, store, tmp_path):
+    store.settings.watch_folders.append(tmp_path)
+    watched = {"folder": str(tmp_path / "line-2"), "data": "counts", "exceptions": [{"match": "p*", "data": "counts"}]}
+    made = client.post("/v1/scanners", json={**SPEC, "watched_folder": watched})
+    assert made.json()["watched_folder"]["exceptions"][0]["match"] == "p*"
+    for folder, code in {
+        "/srv": "folder-refused",
+        f"{tmp_path}/../a": "invalid-request",
+        "a": "invalid-request",
+    }.items():
+        answer = client.post("/v1/scanners", json={**SPEC, "watched_folder": {**watched, "folder": folder}})
+        assert (answer.status_code, answer.json()["code"]) == (422, code)
+    taken = client.put("/v1/scanners/example", json={**SPEC, "watched_folder": watched})
+    assert taken.status_code == 404
+    assert client.put(made.headers["Location"], json=SPEC).json()["watched_folder"] is None
+
+
 def test_a_used_scanner_cannot_be_deleted(seeded):
     answer = seeded.delete("/v1/scanners/example")
     assert (answer.status_code, answer.json()["code"]) == (409, "scanner-in-use")

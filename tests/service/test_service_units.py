@@ -1,5 +1,6 @@
 """The systemd units: systemd can read them, and what they start does what they say of it."""
 
+import json
 import os
 import re
 import shlex
@@ -85,22 +86,31 @@ def test_a_unit_starts_a_command_of_this_installation_as_its_own_user(unit):
     assert service["StateDirectory"] == ["sawmill"]
 
 
-def test_a_watched_folder_and_a_backup_are_named_by_their_instances():
+def test_watched_folders_are_those_of_the_service_and_its_workers():
+    folders = (Path("/srv/scanner data"), Path("/mnt/50%"))
+    units = {name: parsed(text) for name, text in Installation(program(), watched=folders).units().items()}
+    for name in ("sawmill.service", "sawmill-worker@.service"):
+        service = units[name]["Service"]
+        # A share that is away at the start may come at any time.
+        assert service["ReadWritePaths"] == ['"-/srv/scanner data" -/mnt/50%%']
+        [setting] = [shlex.split(text)[0] for text in service["Environment"] if "WATCH" in text]
+        assert json.loads(setting.replace("%%", "%").partition("=")[2]) == list(map(str, folders))
+    assert "WATCH" not in str(units["sawmill-backup@.service"])
+    answer = install("--print", "--watch", "/srv/a", "--watch", "/srv/b")
+    assert "ReadWritePaths=-/srv/a -/srv/b\n" in answer.output
+    assert "--watch=/srv/a --watch=/srv/b" in answer.output
+    assert "'scanners' must be an" in install("--print", "--watch", "scanners", code=2).output
+
+
+def test_a_backup_is_named_by_its_instance():
     units = {name: parsed(text) for name, text in Installation(program()).units().items()}
-    watch, backup = (units[f"sawmill-{name}@.service"]["Service"] for name in ("watch", "backup"))
-    assert shlex.split(watch["ExecStart"][0])[1:] == ["watch", "/etc/sawmill/%i.toml"]
-    assert watch["ProtectSystem"] == ["full"], "folders that its file names are to be written to"
+    backup = units["sawmill-backup@.service"]["Service"]
     assert shlex.split(backup["ExecStart"][0])[1:] == ["backup", "%f", "--keep", "30"]
     # A folder that is not there is named by the command, and not by systemd's status 226.
     assert (backup["ReadWritePaths"], backup["ProtectSystem"], backup["Type"]) == (["-%f"], ["strict"], ["oneshot"])
     assert (backup["StateDirectory"], backup["UMask"]) == (["sawmill"], ["0077"])
-    # Its user may be another one: systemd would give that one the service's data, and hand it the database's password.
-    assert not watch.keys() & {"StateDirectory", "CacheDirectory", "ReadWritePaths", "EnvironmentFile"}
-    # A share that is away at the start may come at any time.
-    assert "StartLimitBurst" not in units["sawmill-watch@.service"]["Unit"]
-    for name in ("watch", "backup"):
-        answer = CliRunner().invoke(main, [name, "--help"])
-        assert (answer.exit_code, "--keep" in answer.output or name == "watch") == (0, True)
+    answer = CliRunner().invoke(main, ["backup", "--help"])
+    assert (answer.exit_code, "--keep" in answer.output) == (0, True)
     assert units["sawmill-backup@.timer"]["Timer"]["Persistent"] == ["yes"]
 
 

@@ -76,7 +76,8 @@ def of_containers(service: Service, kind: str) -> list[tuple[str, str]]:
     """Its volumes, or its tmpfs, as pairs of what is there and where."""
     if kind == "tmpfs":
         return [("", target) for target in service.get("tmpfs", [])]
-    return [(source, target) for source, target, *_ in (text.split(":") for text in service.get("volumes", []))]
+    texts = (re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", text) for text in service.get("volumes", []))
+    return [(source, target) for source, target, *_ in (text.split(":") for text in texts)]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from sawmill_contracts.geometry import SMALLEST_MM, GivenThetaBounds, PositiveMm, ScannerConstants
+from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_vocabulary import Handedness, Rotation, ThetaBounds
@@ -71,6 +72,9 @@ class ScannerSpec(Contract):
     )
     rotation: Rotation | None = Field(
         None, description="Sense of rotation. Null: every calibration tries both.", examples=["as-given"]
+    )
+    watched_folder: WatchedFolder | None = Field(
+        None, description="Folder into which the scanner writes its scans. Null: its software sends them."
     )
 
 

@@ -3,8 +3,25 @@
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+def _check_absolute(path: Path) -> Path:
+    if not path.is_absolute():
+        msg = f'must be a list of absolute paths, as ["/srv/scanners"], not {str(path)!r}'
+        raise ValueError(msg)
+    return path
+
+
+class LargestScan(BaseSettings):
+    """Size of a scan's file."""
+
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
+
+    max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
+        8 * 2**30, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
+    )
 
 
 class DataSettings(BaseSettings):
@@ -26,6 +43,11 @@ class DataSettings(BaseSettings):
         256 * 2**20,
         description="Free bytes below which the disk counts as full, also in `/health/ready`: "
         "room for the database, and for what runs to end.",
+    )
+    watch_folders: list[Annotated[Path, AfterValidator(_check_absolute)]] = Field(
+        [],
+        description="Folders (JSON list) in which scanners may have watched folders; the service and its workers see "
+        "them under the same paths, and the workers may write there. Empty: no folder is watched.",
     )
 
 

@@ -50,7 +50,7 @@ class Store(JobServiceStore):
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         files = MillFiles(settings.data_folder)
         super().__init__(settings, files, MillSubjects(files), clock)
-        self.scanners = Scanners(self.database)
+        self.scanners = Scanners(self.database, settings.watch_folders)
         self.phantoms = Phantoms(self.database, self.files, self.places)
         self.scans = Scans(self.database, self.files, self.places)
         self.inspections = Inspections(self.database, self.files, self.places)

@@ -1,4 +1,4 @@
-"""The duties of a mill's housekeeping: schedules, drift charts, alarms and retention."""
+"""The duties of a mill's housekeeping: schedules, drift charts, alarms, retention and watched folders."""
 
 import threading
 import time
@@ -10,6 +10,7 @@ from sawmill_platform.workers.housekeeping import Duty, Housekeeping
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
+from sawmill_worker.watched_folders import WatchedFolders
 
 # Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
 DRIFT_S = 1.0
@@ -31,6 +32,12 @@ class MillHousekeeping(Housekeeping):
         super().__init__(store, settings, stop, monotonic=monotonic)
         self._mill = store
         self._retention = store.retention_keeper()
+        self._watched_folders = WatchedFolders(store, stop, monotonic)
+
+    def join(self) -> None:
+        """Wait for the end of the thread and of what watches folders, after `stop` was set."""
+        super().join()
+        self._watched_folders.close()
 
     def duties(self) -> list[Duty]:
         """Return the duties of each round."""
@@ -38,7 +45,8 @@ class MillHousekeeping(Housekeeping):
 
     def duties_with_files(self) -> list[Duty]:
         """Return the duties of each round in which the data folder is in its place."""
-        return [*super().duties_with_files(), self._retire]
+        watching = [self._watched_folders.look] if self._mill.settings.watch_folders else []
+        return [*super().duties_with_files(), self._retire, *watching]
 
     def seldom_duties(self) -> list[Duty]:
         """Return the duties of one round in `SELDOM_S`."""

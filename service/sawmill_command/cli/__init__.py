@@ -16,7 +16,6 @@ COMMANDS = {
         "simulate",
         "export",
         "worker",
-        "watch",
         "compile",
         "phantom",
     )

@@ -45,6 +45,7 @@ def _examine(
     yield from science()
     yield from machine.limits_of_system(settings, execution)
     yield from machine.data_folder(storage)
+    yield from machine.watched_folders(storage.watch_folders)
     yield store.broker(execution.broker_url)
     if machine.is_closed(storage.data_folder):
         return

@@ -59,6 +59,16 @@ def wrong_packages(requirements: Iterable[str]) -> Iterator[DoctorFinding]:
             )
 
 
+def watched_folders(folders: Iterable[Path]) -> Iterator[DoctorFinding]:
+    """Check that this user can take files from the folders that may be watched."""
+    for folder in folders:
+        if folder.is_dir() and os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+            yield DoctorFinding("watched folders", State.GOOD, f"{folder} can be read and written")
+        else:
+            sentence = f"{folder} of SAWMILL_WATCH_FOLDERS is missing, or this user cannot read and write it"
+            yield DoctorFinding("watched folders", State.BAD, sentence, "mount it, or change its owner")
+
+
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[DoctorFinding]:
     """Check that the system's limits allow the settings."""
     most, possible = settings.max_connections, possible_connections(settings.max_connections)

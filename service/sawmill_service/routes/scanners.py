@@ -93,7 +93,7 @@ EXAMPLE = {
     status_code=201,
     summary="Describe a scanner",
     openapi_extra=trying(body=EXAMPLE),
-    responses=LOCATED,
+    responses=LOCATED | refuses("folder-refused"),
 )
 @repeatable
 def create_scanner(spec: Sent[ScannerAsk], scanners: TheScanners, response: Response) -> StoredScanner:
@@ -120,7 +120,7 @@ def get_scanner(scanner_id: Identifier, scanners: TheScanners) -> StoredScanner:
     needs=Scope.ACTIVATE,
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
-    responses=refuses("scanner-not-found"),
+    responses=refuses("scanner-not-found", "folder-refused"),
 )
 def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], scanners: TheScanners) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""

@@ -5,6 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from sawmill_platform.attempts.environment import environment_of_attempts, environment_with
+from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.variables import (
     KNOWN,
@@ -23,13 +24,14 @@ ROOT = Path(__file__).parents[3]
 
 def test_settings_survive_the_way_through_an_environment(monkeypatch):
     sent = ExecutionSettings(lease_s=7, heartbeat_s=1.5, workers=3, broker_url=None, log_format="json")
+    stored = StorageSettings(data_folder=Path("/srv/data"), watch_folders=[Path("/srv/a b"), Path("/srv/c'd")])
     monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://elsewhere")
-    environment = environment_with(sent)
+    environment = environment_with(stored, sent)
     for name in [name for name in environment if name.startswith("SAWMILL_")] + ["SAWMILL_BROKER_URL"]:
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    assert ExecutionSettings() == sent
+    assert (ExecutionSettings(), StorageSettings()) == (sent, stored)
 
 
 def test_the_service_s_token_stays_with_the_service(monkeypatch):

@@ -1,5 +1,6 @@
 """Settings passed to a child process in environment variables."""
 
+import json
 import os
 import re
 from collections.abc import Iterable
@@ -38,5 +39,5 @@ def _with_settings(environment: dict[str, str], settings: Iterable[BaseSettings]
             if value is None:
                 environment.pop(variable, None)
             else:
-                environment[variable] = str(value)
+                environment[variable] = json.dumps(value) if isinstance(value, list) else str(value)
     return environment

@@ -11,6 +11,7 @@ kept/<job>/                     checkpoints, for the job's next attempt; until t
 removed/                        files that are being deleted
 examples/                       files of which the examples were made, so that they are made once in a folder's life
 identity                        a random id that the database has too (`folder_identity`)
+watch.lock                      of the process that takes files from watched folders
 serve.lock                      of the process that serves the folder (`workers/sole_service.py`); SQLite alone
 sawmill.db.spare                reserve for a cancellation when the disk is full (`spare_room`)
 last-backup.json                time and place of the last backup (`backups/newest.py`)

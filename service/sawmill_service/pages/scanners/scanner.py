@@ -15,7 +15,7 @@ from sawmill_contracts.schedules import Schedule, ScheduleRun
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.errors import NotFound
+from sawmill_platform.errors import Invalid, NotFound
 from sawmill_service.dependencies import (
     TheCalibrations,
     TheFiles,
@@ -34,7 +34,7 @@ from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
 from sawmill_service.pages.frame.languages import locale_of, marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.scanners.geometry_drawing import scanner_drawing
-from sawmill_service.pages.scanners.scanner_form import FIELDS, ScannerForm, ScannerForms
+from sawmill_service.pages.scanners.scanner_form import FIELDS, FOLDER, ScannerForm, ScannerForms
 from sawmill_service.pages.scanners.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
@@ -69,7 +69,11 @@ def create_scanner(
     form, spec = _forms(page).read(typed, None)
     if spec is None:
         return _new(page, inspections, wizard, form)
-    made = scanners.create(spec).id
+    try:
+        made = scanners.create(spec).id
+    except Invalid as refusal:
+        form.errors[FOLDER] = str(refusal)
+        return _new(page, inspections, wizard, form)
     return RedirectResponse(wizard.path(scanner=made) if wizard.inspection else f"/scanners/{made}", status_code=303)
 
 
@@ -93,7 +97,11 @@ def change_settings(
     form, spec = _forms(page).read(typed, stored)
     if spec is None:
         return _answer(page, store, stored, form=form)
-    store.scanners.update(scanner_id, spec)
+    try:
+        store.scanners.update(scanner_id, spec)
+    except Invalid as refusal:
+        form.errors[FOLDER] = str(refusal)
+        return _answer(page, store, stored, form=form)
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
 

@@ -13,8 +13,10 @@ from pydantic_core import ErrorDetails
 
 from sawmill_contracts.inspections import InspectedReading
 from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
+from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_service.pages.frame.formats import plain_number
 from sawmill_service.pages.frame.languages import marked
+from sawmill_vocabulary import DataKind
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,8 @@ FIELDS = (
         needed=False,
     ),
 )
-_BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name"}
+FOLDER, FOLDER_DATA = "watched_folder", "watched_folder_data"
+_BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name", (FOLDER, "folder"): FOLDER}
 # Errors of pydantic: the name of the limit in the details, and the sentence.
 _LIMITS = {
     "greater_than": ("gt", marked("must be more than %(limit)s, not %(value)s")),
@@ -160,19 +163,15 @@ class ScannerForm:
     @property
     def opens_rest(self) -> bool:
         """True if a field with a good default needs attention."""
-        return bool(self.further) or any(each.name in self.errors for each in FIELDS if not each.basic)
+        return (
+            bool(self.further)
+            or FOLDER in self.errors
+            or any(each.name in self.errors for each in FIELDS if not each.basic)
+        )
 
 
 class ScannerForms:
-    """Reader and writer of forms in one language.
-
-    Parameters
-    ----------
-    locale
-        Locale whose decimals are typed.
-    text
-        Catalogue of the language.
-    """
+    """Reader and writer of forms in one language and its locale's decimals."""
 
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
         self._decimal = get_decimal_symbol(locale)
@@ -182,7 +181,8 @@ class ScannerForms:
         """Return the form of a new scanner, in which the tolerances are filled in already."""
         defaults = {"tolerances": Tolerances().model_dump()}
         numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
-        return ScannerForm({"name": "", **{name: self._number(value) for name, value in numbers.items()}})
+        texts = {name: self._number(value) for name, value in numbers.items()}
+        return ScannerForm({"name": "", **_folder_texts(None), **texts})
 
     def filled(self, form: ScannerForm, reading: InspectedReading) -> ScannerForm:
         """Fill the empty fields of a form that nobody typed with what a scan's file states; mark them in any form."""
@@ -200,22 +200,20 @@ class ScannerForms:
     def of(self, spec: ScannerSpec) -> ScannerForm:
         """Write a scanner's description into a form."""
         values = spec.model_dump(mode="json")
-        return ScannerForm({"name": spec.name, **{each.name: self._number(_at(values, each.place)) for each in FIELDS}})
+        texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
+        return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
-        """Read what somebody typed: the form, and the scanner that it describes unless something is wrong.
-
-        Parameters
-        ----------
-        stored
-            Scanner whose values are kept where the form has no field for them; None: the scanner is new.
-        """
-        form = ScannerForm({name: typed.get(name, "").strip() for name in ("name", *(each.name for each in FIELDS))})
+        """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
+        names = ("name", FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
+        form = ScannerForm({name: typed.get(name, "").strip() for name in names})
         own = set(ScannerSpec.model_fields)
         document: dict[str, Any] = {} if stored is None else stored.model_dump(mode="json", include=own)
         document["name"] = form.values["name"]
         for each in FIELDS:
             _put(document, each.place, self._read_number(each, form))
+        folder = {"folder": form.values[FOLDER], "data": form.values[FOLDER_DATA]}
+        document[FOLDER] = {**(document.get(FOLDER) or {}), **folder} if form.values[FOLDER] else None
         spec = None
         try:
             spec = ScannerAsk.model_validate(document)
@@ -260,6 +258,12 @@ class ScannerForms:
 
     def _number(self, value: float | None) -> str:
         return "" if value is None else f"{value:.10g}".replace(".", self._decimal)
+
+
+def _folder_texts(watched: WatchedFolder | None) -> dict[str, str]:
+    if watched is None:
+        return {FOLDER: "", FOLDER_DATA: DataKind.COUNTS.value}
+    return {FOLDER: watched.folder, FOLDER_DATA: watched.data.value}
 
 
 def _at(document: Mapping[str, Any], place: tuple[str, ...]) -> Any:  # noqa: ANN401 - a number or nothing
