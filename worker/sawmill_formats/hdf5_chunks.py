@@ -210,11 +210,7 @@ def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
 class _Szip:
     """szip, which only the library unpacks: in a file in memory, with data padded so that they never end too early.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-    values : (options, pixels in a block, ...)
-        The filter's settings.
+    `values` (options, pixels in a block, ...): the filter's settings.
     """
 
     def __init__(self, dataset: h5py.Dataset, values: tuple[int, ...]) -> None:

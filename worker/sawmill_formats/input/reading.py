@@ -295,13 +295,7 @@ def _translated(projections: Projections, what: str) -> Projections:
 def agree_on_angles(
     contents: FileContents, angles_given: AnglesGiven | None
 ) -> tuple[NDArray[np.float64], tuple[Reason, ...]]:
-    """Return the views' angles (views,) in degrees, from the file or as given, and remarks.
-
-    Raises
-    ------
-    UnreadableScan
-        There are no angles, or the file's and the given ones differ, or their number is the number of cells.
-    """
+    """Return the views' angles (views,) in degrees, from the file or as given, and remarks."""
     carried, of_axis = contents.angles, contents.angles_of_axis
     if carried.deg is not None:
         _check_axis("the file carries", carried.deg.size, contents)

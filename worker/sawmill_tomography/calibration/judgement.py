@@ -56,19 +56,11 @@ _SCALES = {
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status, verdicts and reasons of a calibration, the worst reason first.
-
-    Attributes
-    ----------
-    verdict : Verdict
-        Verdict on the rays among themselves, and on the image's millimetres.
-    rays_verdict : Verdict
-        Verdict on the rays among themselves alone.
-    """
+    """Status, verdicts and reasons of a calibration, the worst reason first."""
 
     status: CalibrationStatus
-    verdict: Verdict
-    rays_verdict: Verdict
+    verdict: Verdict  # verdict on the rays among themselves, and on the image's millimetres
+    rays_verdict: Verdict  # verdict on the rays among themselves alone
     reasons: tuple[Reason, ...]
 
 
@@ -139,18 +131,12 @@ class Degree(Enum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A reason, and the calibration's status because of this reason, if the reason decides a status.
-
-    Attributes
-    ----------
-    of_scale : bool
-        The remark concerns the image's millimetres alone: the rays may be right among themselves.
-    """
+    """A reason, and the calibration's status because of this reason, if the reason decides a status."""
 
     degree: Degree
     reason: Reason
     status: CalibrationStatus | None = None
-    of_scale: bool = False
+    of_scale: bool = False  # the remark concerns the image's millimetres alone: the rays may be right among themselves
     comes_first: bool = False
 
 

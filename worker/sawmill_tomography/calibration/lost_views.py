@@ -50,18 +50,10 @@ NOT_WHOLE = 0.1
 
 @dataclass(frozen=True)
 class AnglesOfViews:
-    """Angles that a scan shows instead of those given.
+    """Angles that a scan shows instead of those given."""
 
-    Attributes
-    ----------
-    angles_rad : (views,) float64
-        In the sense in which the angles were given.
-    effects : tuple of KnownEffect
-        What the angles have against those given.
-    """
-
-    angles_rad: FloatArray
-    effects: tuple[KnownEffect, ...]
+    angles_rad: FloatArray  # (views,): in the sense in which the angles were given
+    effects: tuple[KnownEffect, ...]  # what the angles have against those given
     ranked: RankedFit
 
 

@@ -24,23 +24,12 @@ BOTH = [FitParameter.U_C, FitParameter.TILT]
 
 @dataclass(frozen=True, eq=False)
 class LogAnswer:
-    """The log's measurement of u_c and tau at the phantom's SDD.
-
-    Attributes
-    ----------
-    detector : DetectorEstimate
-    sdd_sensitivity : (2,) float64
-        Change of u_c and tau per mm of SDD.
-    rotation : Rotation
-        The sense in which the log turned; the calibrated sense where the log does not show the sense.
-    movement : LogMovement or None
-        None where the scan has too few views to show whether the log moved.
-    """
+    """The log's measurement of u_c and tau at the phantom's SDD."""
 
     detector: DetectorEstimate
-    sdd_sensitivity: FloatArray
-    rotation: Rotation
-    movement: LogMovement | None
+    sdd_sensitivity: FloatArray  # (2,): change of u_c and tau per mm of SDD
+    rotation: Rotation  # the sense in which the log turned; the calibrated sense where the log does not show the sense
+    movement: LogMovement | None  # None where the scan has too few views to show whether the log moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +86,7 @@ def compare_witnesses(
     phantom_moved: bool,
     radius_mm: float,
 ) -> LogWitness:
-    """Compare the log's answer with the phantom's, and combine or select the two.
-
-    Parameters
-    ----------
-    frame, covariance : SourceFrame, (5, 5) float64
-        Geometry and covariance from the phantom's rows alone.
-    phantom_moved : bool
-        True if the phantom's fit found that the phantom moved during the scan.
-    radius_mm : float
-        Radius of the disc in which rays are compared.
-    """
+    """Compare the log's answer with the phantom's, and combine or select the two."""
     vector = to_vector(frame)
     sees = np.zeros((2, len(vector)))
     sees[[0, 1], BOTH] = 1.0

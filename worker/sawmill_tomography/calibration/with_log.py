@@ -54,13 +54,7 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
 def _ask_log(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
 ) -> LogAnswer:
-    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer, by opposite rays or view pairs.
-
-    Raises
-    ------
-    DriftError
-        If the views are too few, or this log does not show u_c and tau.
-    """
+    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer by opposite rays or pairs."""
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
     detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation

@@ -39,19 +39,8 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
 
     Rays through nails are starved and hardened, and differently from either side.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float64
-        Line integrals.
-    angles_rad : (views,) float64
-        View angles in the calibrated sense of rotation.
-    start : SourceFrame
-        A geometry near the scan's.
-
-    Raises
-    ------
-    DriftError
-        If more samples see metal than may be left out.
+    `sinogram` (views, detector): line integrals. `angles_rad` (views,): view angles in the calibrated sense of
+    rotation.
     """
     screening = _screen_ends(sinogram)
     lines = screening.bridged(sinogram).astype(np.float32)

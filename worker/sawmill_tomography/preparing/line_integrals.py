@@ -211,34 +211,16 @@ def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
 
 @dataclass(frozen=True)
 class LineIntegrals:
-    """A stack of line integrals.
+    """A stack of line integrals."""
 
-    Attributes
-    ----------
-    stack : (views, rows, detector) float32
-        Line integrals, dimensionless.
-    air_level : (rows, detector) float32
-        Air level in counts (`Exposure.air_level`).
-    saturated_share : float
-        Share of the cells that are saturated (`Exposure.saturated_share`).
-    remarks : tuple of Reason
-        Corrections made.
-    """
-
-    stack: Stack
-    air_level: Stack
-    saturated_share: float
-    remarks: tuple[Reason, ...]
+    stack: Stack  # (views, rows, detector) float32: line integrals, dimensionless
+    air_level: Stack  # (rows, detector) float32: air level in counts (`Exposure.air_level`)
+    saturated_share: float  # share of the cells that are saturated (`Exposure.saturated_share`)
+    remarks: tuple[Reason, ...]  # corrections made
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
-
-    Raises
-    ------
-    CountsError
-        Error of `Exposure.of`, `to_line_integrals` or `check_signal`.
-    """
+    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
     saturated = exposure.saturated_samples(exposure.at_largest(stack).sum(axis=0), float(np.nanmax(stack)))
     starved = int(exposure.to_line_integrals(stack).sum())

@@ -51,21 +51,11 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """Result of the corrections.
+    """Result of the corrections."""
 
-    Attributes
-    ----------
-    faulty : (rows, cells) bool
-        Cells that were bridged.
-    air_cells : (cells,) bool
-        Air in every view of every row.
-    remarks : tuple of Reason
-        One sentence for each correction that changed something, or could not be made.
-    """
-
-    faulty: NDArray[np.bool_]
-    air_cells: NDArray[np.bool_]
-    remarks: tuple[Reason, ...]
+    faulty: NDArray[np.bool_]  # (rows, cells) bool: cells that were bridged
+    air_cells: NDArray[np.bool_]  # (cells,) bool: air in every view of every row
+    remarks: tuple[Reason, ...]  # one sentence for each correction that changed something, or could not be made
 
 
 @dataclass

@@ -95,13 +95,7 @@ def noise_share(sinogram: ArrayLike) -> float:
 
 
 def expected_error(method: ReconstructionMethod, views: int, noise: float) -> float:
-    """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms; beyond the table, its border.
-
-    Parameters
-    ----------
-    noise : float
-        Share of the signal, from `comparable_noise`.
-    """
+    """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms up to the table's border."""
     rows = np.log(EXPECTED_ERRORS[method])
     by_views = [np.interp(np.log(noise), np.log(NOISES), row) for row in rows]
     return float(np.exp(np.interp(np.log(views), np.log(VIEWS[: len(rows)]), by_views)))

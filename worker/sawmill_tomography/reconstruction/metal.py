@@ -259,21 +259,11 @@ class MetalSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Shadows:
-    """The shadows of metal in a sinogram.
+    """The shadows of metal in a sinogram."""
 
-    Attributes
-    ----------
-    excess : (views, cells) float32
-        What the metal adds to the line integrals of the wood, as far as known; 0 elsewhere.
-    least : float
-        The excess of thin wood, or of noise.
-    wood_per_mm : float
-        Mean attenuation of the wood.
-    """
-
-    excess: Image
-    least: float
-    wood_per_mm: float
+    excess: Image  # (views, cells) float32: what the metal adds to the line integrals of the wood, as far as known
+    least: float  # the excess of thin wood, or of noise
+    wood_per_mm: float  # mean attenuation of the wood
 
     @property
     def dark(self) -> NDArray[np.bool_]:

@@ -33,10 +33,7 @@ def edge_error_mm(image: ArrayLike, truth: ArrayLike, pixel_mm: float, *, contra
     truth's two levels: at most REACH_PIXELS, which also counts for an edge that is missing. The result is the root mean
     square of the displacements over the edges that are clear of other edges; 0 where the truth has no such edge.
 
-    Parameters
-    ----------
-    image, truth : (size, size)
-        Images [x, y], in the same unit.
+    `image`, `truth` (size, size): images [x, y], in the same unit.
     """
     reference = np.asarray(truth, np.float64)
     points, normals, low, high = _edges(reference, contrast)

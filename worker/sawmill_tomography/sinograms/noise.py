@@ -49,13 +49,7 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike, *, smoothed: int = 
     It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over neighbouring cells first: a ray must not
     count more because its own noise made it brighter, which would bias the image.
 
-    Parameters
-    ----------
-    sinogram : (..., detector) float
-        Line integrals, dimensionless.
-    air_counts : float or array that broadcasts with the sinogram
-    smoothed : int
-        Number of neighbouring cells; 1 beside shadows that are narrower than SMOOTHED cells.
+    `sinogram` (..., detector) float: line integrals, dimensionless.
     """
     counts = np.asarray(air_counts, np.float64)
     if not (counts > 0.0).all():
@@ -106,13 +100,7 @@ def rms_noise(noise: FloatArray) -> float:
 
 
 def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
-    """Return the noise as (slices, views, detector), estimated slice by slice if `noise` is None.
-
-    Raises
-    ------
-    GeometryError
-        If a given noise does not fit the block or is not positive. It is infinite where a ray is left out.
-    """
+    """Return the noise as (slices, views, detector), estimated slice by slice if `noise` is None."""
     if noise is None:
         return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
     noises = np.asarray(noise, np.float64)
@@ -146,12 +134,7 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
     change every view in its place. A wrong order of the views need not.
 
-    Parameters
-    ----------
-    image : (size, size) float32
-    line, noise : (views, detector)
-    displaced
-        Share of the residual beyond noise above which shifts of the views are the cause.
+    `image` (size, size) float32. `line`, `noise` (views, detector).
     """
     counted = np.isfinite(noise) & projector.crossing
     weight = np.where(counted, 1.0 / noise, 0.0)

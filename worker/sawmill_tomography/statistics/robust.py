@@ -15,13 +15,5 @@ def robust_deviation(departures: NDArray[np.floating]) -> float:
 
 
 def noise_of_differences(differences: NDArray[np.floating], order: int) -> float:
-    """Return the standard deviation of white noise from differences of neighbouring samples, by their median.
-
-    Parameters
-    ----------
-    differences : any shape
-        Differences; first-order ones contain no constant, second-order ones no slope either.
-    order : int
-        The variance of a difference is (2 order)! / (order!)^2 times the variance of a sample: 2, 6, 20.
-    """
+    """Return the standard deviation of white noise from differences of neighbouring samples, by their median."""
     return robust_deviation(differences) / math.sqrt(math.comb(2 * order, order))

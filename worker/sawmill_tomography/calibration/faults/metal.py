@@ -54,18 +54,10 @@ ROUNDS, SETTLED = 3, 0.02
 
 @dataclass(frozen=True, eq=False)
 class PhantomMetal:
-    """Metal in a phantom.
+    """Metal in a phantom."""
 
-    Attributes
-    ----------
-    samples : (views, cells) bool
-        Samples that see metal.
-    places_mm : tuple of (float, float)
-        The middle of each piece in the image frame, x and y.
-    """
-
-    samples: Samples
-    places_mm: tuple[tuple[float, float], ...]
+    samples: Samples  # (views, cells) bool: samples that see metal
+    places_mm: tuple[tuple[float, float], ...]  # the middle of each piece in the image frame, x and y
 
     def reason(self, handedness: Handedness, position_mm: tuple[float, float]) -> Reason:
         """Return the reason that reports the metal, with places in the drawing of a phantom in this pose."""
@@ -78,17 +70,7 @@ class PhantomMetal:
 def find_metal(
     phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = ignore_progress
 ) -> PhantomMetal | None:
-    """Find metal in a phantom, from a fit to a scan that may show metal; None where there is none.
-
-    Parameters
-    ----------
-    phantom : Phantom
-        The phantom as the scan shows it.
-    data : SinogramData
-        Data that include the samples that see metal, for comparison with the model of the fit.
-    fit : Fit
-        Fit to samples of which some or none see metal.
-    """
+    """Find metal in a phantom, from a fit to a scan that may show metal; None where there is none."""
     result: PhantomMetal | None = None
     for _ in range(ROUNDS):
         metal = _Search(phantom, data, fit).metal()

@@ -19,21 +19,11 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 @dataclass(frozen=True)
 class Screening:
-    """The usable parts of a sinogram.
+    """The usable parts of a sinogram."""
 
-    Attributes
-    ----------
-    cells : (cells,) bool
-        Usable cells.
-    views : (views,) bool
-        Usable views.
-    hidden : (views, cells) bool or None
-        Samples that see something else than the phantom; None where there are none.
-    """
-
-    cells: NDArray[np.bool_]
-    views: NDArray[np.bool_]
-    hidden: NDArray[np.bool_] | None = None
+    cells: NDArray[np.bool_]  # (cells,) bool: usable cells
+    views: NDArray[np.bool_]  # (views,) bool: usable views
+    hidden: NDArray[np.bool_] | None = None  # (views, cells) bool or None
 
     @cached_property
     def weights(self) -> FloatArray | None:

@@ -44,20 +44,10 @@ class ResidualPlace(StrEnum):
 
 @dataclass(frozen=True)
 class Structure:
-    """Structure in a residual beyond noise.
+    """Structure in a residual beyond noise."""
 
-    Attributes
-    ----------
-    share : float
-        RMS of the structure against the RMS of the sinogram without its mean.
-    place : ResidualPlace
-        Place of most of the structure; `STANDING` where all views share much of it.
-    cells : mapping of str to int
-        The `first_cell` and the `last_cell` that are wrong in all views; empty for other places.
-    """
-
-    share: float
-    place: ResidualPlace
+    share: float  # RMS of the structure against the RMS of the sinogram without its mean
+    place: ResidualPlace  # place of most of the structure; `STANDING` where all views share much of it
     cells: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -57,17 +57,9 @@ class DriftCheckPoint:
 
 @dataclass(frozen=True)
 class PooledDriftCheckPoint(DriftCheckPoint):
-    """Several drift checks pooled into one.
+    """Several drift checks pooled into one."""
 
-    Attributes
-    ----------
-    days, change
-        The checks' mean time, and their generalised least squares estimate.
-    looks, outliers : int
-        Number of pooled checks, and number of outliers among them that were left out.
-    """
-
-    looks: int
+    looks: int  # number of pooled checks, and number of outliers among them that were left out
     outliers: int
 
 
@@ -118,13 +110,7 @@ def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray
 
 
 def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
-    """Estimate one change from drift checks whose covariances may differ, without outliers.
-
-    Raises
-    ------
-    ValueError
-        If `looks` is empty.
-    """
+    """Estimate one change from drift checks whose covariances may differ, without outliers."""
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
     means = pooled_means(*stacked(look.change for look in looks))
