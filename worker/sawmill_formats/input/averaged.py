@@ -18,17 +18,10 @@ LEAST_AIR = -1.0
 
 @dataclass(frozen=True, eq=False)
 class AveragedRows:
-    """Origin of a scan's one row as a mean over rows.
+    """Origin of a scan's one row as a mean over rows."""
 
-    Attributes
-    ----------
-    rows : int
-        The number of detector rows whose line integrals were averaged.
-    deviations : (views, detector) float32, or None
-        The standard deviation of each mean; infinite where a ray is masked.
-    """
-
-    rows: int
+    rows: int  # the number of detector rows whose line integrals were averaged
+    # (views, detector) float32, or None: the standard deviation of each mean; infinite where a ray is masked
     deviations: NDArray[np.float32] | None
 
     @classmethod

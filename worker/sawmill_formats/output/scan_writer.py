@@ -33,18 +33,10 @@ from sawmill_vocabulary import DetectorModule
 
 @dataclass(frozen=True, eq=False)
 class RowsPresent:
-    """Rows that views have, where views lack some.
+    """Rows that views have, where views lack some."""
 
-    Attributes
-    ----------
-    of_views : (views, rows) bool
-        True where a view has the row; missing rows are NaN in the data.
-    usable : (first, one after the last)
-        The rows that enough views have.
-    """
-
-    of_views: NDArray[np.bool_]
-    usable: tuple[int, int]
+    of_views: NDArray[np.bool_]  # (views, rows) bool: True where a view has the row; missing rows are NaN in the data
+    usable: tuple[int, int]  # (first, one after the last): the rows that enough views have
 
 
 @dataclass(frozen=True, eq=False)

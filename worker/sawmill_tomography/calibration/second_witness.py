@@ -34,41 +34,20 @@ class LogAnswer:
 
 @dataclass(frozen=True, eq=False)
 class LogWitness:
-    """The answers of the log and the phantom, and the geometry that follows.
-
-    Attributes
-    ----------
-    log : LogAnswer
-    other_sense : bool
-        The log turned in the other sense than the phantom's fit: the log is then not used.
-    phantom : DetectorEstimate
-        u_c and tau of the phantom's rows alone.
-    difference : DetectorEstimate
-        u_c and tau of the log less u_c and tau of the phantom.
-    chi_squared : float
-        Chi-squared of the difference, with 2 degrees of freedom.
-    ray_change_mm : float
-        RMS distance by which the difference moves the rays in the log's disc.
-    agreement : Agreement
-    moved : MovedBody or None
-        The body that moved during the scan, where the scan shows it. A log that moved is not used.
-    taken : WitnessTaken
-        The body or bodies whose u_c and tau are reported.
-    vector, covariance : (5,), (5, 5) float64
-        The geometry (psi, R, SDD, u_c, tau) that follows from both answers.
-    """
+    """The answers of the log and the phantom, and the geometry that follows."""
 
     log: LogAnswer
-    other_sense: bool
-    phantom: DetectorEstimate
-    difference: DetectorEstimate
-    chi_squared: float
-    ray_change_mm: float
+    other_sense: bool  # the log turned in the other sense than the phantom's fit: the log is then not used
+    phantom: DetectorEstimate  # u_c and tau of the phantom's rows alone
+    difference: DetectorEstimate  # u_c and tau of the log less u_c and tau of the phantom
+    chi_squared: float  # chi-squared of the difference, with 2 degrees of freedom
+    ray_change_mm: float  # RMS distance by which the difference moves the rays in the log's disc
     agreement: Agreement
+    # The body that moved during the scan, where the scan shows it. A log that moved is not used.
     moved: MovedBody | None
-    taken: WitnessTaken
-    vector: FloatArray
-    covariance: FloatArray
+    taken: WitnessTaken  # the body or bodies whose u_c and tau are reported
+    vector: FloatArray  # (5,): the geometry (psi, R, SDD, u_c, tau) that follows from both answers
+    covariance: FloatArray  # (5, 5)
 
     @property
     def reported(self) -> DetectorEstimate:

@@ -203,24 +203,12 @@ def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *,
 
 @dataclass(frozen=True)
 class RayErrorPrediction:
-    """Ray error inside the disc, predicted from a covariance.
+    """Ray error inside the disc, predicted from a covariance."""
 
-    Attributes
-    ----------
-    rms_mm : float
-        Root of the expected mean square.
-    max_mm : float
-        Standard deviation at the worst point.
-    upper_95_mm : float
-        The RMS ray error stays below this in 95 of 100 cases.
-    interval_95_mm : (low, high)
-        The RMS ray error lies in this interval in 95 of 100 cases.
-    """
-
-    rms_mm: float
-    max_mm: float
-    upper_95_mm: float
-    interval_95_mm: tuple[float, float]
+    rms_mm: float  # root of the expected mean square
+    max_mm: float  # standard deviation at the worst point
+    upper_95_mm: float  # the RMS ray error stays below this in 95 of 100 cases
+    interval_95_mm: tuple[float, float]  # (low, high): the RMS ray error lies in this interval in 95 of 100 cases
 
 
 @dataclass(frozen=True, eq=False)

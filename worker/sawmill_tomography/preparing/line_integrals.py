@@ -41,27 +41,15 @@ class CountsError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """Dark signal and gain of each detector cell, from flat and dark fields.
+    """Dark signal and gain of each detector cell, from flat and dark fields."""
 
-    Attributes
-    ----------
-    dark : (rows, detector) float32
-        Mean dark field, in counts.
-    level : (rows, detector) float32
-        Mean flat minus mean dark, in counts; 1 in dead cells.
-    dead : (rows, detector) bool
-        Cells whose flat is not above their dark; also cells whose flat is saturated, if these are few.
-    saturated : (rows, detector) bool
-        Cells whose flats have the largest count.
-    largest : float
-        Largest count of the detector, as far as the flats show; infinity if unknown.
-    """
-
-    dark: NDArray[np.float32]
-    level: NDArray[np.float32]
+    dark: NDArray[np.float32]  # (rows, detector) float32: mean dark field, in counts
+    level: NDArray[np.float32]  # (rows, detector) float32: mean flat minus mean dark, in counts; 1 in dead cells
+    # (rows, detector) bool: cells whose flat is not above their dark; also cells whose flat is saturated, if these are
+    # few
     dead: NDArray[np.bool_]
-    saturated: NDArray[np.bool_]
-    largest: float = math.inf
+    saturated: NDArray[np.bool_]  # (rows, detector) bool: cells whose flats have the largest count
+    largest: float = math.inf  # largest count of the detector, as far as the flats show; infinity if unknown
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":

@@ -28,17 +28,10 @@ VISIBLE_STRIPES, NOISE_OF_MEDIAN = 0.003, 1.25
 
 @dataclass(frozen=True)
 class Corrections:
-    """Corrections to make.
-
-    Attributes
-    ----------
-    air : AirCorrection, but not `auto`
-    largest_air_level : float
-        A higher level, as a line integral, is not air but something in the beam; such a row is not corrected.
-    bridge_faulty_cells, remove_rings : bool
-    """
+    """Corrections to make."""
 
     air: DecidedAirCorrection
+    # A higher level, as a line integral, is not air but something in the beam; such a row is not corrected
     largest_air_level: float = math.inf
     bridge_faulty_cells: bool = True
     remove_rings: bool = False

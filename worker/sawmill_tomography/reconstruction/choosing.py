@@ -61,19 +61,11 @@ MEASURED_PIXEL_MM, MEASURED_CELL_MM = 3.125, 1.702
 
 @dataclass(frozen=True)
 class Recommendation:
-    """A recommended method and, in one sentence, why.
-
-    Attributes
-    ----------
-    view_step : int
-        Every view_step-th of the views, in the order of their angles, fits into the price.
-    expected_error : float or None
-        Relative error of simulated logs; None where the views do not cover a full turn.
-    """
+    """A recommended method and, in one sentence, why."""
 
     method: ReconstructionMethod
-    view_step: int
-    expected_error: float | None
+    view_step: int  # every view_step-th of the views, in the order of their angles, fits into the price
+    expected_error: float | None  # relative error of simulated logs; None where the views do not cover a full turn
     reason: str
 
 

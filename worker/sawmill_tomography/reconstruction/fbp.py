@@ -156,8 +156,8 @@ class Preparation:
     """Filter, weights and kernel arguments of one geometry: the same for one slice and for a block."""
 
     filtered: RowFilter  # filter, including the weights before the filter
-    view_weight: FloatArray  # (views,), (cells,): factors of the weight of the filtered values
-    cell_weight: FloatArray  # (views,), (cells,)
+    view_weight: FloatArray  # (views,): factors of the weight of the filtered values
+    cell_weight: FloatArray  # (cells,)
     frame: _Frame
 
     @classmethod

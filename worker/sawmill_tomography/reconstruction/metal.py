@@ -77,29 +77,16 @@ ALONG_DETECTOR = np.ones((1, 2 * MARGIN + 1), bool)
 
 @dataclass(frozen=True, eq=False)
 class LogMetal:
-    """The metal of one slice.
+    """The metal of one slice."""
 
-    Attributes
-    ----------
-    trace : (views, cells) bool
-        Samples whose rays cross metal, with a margin.
-    filled : (views, cells) float32
-        The sinogram with those samples interpolated: the log without its metal.
-    freed, uncertainty : (views, cells) float32
-        The sinogram less the line integrals of the metal in those samples, and the standard deviation of that: 0 in
-        other samples, infinite where the metal is so thick that the sample is interpolated.
-    body : MetalBody
-        The metal itself: rods, or pixels.
-    misfit : float
-        RMS of what the metal misses in those samples, over its expected errors.
-    """
-
-    trace: NDArray[np.bool_]
-    filled: Image
+    trace: NDArray[np.bool_]  # (views, cells) bool: samples whose rays cross metal, with a margin
+    filled: Image  # (views, cells) float32: the sinogram with those samples interpolated: the log without its metal
+    # (views, cells) float32: the sinogram less the line integrals of the metal in those samples, and the standard
+    # deviation of that: 0 in other samples, infinite where the metal is so thick that the sample is interpolated
     freed: Image
-    uncertainty: Image
-    body: MetalBody
-    misfit: float
+    uncertainty: Image  # (views, cells) float32
+    body: MetalBody  # the metal itself: rods, or pixels
+    misfit: float  # RMS of what the metal misses in those samples, over its expected errors
 
     @property
     def is_too_much(self) -> bool:
@@ -109,19 +96,11 @@ class LogMetal:
 
 @dataclass(frozen=True)
 class MetalSearch:
-    """The search for metal: bodies that are narrow and dark in most views, in an image of the whole log.
+    """The search for metal: bodies that are narrow and dark in most views, in an image of the whole log."""
 
-    Attributes
-    ----------
-    fine, coarse : Projector
-        Projectors of all views, and of every `step`-th view.
-    seen : (size, size) float32
-        Length of the coarse rays in each pixel.
-    """
-
-    fine: Projector
+    fine: Projector  # projectors of all views, and of every `step`-th view
     coarse: Projector
-    seen: Image
+    seen: Image  # (size, size) float32: length of the coarse rays in each pixel
     step: int
 
     @classmethod

@@ -129,17 +129,11 @@ class Baseline:
     An error that every drift check has alike (a flat field with a slope, a calibration that was off) is in the baseline
     and in each later check: their difference does not contain it. Later changes (of the slope itself, other logs)
     remain.
-
-    Attributes
-    ----------
-    estimate : PooledDriftCheckPoint
-        The estimate with which later drift checks are compared; its error is in every difference.
-    until_days : float
-        Time of the baseline's last drift check, in days since the calibration.
     """
 
+    # The estimate with which later drift checks are compared; its error is in every difference
     estimate: PooledDriftCheckPoint
-    until_days: float
+    until_days: float  # time of the baseline's last drift check, in days since the calibration
 
     @classmethod
     def of(cls, looks: Sequence[DriftCheckPoint]) -> "Baseline":
