@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
 
 # The source shift is resolved from zero when R exceeds r_S by more than this number of standard deviations.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import GramTerm
+from sawmill_tomography.geometry.fit_parameters import GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray
 
 _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]

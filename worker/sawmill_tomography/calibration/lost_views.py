@@ -18,11 +18,11 @@ from sawmill_tomography.calibration.faults.effects import PACE, Effect
 from sawmill_tomography.calibration.faults.finding import KnownEffect
 from sawmill_tomography.calibration.faults.motion import of_angle
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, Candidate
 from sawmill_tomography.calibration.search.search import coarse_misfit, geometry_box, guesses_from_shadow
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
+from sawmill_tomography.geometry.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Adjustment, Rotation

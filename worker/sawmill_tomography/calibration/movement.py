@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.calibration.scale import size_by_distance
+from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 from sawmill_vocabulary.messages import Reason, Value

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.change import LogMovement
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, WitnessTaken

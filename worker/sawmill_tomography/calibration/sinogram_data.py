@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.narrow_peaks import narrow_peaks
-from sawmill_tomography.calibration.faults.screening import Screening, screen
+from sawmill_tomography.calibration.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.calibration.refusals import refuse_round, refuse_unusable
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, ThetaBounds
-from sawmill_tomography.geometry.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.sinograms.screening import Screening, screen
 from sawmill_vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
 

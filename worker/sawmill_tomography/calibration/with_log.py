@@ -9,11 +9,11 @@ from sawmill_tomography.calibration.covariance import theta_covariance
 from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
 from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation

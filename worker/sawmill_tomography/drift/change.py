@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import DetectorEstimate, Rotation

@@ -8,11 +8,11 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.faults.screening import Screening, screen
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_tomography.reconstruction.metal import MOST_SAMPLES, MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_tomography.sinograms.screening import Screening, screen
 
 # Cells at either end of the detector are compared with this number of the next ones: `screen` compares a cell with its
 # neighbours on both sides, which an end does not have.

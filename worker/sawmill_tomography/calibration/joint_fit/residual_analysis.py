@@ -8,11 +8,11 @@ import numpy as np
 
 from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.readings import MOTIONS
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment

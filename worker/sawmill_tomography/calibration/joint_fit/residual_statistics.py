@@ -10,9 +10,9 @@ from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
-from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
+from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import RayAlternatives, RayErrorMixture
 
