@@ -8,7 +8,7 @@ import scipy
 
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon, Shape, cornered
-from sawmill_tomography.physics.directions import direction
+from sawmill_tomography.physics.motion import direction
 from sawmill_vocabulary.physics import WoodEffects
 
 # Number of chords of a rounded corner; mm between the points of a sawn side, and their correlation length in mm.

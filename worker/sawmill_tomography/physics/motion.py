@@ -6,8 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.physics.directions import direction
 from sawmill_vocabulary.physics import MotionEffects
+
+
+def direction(angle_deg: float) -> FloatArray:
+    """Return the unit vector (2,) at this angle."""
+    return np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
 
 
 @dataclass(frozen=True, eq=False)
