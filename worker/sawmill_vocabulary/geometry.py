@@ -18,6 +18,8 @@ from sawmill_vocabulary.as_contract import AsContract
 TAU = 2.0 * math.pi
 # Largest length at a scanner, mm.
 LARGEST_MM = 1e5
+# Cells of detectors for logs have some tenths of a mm to some mm; no detector has wider ones.
+WIDEST_CELL_MM = 20.0
 # Between views farther apart than this the sinogram of a log is not sampled well enough to pair its rays; an encoder
 # may scatter a step by 2 %.
 WIDEST_STEP_DEG = 3.0

@@ -26,8 +26,6 @@ MOST_BELOW_ZERO, MOST_ABOVE_FLAT = 0.05, 1e6
 # Share of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few faulty cells are no
 # fault of the scan, and are bridged.
 MOST_WILD = 0.2
-# Cells of detectors for logs have some tenths of a mm to some mm.
-LARGEST_USUAL_PITCH_MM = 20
 # Share of the detector's cells, on either side, in which there is air in every view.
 AIR_SHARE = 0.02
 # Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to

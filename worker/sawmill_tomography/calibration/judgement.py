@@ -17,7 +17,7 @@ from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import SourceFrame
 from sawmill_tomography.preparing.line_integrals import MOST_DEAD
-from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
+from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
 
@@ -33,9 +33,10 @@ MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
-# What no scanner of logs has: a larger magnification, a detector further away (mm), wider cells (mm). A wrong unit of
-# the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector wrong.
-LARGEST_MAGNIFICATION, LARGEST_SDD_MM, WIDEST_CELL_MM = 10.0, 10_000.0, 20.0
+# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a larger magnification, a detector further away
+# (mm). A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector
+# wrong.
+LARGEST_MAGNIFICATION, LARGEST_SDD_MM = 10.0, 10_000.0
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 

@@ -11,7 +11,7 @@ from sawmill_tomography.drift.flat_structure import flat_structure
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.bridging import bridged_samples
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 
 # Lower bound of a ray's noise in air, as a share of the largest line integral: for noise-free data.
 LEAST_NOISE = 1e-4

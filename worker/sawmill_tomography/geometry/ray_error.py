@@ -14,7 +14,7 @@ from sawmill_tomography.geometry.geometry import (
     SourceFrame,
 )
 from sawmill_tomography.geometry.modules import cell_points, lines_of
-from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+from sawmill_tomography.statistics import exceeded_chi_square
 
 POINTS_PER_CHORD = 9
 # Of the points, every fourth is enough for a prediction: each of the nine places on a chord is as often among them.

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 Sinogram = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from sawmill_tomography.sinograms.air import Air, DecidedAirCorrection, find_air
 from sawmill_tomography.sinograms.bridging import bridge
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells, median_of_views
 from sawmill_tomography.sinograms.present_rows import present_rows
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import AirCorrection
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import PreparingMessage

@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.sinograms.faulty_cells import median_of_views
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import AirCorrection
 
 Sinogram = NDArray[np.float32]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 Cells = NDArray[np.bool_]
 

@@ -11,7 +11,7 @@ from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.hardening import STEEPEST, measured_and_slope
 from sawmill_tomography.sinograms.scattered_radiation import with_scatter
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import few_with_most, noise_of_differences
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.messages import Reason, numbered
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
@@ -29,7 +29,7 @@ MISFIT_OF_A_GOOD_FIT = 2.0
 DISPLACED = 0.4
 # Views are to blame where this share of them holds most of the residual's power, each with this multiple of the median
 # view's (tests/worker/use_cases/test_misfit.py).
-FEW_VIEWS, MOST_POWER, ALL_OVER = 0.1, 0.5, 4.0
+FEW_VIEWS, ALL_OVER = 0.1, 4.0
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
@@ -142,11 +142,10 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     missed, shift = (line - model) * weight, np.gradient(model, axis=1) * weight
     samples, of_view, of_shift = int(counted.sum()), np.sum(missed**2, axis=1), np.sum(shift**2, axis=1)
     power = float(of_view.sum())
-    worst = np.sort(np.argsort(of_view)[::-1][: max(1, int(FEW_VIEWS * len(of_view)))])
-    worst = worst[of_view[worst] > ALL_OVER * max(np.median(of_view), of_view.max() / ALL_OVER**2)]
-    share = float(of_view[worst].sum()) / power
-    if share > MOST_POWER:
-        return ImageMessage.IN_FEW_VIEWS(percent=100.0 * share, views=numbered(worst.tolist()))
+    worst = few_with_most(of_view, FEW_VIEWS, ALL_OVER)
+    if worst.size:
+        percent = 100.0 * float(of_view[worst].sum()) / power
+        return ImageMessage.IN_FEW_VIEWS(percent=percent, views=numbered(worst.tolist()))
     seen = of_shift > 0.0
     explained = float(np.sum(np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen])) - seen.sum() * power / samples
     share = explained / max(power - samples, 1e-30)

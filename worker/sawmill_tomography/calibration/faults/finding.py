@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import Adjustment
 
 # A fit that leaves less than this share of the sinogram, noise included, explains the scan.

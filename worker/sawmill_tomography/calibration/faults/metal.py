@@ -16,7 +16,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, rotate
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Handedness
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.scan_messages import AdjustmentMessage

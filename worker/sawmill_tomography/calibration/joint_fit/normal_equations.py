@@ -26,7 +26,7 @@ from sawmill_tomography.calibration.joint_fit.scan_model import (
 )
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)

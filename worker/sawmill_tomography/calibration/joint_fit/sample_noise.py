@@ -6,7 +6,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import DEVIATION_OF_MEDIAN
+from sawmill_tomography.statistics import DEVIATION_OF_MEDIAN
 
 # Number of levels of the model, in each of which noise is alike, and number of samples enough to measure a level's
 # noise.

@@ -11,7 +11,7 @@ from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+from sawmill_tomography.statistics import exceeded_chi_square
 
 # Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
 # added to the covariance (benchmarks/mill.py).
