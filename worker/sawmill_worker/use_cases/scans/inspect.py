@@ -107,7 +107,7 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     kind = own_kind(source.path)
     parts, ended = _listed(source.path, format_, follow_links=source.follow_links)
     no_scan = kind if format_ else PNG
-    read = {"refusal": _no_scan(source, no_scan)} if no_scan in NO_SCAN else _read(source, kind)
+    read: Fields = {"refusal": _no_scan(source, no_scan)} if no_scan in NO_SCAN else _read(source, kind)
     if "refusal" not in read:
         needed = any(part.needed for part in read["missing"])
         read["verdict"] = FileVerdict.INCOMPLETE if needed else FileVerdict.READY
