@@ -46,14 +46,11 @@ class FileError(Exception):
 class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot be read
     """A file, or a parameter given with it, that cannot be used as a scan.
 
-    Attributes
-    ----------
-    code : str
-        Stable, for programs: `empty-file`, `file-in-use`, `picture-file`, `picture-not-png`, `unknown-format`,
-        `broken-file`, `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
-        `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`,
-        `angles-malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`,
-        `flats-missing`, `contradiction`, `unsafe-archive`.
+    `code`, for programs, is stable: `empty-file`, `file-in-use`, `picture-file`, `picture-not-png`, `unknown-format`,
+    `broken-file`, `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
+    `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`, `angles-
+    malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`, `flats-missing`,
+    `contradiction`, `unsafe-archive`.
     """
 
 

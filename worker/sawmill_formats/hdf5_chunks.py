@@ -30,13 +30,7 @@ Unpack = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
 
 
 class Chunks:
-    """The chunks of a dataset of numbers or fixed texts, whose filters and stored sizes were checked.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        The shape of each chunk.
-    """
+    """The chunks, each of `shape`, of a dataset whose filters and stored sizes were checked."""
 
     def __init__(self, dataset: h5py.Dataset) -> None:
         self.shape: tuple[int, ...] = dataset.chunks

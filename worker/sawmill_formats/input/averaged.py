@@ -44,13 +44,7 @@ class AveragedRows:
         return cls(rows, deviations.reshape(shape[0], shape[-1]))
 
     def mask(self, samples: NDArray[np.float32], first_view: int) -> None:
-        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples.
-
-        Raises
-        ------
-        UnreadableScan
-            A number cannot be a deviation, too many rays are masked, or the samples are no line integrals.
-        """
+        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples."""
         if self.deviations is not None:
             deviations = self.deviations[first_view : first_view + len(samples)]
             _check_deviations(deviations, samples[:, 0], first_view)

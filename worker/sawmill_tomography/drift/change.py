@@ -54,11 +54,8 @@ NOT_SEEN = (
 class DriftError(ValueError):
     """A scan that shows no drift; the message gives the reason.
 
-    Attributes
-    ----------
-    code : str
-        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far,
-        metal-in-log.
+    `code`, for programs, is stable: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen,
+    moved-too-far, metal-in-log.
     """
 
     def __init__(self, code: str, message: str) -> None:

@@ -29,22 +29,14 @@ FEWEST_BASELINE_LOOKS = 3
 class DriftCheckPoint:
     """A drift check: a scan's change since the calibration.
 
-    Attributes
-    ----------
-    days : float
-        Time of the scan, in days since the calibration.
-    change : DetectorEstimate
-        Change since the calibration, with this scan's own error. The calibration's error, which all drift checks share,
-        is left out.
-
     Raises
     ------
     ValueError
         If a value is not finite or the covariance is not positive definite.
     """
 
-    days: float
-    change: DetectorEstimate
+    days: float  # time of the scan, in days since the calibration
+    change: DetectorEstimate  # with this scan's own error, without the calibration's, which all drift checks share
 
     def __post_init__(self) -> None:
         (first, cross), (also_cross, second) = self.change.covariance
