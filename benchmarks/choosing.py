@@ -26,6 +26,7 @@ from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
+from edge_error import edge_error_mm
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta, to_vector
 from sawmill_tomography.geometry.image_grid import ImageGrid
@@ -39,7 +40,7 @@ from sawmill_tomography.reconstruction.iterative.first_image import mean_along_r
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, continuation, descend
 from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior, Prior, TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion
-from sawmill_tomography.reconstruction.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import SMOOTHING_SHARE
 

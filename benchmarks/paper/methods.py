@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from edge_error import edge_error_mm
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 from scanners import SCANNER
@@ -22,7 +23,7 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.cauchy_map import cauchy_map
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.fbp import fbp
-from sawmill_tomography.reconstruction.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.sinograms.noise import data_misfit, noise_of_each_ray

@@ -5,7 +5,7 @@ import math
 import pytest
 from scipy.special import chdtri
 
-from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+from sawmill_tomography.statistics import exceeded_chi_square
 
 
 @pytest.mark.parametrize("degrees", [1, 1.3, 2, 3, 4.9, 7, 33, 361, 5000])

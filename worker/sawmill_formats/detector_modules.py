@@ -37,20 +37,12 @@ class ModulesUnusable(Exception):  # noqa: N818 - it names the thing that cannot
 
 @dataclass(frozen=True, eq=False)
 class PlacedModule:
-    """A module in the laboratory.
+    """A module in the laboratory."""
 
-    Attributes
-    ----------
-    first, cells : int
-        Its first cell, and the number of cells.
-    start_mm, step_mm : (3,) float64
-        Where its first cell begins, and from each cell to the next.
-    """
-
-    first: int
+    first: int  # its first cell, and the number of cells
     cells: int
-    start_mm: Vector
-    step_mm: Vector
+    start_mm: Vector  # (3,): where its first cell begins, and from each cell to the next
+    step_mm: Vector  # (3,)
 
     @property
     def end_mm(self) -> Vector:
@@ -69,13 +61,7 @@ class PlacedModule:
 
 
 def translation(length_mm: float, vector: object, name: str) -> Vector:
-    """Return a length along the vector that a file states for it, (3,) mm.
-
-    Raises
-    ------
-    ModulesUnusable
-        It is no vector, or has no direction.
-    """
+    """Return a length along the vector that a file states for it, (3,) mm."""
     way = np.asarray(vector)
     if way.shape != (3,) or way.dtype.kind not in "iuf" or not np.isfinite(way).all() or not way.any():
         raise ModulesUnusable(f"the {name} of one is not along a vector")
@@ -84,13 +70,7 @@ def translation(length_mm: float, vector: object, name: str) -> Vector:
 
 
 def placed_modules(modules: Sequence[DetectorModule], cells: int, pitch_mm: float) -> list[PlacedModule]:
-    """Place all modules of a detector, the first included, one after another from the first cell on.
-
-    Parameters
-    ----------
-    modules : sequence of DetectorModule
-        Modules after the first (docs/look-up/conventions.md#modules).
-    """
+    """Place all modules of a detector, the first included, one after another from the first cell on."""
     borders = [0, *(module.first_cell for module in modules), cells]
     tilts = np.cumsum([0.0, *(module.kink_rad for module in modules)])
     tilts -= tilts[_middle(borders, cells)]
@@ -106,22 +86,7 @@ def placed_modules(modules: Sequence[DetectorModule], cells: int, pitch_mm: floa
 def modules_after_first(
     placed: Sequence[PlacedModule], cells: int, pitch_mm: float | None
 ) -> tuple[DetectorModule, ...]:
-    """Return gap and kink of every module against the one before.
-
-    Parameters
-    ----------
-    placed : sequence of PlacedModule
-        All modules, in any order.
-    cells : int
-        Number of cells of the detector.
-    pitch_mm : float or None
-        Distance between the detector's cells, as the file states it.
-
-    Raises
-    ------
-    ModulesUnusable
-        The modules are not all of the detector, their cells have another pitch, or they are out of line.
-    """
+    """Return gap and kink of every module against the one before."""
     if len(placed) > MOST_MODULES:
         raise ModulesUnusable(f"there are more than {MOST_MODULES}")
     ordered = sorted(placed, key=lambda one: one.first)

@@ -46,14 +46,11 @@ class FileError(Exception):
 class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot be read
     """A file, or a parameter given with it, that cannot be used as a scan.
 
-    Attributes
-    ----------
-    code : str
-        Stable, for programs: `empty-file`, `file-in-use`, `picture-file`, `picture-not-png`, `unknown-format`,
-        `broken-file`, `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
-        `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`,
-        `angles-malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`,
-        `flats-missing`, `contradiction`, `unsafe-archive`.
+    `code`, for programs, is stable: `empty-file`, `file-in-use`, `picture-file`, `picture-not-png`, `unknown-format`,
+    `broken-file`, `truncated-file`, `too-large`, `external-storage`, `linked-file-missing`, `unsupported-storage`,
+    `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`, `angles-
+    malformed`, `angles-repeated`, `not-finite`, `out-of-range`, `no-signal`, `rows-missing`, `flats-missing`,
+    `contradiction`, `unsafe-archive`.
     """
 
 
@@ -70,13 +67,7 @@ class NotAsWritten(ValueError):  # noqa: N818
 
 
 def check_index(name: str, index: int, length: int) -> None:
-    """Refuse an index outside 0 .. length - 1.
-
-    Raises
-    ------
-    OutOfRange
-        `row-out-of-range` or `slice-out-of-range`, as `name` is.
-    """
+    """Refuse an index outside 0 .. length - 1."""
     if not 0 <= index < length:
         raise OutOfRange(f"{name}-out-of-range", f"{name} must be between 0 and {length - 1}, not {index}")
 
@@ -140,14 +131,6 @@ def quoted(text: str) -> str:
 
 
 def check_regular(path: Path) -> None:
-    """Refuse what is no file on a disk: reading a pipe would wait without end, and a device has no end.
-
-    Raises
-    ------
-    UnreadableScan
-        `broken-file`.
-    OSError
-        There is no file, or access is denied.
-    """
+    """Refuse what is no file on a disk: reading a pipe would wait without end, and a device has no end."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")

@@ -22,13 +22,7 @@ def open_hdf5(path: Path) -> h5py.File:
 
 @contextmanager
 def whole_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file next to the target; flush and rename it when the block ends without an error.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written, as on a full disk; then nothing is left behind and an older file stays unchanged.
-    """
+    """Yield a new HDF5 file next to the target; flush and rename it when the block ends without an error."""
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.part")
     with renamed(temporary, path), flushed(_DeafFile(temporary, "x+")) as disk:
         try:

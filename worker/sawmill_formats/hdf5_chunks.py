@@ -30,13 +30,7 @@ Unpack = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
 
 
 class Chunks:
-    """The chunks of a dataset of numbers or fixed texts, whose filters and stored sizes were checked.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        The shape of each chunk.
-    """
+    """The chunks, each of `shape`, of a dataset whose filters and stored sizes were checked."""
 
     def __init__(self, dataset: h5py.Dataset) -> None:
         self.shape: tuple[int, ...] = dataset.chunks
@@ -210,11 +204,7 @@ def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
 class _Szip:
     """szip, which only the library unpacks: in a file in memory, with data padded so that they never end too early.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-    values : (options, pixels in a block, ...)
-        The filter's settings.
+    `values` (options, pixels in a block, ...): the filter's settings.
     """
 
     def __init__(self, dataset: h5py.Dataset, values: tuple[int, ...]) -> None:

@@ -48,38 +48,23 @@ class LogImages:
 
 @dataclass(frozen=True)
 class CalibrationArrays:
-    """Arrays of result.h5, as docs/look-up/formats.md lists them.
+    """Arrays of result.h5, as docs/look-up/formats.md lists them."""
 
-    Attributes
-    ----------
-    sinogram, model, residual : (view, detector) float32
-        In the unit of the scan; the residual is measured less model.
-    angles_rad : (view,) float64
-        Each view's angle as the scan gave it.
-    phantom_image : (x, y) float32
-        The phantom with the geometry found, in units of its drawing's density; all 0 where there is no image.
-    phantom_field_mm : float
-        Side of that image.
-    phantom_image_method : ReconstructionMethod
-        Method of that image: FBP, or total variation where the views do not go all round.
-    phantom_outlines_mm : (point, 2) float64
-        The drawing's outlines where the phantom stood, each closed, a row of NaN between two.
-    search_history : (step, 2) float64
-        Evaluations and the best value so far.
-    log
-        None where the scan shows no log beside the phantom.
-    """
-
+    # (view, detector) float32: in the unit of the scan; the residual is measured less model
     sinogram: NDArray[np.float32]
-    model: NDArray[np.float32]
-    residual: NDArray[np.float32]
-    angles_rad: NDArray[np.float64]
+    model: NDArray[np.float32]  # (view, detector) float32
+    residual: NDArray[np.float32]  # (view, detector) float32
+    angles_rad: NDArray[np.float64]  # (view,): each view's angle as the scan gave it
+    # (x, y) float32: the phantom with the geometry found, in units of its drawing's density; all 0 where there is no
+    # image
     phantom_image: NDArray[np.float32]
-    phantom_field_mm: float
+    phantom_field_mm: float  # side of that image
+    # (point, 2): the drawing's outlines where the phantom stood, each closed, a row of NaN between two
     phantom_outlines_mm: NDArray[np.float64]
-    search_history: NDArray[np.float64]
+    search_history: NDArray[np.float64]  # (step, 2): evaluations and the best value so far
+    # Method of that image: FBP, or total variation where the views do not go all round
     phantom_image_method: ReconstructionMethod = ReconstructionMethod.FBP
-    log: LogImages | None = None
+    log: LogImages | None = None  # None where the scan shows no log beside the phantom
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:

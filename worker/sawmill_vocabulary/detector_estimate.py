@@ -13,29 +13,15 @@ PairCovariance = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class DetectorEstimate:
-    """An estimate of u_c and tau, or of a change of them.
+    """An estimate of u_c and tau, or of a change of them."""
 
-    Attributes
-    ----------
-    cor_column_mm, tilt_rad : float
-        u_c, where the centre of rotation falls on the detector, and tau, the detector's tilt.
-    covariance : (2, 2) float
-        Covariance of (u_c, tau), in mm and radians.
-    """
-
-    cor_column_mm: float
+    cor_column_mm: float  # u_c, where the centre of rotation falls on the detector, and tau, the detector's tilt
     tilt_rad: float
-    covariance: PairCovariance
+    covariance: PairCovariance  # (2, 2) float: covariance of (u_c, tau), in mm and radians
 
     @classmethod
     def of(cls, values: Iterable[float], covariance: Iterable[Iterable[float]]) -> Self:
-        """Build an estimate from numbers in the order (u_c, tau): arrays, lists or tuples.
-
-        Raises
-        ------
-        ValueError
-            If there are not two values and a covariance of two rows and two columns.
-        """
+        """Build an estimate from numbers in the order (u_c, tau): arrays, lists or tuples."""
         try:
             column, tilt = (float(value) for value in values)
             (first, cross), (also_cross, second) = ((float(value) for value in row) for row in covariance)

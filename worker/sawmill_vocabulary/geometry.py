@@ -18,6 +18,8 @@ from sawmill_vocabulary.as_contract import AsContract
 TAU = 2.0 * math.pi
 # Largest length at a scanner, mm.
 LARGEST_MM = 1e5
+# Cells of detectors for logs have some tenths of a mm to some mm; no detector has wider ones.
+WIDEST_CELL_MM = 20.0
 # Between views farther apart than this the sinogram of a log is not sampled well enough to pair its rays; an encoder
 # may scatter a step by 2 %.
 WIDEST_STEP_DEG = 3.0
@@ -164,13 +166,7 @@ class SourceFrame(AsContract):
         return cls(psi, r, sdd, u_c, tau)
 
     def theta(self, source_to_cor_mm: float, *, source_shift_sign: int = 1) -> "Theta":
-        """Return the theta of this frame with h_S of the given sign.
-
-        Raises
-        ------
-        GeometryError
-            If R is smaller than r_S by more than rounding: no theta has such a frame.
-        """
+        """Return the theta of this frame with h_S of the given sign."""
         r, r_s = self.source_distance_mm, source_to_cor_mm
         if r < r_s * (1.0 - 1e-12):
             raise GeometryError(
@@ -222,13 +218,7 @@ class Theta(AsContract):
         return cls(alpha0, r_d, h_s, h_d, alpha_d)
 
     def source_frame(self, source_to_cor_mm: float) -> SourceFrame:
-        """Return the source frame (psi, R, SDD, u_c, tau) of this theta.
-
-        Raises
-        ------
-        GeometryError
-            If the ray through the COR runs along the detector or away from it.
-        """
+        """Return the source frame (psi, R, SDD, u_c, tau) of this theta."""
         delta = math.atan2(self.source_shift_mm, source_to_cor_mm)
         r = math.hypot(source_to_cor_mm, self.source_shift_mm)
         c_x, c_y = _rotate(-delta, -self.detector_shift_mm, self.detector_to_cor_mm)

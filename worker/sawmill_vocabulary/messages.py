@@ -97,21 +97,12 @@ class Message(StrEnum):
 
 
 class Reason(str):
-    """An English sentence for people, with the message and the values from which it is made in any language.
-
-    Attributes
-    ----------
-    message : Message
-    values : mapping of str to float, int or str
-        Values by the names of the templates' places; the unit stands at the end of a name.
-    parts : tuple of Reason
-        Reasons that belong to this one, such as the cause of a change.
-    """
+    """An English sentence for people, with the message and the values from which it is made in any language."""
 
     __slots__ = ("message", "parts", "values")
     message: Message
-    values: Mapping[str, Value]
-    parts: tuple["Reason", ...]
+    values: Mapping[str, Value]  # values by the names of the templates' places; the unit stands at the end of a name
+    parts: tuple["Reason", ...]  # reasons that belong to this one, such as the cause of a change
 
     def __new__(cls, message: Message, values: Mapping[str, Value], parts: Sequence["Reason"] = ()) -> Self:
         """Make the sentence from the message and its values."""

@@ -14,11 +14,6 @@ def fault_of_outline(corners: Sequence[Corner]) -> str | None:
     """Find what is wrong with a polygon, as the predicate of a sentence; None where its sides enclose one area.
 
     The sentence counts corners and sides from 1, as the drawing of a phantom does.
-
-    Parameters
-    ----------
-    corners : sequence of (x, y)
-        Corners of the closed polygon, at least three. Corner n is followed by corner n + 1, the last one by the first.
     """
     first_by_corner: dict[Corner, int] = {}
     for number, corner in enumerate(corners):

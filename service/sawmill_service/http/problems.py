@@ -34,7 +34,6 @@ from sawmill_platform.errors import (
     outage_of,
 )
 from sawmill_service.http.problem_types import CODE_PATTERN, describe_code, title_of, type_of
-from sawmill_service.http.route_rules import allowed_methods
 
 MEDIA_TYPE = "application/problem+json"
 STATUS: Mapping[type[Exception], int] = {
@@ -245,7 +244,8 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
     if status == HTTPStatus.NOT_FOUND:
         code, detail = "unknown-path", f"there is nothing at {path}; /docs lists what there is"
     elif status == HTTPStatus.METHOD_NOT_ALLOWED:
-        allowed = allowed_methods(request)
+        methods = {*request.app.state.rules.of_path(path)}
+        allowed = ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
         code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
         return problem_response(path, status, code, detail, headers={"Allow": allowed})
     else:

@@ -4,7 +4,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from fastapi import APIRouter, Request
 from fastapi.routing import APIRoute, iter_route_contexts
@@ -13,9 +13,7 @@ from starlette.routing import BaseRoute, compile_path
 from starlette.types import Scope as RequestScope
 
 from sawmill_platform.contracts.keys import Scope
-
-if TYPE_CHECKING:  # the settings check rates, which are refused as problems, which list the methods of a path
-    from sawmill_service.settings import ServiceSettings
+from sawmill_service.settings import ServiceSettings
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
 # A scanner's settings, with a token.
@@ -49,7 +47,7 @@ class Rule:
     """
 
     needs: Scope | NoKey
-    max_body: Callable[["ServiceSettings"], int] | None = None
+    max_body: Callable[[ServiceSettings], int] | None = None
     max_form_bytes: int = _FORM_BYTES
 
     @property
@@ -83,7 +81,7 @@ class Router(APIRouter):
         endpoint: Callable[..., Any],
         *,
         needs: Scope | NoKey | None = None,
-        max_body: Callable[["ServiceSettings"], int] | None = None,
+        max_body: Callable[[ServiceSettings], int] | None = None,
         max_form_bytes: int = _FORM_BYTES,
         **options: Any,
     ) -> None:
@@ -168,12 +166,6 @@ def rule_of(request: Request) -> Rule:
     """Return the rule of the route that a request has come to."""
     rule: Rule = request.scope["route"].rule
     return rule
-
-
-def allowed_methods(request: Request) -> str:
-    """Return the value of `Allow` for the path of a request, HEAD wherever GET is; empty for a path of no route."""
-    methods = {*rules_of(request.scope)}
-    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
 
 
 async def check_method(request: Request) -> None:

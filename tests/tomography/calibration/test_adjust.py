@@ -9,7 +9,6 @@ from tiers import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.faults.screening import Screening, screen
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -17,6 +16,7 @@ from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.sinograms.screening import Screening, screen
 from sawmill_vocabulary import Adjustment, Handedness, Rotation
 
 pytestmark = pytest.mark.slow

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.calibration.fit import refine
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import BUILT_IN, L_SHAPE

@@ -54,11 +54,6 @@ def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
     """Return every file in the archive of this size in bytes, all of them checked.
 
     What is unpacked of a member never exceeds the size checked here: the reader of the standard library stops there.
-
-    Raises
-    ------
-    UnreadableScan
-        `unsafe-archive` or `too-large`.
     """
     infos = [info for info in archive.infolist() if not info.is_dir()]
     if len(infos) > MOST_MEMBERS:

@@ -46,21 +46,11 @@ class LinkedFiles(Protocol):
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of reading: the number of bytes, as float32 or as stored, whichever is more, and the files.
+    """Limits of reading: the number of bytes, as float32 or as stored, whichever is more, and the files."""
 
-    Attributes
-    ----------
-    array : int
-        Largest array that is read a block at a time.
-    piece : int
-        Largest piece in memory at once: an array that is read as a whole, or what a file stores in one piece.
-    linked : LinkedFiles or None
-        Files behind the links of an HDF5 file; None: such links are refused.
-    """
-
-    array: int
-    piece: int
-    linked: LinkedFiles | None = None
+    array: int  # largest array that is read a block at a time
+    piece: int  # largest piece in memory at once: an array that is read as a whole, or what a file stores in one piece
+    linked: LinkedFiles | None = None  # files behind the links of an HDF5 file; None: such links are refused
 
     @property
     def whole(self) -> "Bounds":

@@ -18,17 +18,10 @@ LEAST_AIR = -1.0
 
 @dataclass(frozen=True, eq=False)
 class AveragedRows:
-    """Origin of a scan's one row as a mean over rows.
+    """Origin of a scan's one row as a mean over rows."""
 
-    Attributes
-    ----------
-    rows : int
-        The number of detector rows whose line integrals were averaged.
-    deviations : (views, detector) float32, or None
-        The standard deviation of each mean; infinite where a ray is masked.
-    """
-
-    rows: int
+    rows: int  # the number of detector rows whose line integrals were averaged
+    # (views, detector) float32, or None: the standard deviation of each mean; infinite where a ray is masked
     deviations: NDArray[np.float32] | None
 
     @classmethod
@@ -51,13 +44,7 @@ class AveragedRows:
         return cls(rows, deviations.reshape(shape[0], shape[-1]))
 
     def mask(self, samples: NDArray[np.float32], first_view: int) -> None:
-        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples.
-
-        Raises
-        ------
-        UnreadableScan
-            A number cannot be a deviation, too many rays are masked, or the samples are no line integrals.
-        """
+        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples."""
         if self.deviations is not None:
             deviations = self.deviations[first_view : first_view + len(samples)]
             _check_deviations(deviations, samples[:, 0], first_view)

@@ -33,53 +33,27 @@ SAME_DIRECTION_RAD = np.deg2rad(1e-6)
 class CanonicalScan:
     """A scan in an open file: checked when it was made, its projections as they are read.
 
-    Attributes
-    ----------
-    projections : Projections
-        Counts or line integrals, as `counts` says.
-    angles_rad : (views,) float64
-        Each view's own angle. The same direction may come again in a later turn, never in two successive views.
-    counts : bool
-        Whether the projections are detector counts; then there is at least one flat field.
-    flats, darks : (n, rows, detector) float32 or None
-        Counts without an object in the beam, and without a beam. Never with line integrals.
-    detector_pitch_mm, row_pitch_mm : float or None
-        Distances between cells and between rows, where the file has them.
-    format : str
-        Format of the file.
-    remarks : tuple of Reason
-        Changes that were made to the data on reading, and what the file lacks.
-    rows_missing : bool
-        Whether views may lack rows at the top or the bottom: NaN in every cell.
-    unused : str or None
-        Values that could serve as pitch or distance, where the file does not state what they are.
-    others : tuple of Path
-        Further files that were read.
-    detector_modules : tuple of DetectorModule
-        Modules of the detector after the first, where the file has them.
-    averaged : AveragedRows or None
-        For a scan whose one row is a mean over rows: masked rays are NaN.
-
     Raises
     ------
     UnreadableScan
         When the parts do not agree with each other.
     """
 
-    projections: Projections
+    projections: Projections  # counts or line integrals, as `counts` says
+    # (views,): each view's own angle. The same direction may come again in a later turn, never in two successive views.
     angles_rad: NDArray[np.float64]
-    counts: bool
-    flats: NDArray[np.float32] | None
-    darks: NDArray[np.float32] | None
+    counts: bool  # whether the projections are detector counts; then there is at least one flat field
+    flats: NDArray[np.float32] | None  # (n, rows, detector): without an object in the beam; never with line integrals
+    darks: NDArray[np.float32] | None  # (n, rows, detector): without a beam
     detector_pitch_mm: float | None
     row_pitch_mm: float | None
     format: str
-    remarks: tuple[Reason, ...]
-    rows_missing: bool = False
-    unused: str | None = None
-    others: tuple[Path, ...] = ()
-    detector_modules: tuple[DetectorModule, ...] = ()
-    averaged: AveragedRows | None = None
+    remarks: tuple[Reason, ...]  # changes that were made to the data on reading, and what the file lacks
+    rows_missing: bool = False  # whether views may lack rows at the top or the bottom: NaN in every cell
+    unused: str | None = None  # values that could be pitch or distance, where the file does not state what they are
+    others: tuple[Path, ...] = ()  # further files that were read
+    detector_modules: tuple[DetectorModule, ...] = ()  # modules of the detector after the first
+    averaged: AveragedRows | None = None  # for a scan whose one row is a mean over rows: masked rays are NaN
 
     def __post_init__(self) -> None:
         check_scan(self)

@@ -16,21 +16,13 @@ ReadBlock = Callable[[slice, slice], NDArray[np.float32]]
 
 @dataclass(frozen=True, eq=False)
 class Projections:
-    """The projections of an open file, read block by block.
+    """The projections of an open file, read block by block."""
 
-    Attributes
-    ----------
-    shape : (views, rows, detector) or (views, detector)
-        Shape as stored.
-    read : callable
-        Reads a slice of views and one of rows (the one row of a sinogram), each with start and stop inside the shape:
-        (views, rows, detector) float32, contiguous and the caller's own.
-    together : (views, rows)
-        Size of what the file stores in one piece: blocks of whole pieces read each once.
-    """
-
-    shape: tuple[int, ...]
+    shape: tuple[int, ...]  # (views, rows, detector) or (views, detector): shape as stored
+    # Reads a slice of views and one of rows (the one row of a sinogram), each with start and stop inside the shape:
+    # (views, rows, detector) float32, contiguous and the caller's own
     read: ReadBlock
+    # (views, rows): size of what the file stores in one piece: blocks of whole pieces read each once
     together: tuple[int, int]
 
 
@@ -99,49 +91,24 @@ class FilePitch:
 
 @dataclass(frozen=True, eq=False)
 class FileContents:
-    """The reading of one file.
+    """The reading of one file."""
 
-    Attributes
-    ----------
-    format : str
-        Format of the file.
-    projections : Projections
-        As stored: counts or line integrals, which no file states reliably.
-    flats, darks : like the projections, or with one dimension less where there is a single one, float32
-    deviations : like the projections, float32
-        Their standard deviations.
-    angles : FileAngles
-        The views' angles.
-    angles_of_axis : (int, str) or None
-        Another axis than the views', with the arrays that could be angles by their names and have its length.
-    order : tuple of int or None
-        The file's axes in our order, where the file states it or it was given.
-    possible_fields : mapping of FieldKind to str
-        Arrays that could be fields by their names, where it is not clear which.
-    pitch, row_pitch : FilePitch
-        Distance between cells and between rows.
-    detector_modules : tuple of DetectorModule
-        Modules of the detector after the first.
-    unused : str or None
-        Values that could serve as pitch or distance, where the file does not state what they are.
-    remarks : tuple of Reason
-        Changes that were made to the data, and what the file lacks.
-    others : tuple of Path
-        Further files that were read: of the fields, in a folder, behind links.
-    """
-
-    format: str
-    projections: Projections
+    format: str  # format of the file
+    projections: Projections  # as stored: counts or line integrals, which no file states reliably
     flats: NDArray[np.float32] | None = None
     darks: NDArray[np.float32] | None = None
-    deviations: NDArray[np.float32] | None = None
-    angles: FileAngles = FileAngles()
+    deviations: NDArray[np.float32] | None = None  # their standard deviations
+    angles: FileAngles = FileAngles()  # the views' angles
+    # (int, str) or None: another axis than the views', with the arrays that could be angles by their names and have its
+    # length
     angles_of_axis: tuple[int, str] | None = None
-    order: tuple[int, ...] | None = None
+    order: tuple[int, ...] | None = None  # the file's axes in our order, where the file states it or it was given
+    # Arrays that could be fields by their names, where it is not clear which
     possible_fields: Mapping[FieldKind, str] = field(default_factory=dict)
-    pitch: FilePitch = FilePitch()
+    pitch: FilePitch = FilePitch()  # distance between cells and between rows
     row_pitch: FilePitch = FilePitch()
-    detector_modules: tuple[DetectorModule, ...] = ()
+    detector_modules: tuple[DetectorModule, ...] = ()  # modules of the detector after the first
+    # Values that could serve as pitch or distance, where the file does not state what they are
     unused: str | None = None
-    remarks: tuple[Reason, ...] = ()
-    others: tuple[Path, ...] = ()
+    remarks: tuple[Reason, ...] = ()  # changes that were made to the data, and what the file lacks
+    others: tuple[Path, ...] = ()  # further files that were read: of the fields, in a folder, behind links

@@ -59,32 +59,14 @@ class ArrayInfo:
 
 @dataclass(frozen=True)
 class NamedArrays:
-    """A collection of arrays.
+    """A collection of arrays."""
 
-    Attributes
-    ----------
-    format : str
-        Format of the file.
-    infos : mapping of name to ArrayInfo
-        Every array, in the axis order in which `load` gives it.
-    load : function of a name
-        Reads one array after having checked its type and its size.
-    projections : function of a name
-        Reads the projections, which need not be read as a whole, after the same checks.
-    text : function of a name
-        Reads a short text; None where the array is none.
-    remarks : function of a name
-        Remarks on how an array is read.
-    stated_angles : function of a name
-        The angles of projections, where the layout has a place for them.
-    """
-
-    format: str
-    infos: Mapping[str, ArrayInfo]
-    load: Callable[[str], NDArray[Any]]
+    format: str  # format of the file
+    infos: Mapping[str, ArrayInfo]  # every array, in the axis order in which `load` gives it
+    load: Callable[[str], NDArray[Any]]  # reads one array after having checked its type and its size
     projections: Callable[[str], Projections]
-    text: Callable[[str], str | None] = lambda _: None
-    remarks: Callable[[str], tuple[Reason, ...]] = lambda _: ()
+    text: Callable[[str], str | None] = lambda _: None  # reads a short text; None where the array is none
+    remarks: Callable[[str], tuple[Reason, ...]] = lambda _: ()  # remarks on how an array is read
     stated_angles: Callable[[str], FileAngles] = lambda _: FileAngles()
 
 

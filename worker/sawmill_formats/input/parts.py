@@ -21,37 +21,17 @@ class PartKind(StrEnum):
 
 @dataclass(frozen=True)
 class Part:
-    """A part as its header describes it.
+    """A part as its header describes it."""
 
-    Attributes
-    ----------
-    name : str
-        Path in the file; for several similar parts, the first and the last.
-    shape : tuple of int or None
-        Shape in the axis order of the file.
-    type : str or None
-        Type of the numbers, or what the part is instead.
-    unit : str or None
-        Unit as in the file.
-    stored_bytes : int or None
-        Bytes in the file; for several similar parts, of all of them.
-    compression : str or None
-        The filters through which it is stored.
-    leads_to : str or None
-        Target of a link, or place of data in another file.
-    count : int
-        The number of parts, which are alike but for their numbers.
-    """
-
-    name: str
+    name: str  # path in the file; for several similar parts, the first and the last
     kind: PartKind
-    shape: tuple[int, ...] | None = None
-    type: str | None = None
-    unit: str | None = None
-    stored_bytes: int | None = None
-    compression: str | None = None
-    leads_to: str | None = None
-    count: int = 1
+    shape: tuple[int, ...] | None = None  # shape in the axis order of the file
+    type: str | None = None  # type of the numbers, or what the part is instead
+    unit: str | None = None  # unit as in the file
+    stored_bytes: int | None = None  # bytes in the file; for several similar parts, of all of them
+    compression: str | None = None  # the filters through which it is stored
+    leads_to: str | None = None  # target of a link, or place of data in another file
+    count: int = 1  # the number of parts, which are alike but for their numbers
 
 
 def form_of(name: str) -> str:

@@ -70,13 +70,7 @@ def is_picture(path: Path) -> bool:
 
 @contextmanager
 def opened_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a PNG and check its size, without reading its pixels.
-
-    Raises
-    ------
-    UnreadableScan
-        The file is damaged, or has more than 64 million pixels.
-    """
+    """Open a PNG and check its size, without reading its pixels."""
     with library_errors_translated("PNG"), warnings.catch_warnings():
         warnings.simplefilter("error")  # Pillow only warns of decompression bombs
         with Image.open(path, formats=["PNG"]) as picture:

@@ -26,8 +26,6 @@ MOST_BELOW_ZERO, MOST_ABOVE_FLAT = 0.05, 1e6
 # Share of the samples, as of dead cells (`tomography.preparing.line_integrals.MOST_DEAD`): a few faulty cells are no
 # fault of the scan, and are bridged.
 MOST_WILD = 0.2
-# Cells of detectors for logs have some tenths of a mm to some mm.
-LARGEST_USUAL_PITCH_MM = 20
 # Share of the detector's cells, on either side, in which there is air in every view.
 AIR_SHARE = 0.02
 # Line integrals rise behind the log, counts and transmissions fall. A log leaves the mean of all samples, relative to
@@ -96,23 +94,13 @@ def falls(profile: NDArray[np.float64]) -> bool:
 
 @dataclass(frozen=True)
 class SampleRange:
-    """Range of the samples of a scan.
+    """Range of the samples of a scan."""
 
-    Attributes
-    ----------
-    low, high : float
-        The least and the largest value.
-    unit, reason : str
-        Unit of the values, and the origin of the range, for the refusal.
-    most_outside : float
-        The share of samples that may lie outside; 0 where each of them is refused.
-    """
-
-    low: float
+    low: float  # the least and the largest value
     high: float
-    unit: str
+    unit: str  # unit of the values, and the origin of the range, for the refusal
     reason: str
-    most_outside: float = 0.0
+    most_outside: float = 0.0  # the share of samples that may lie outside; 0 where each of them is refused
 
 
 LINE_INTEGRALS = SampleRange(
@@ -159,16 +147,7 @@ def _median_of_means(fields: NDArray[np.float32]) -> float:
 
 
 class SamplesOutside:
-    """The samples of a scan that are outside of their range, counted as they are read.
-
-    Parameters
-    ----------
-    allowed : SampleRange
-    samples : int
-        The number of all samples.
-    name : str
-        Name of an image in sentences.
-    """
+    """The samples of a scan that are outside of their range, counted as they are read."""
 
     def __init__(self, allowed: SampleRange, samples: int, name: str = "view") -> None:
         self._allowed, self._most, self._samples = allowed, allowed.most_outside * samples, samples

@@ -17,9 +17,10 @@ from sawmill_formats.input.contents import FileContents, FilePitch, Projections,
 from sawmill_formats.input.given_fields import with_fields
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.odd_fields import without_odd_fields
-from sawmill_formats.input.plausible import LARGEST_USUAL_PITCH_MM, closes, unit_of_angles_asked
+from sawmill_formats.input.plausible import closes, unit_of_angles_asked
 from sawmill_formats.input.recognising import recognise
 from sawmill_formats.input.wanted import FieldKind, Wanted
+from sawmill_vocabulary import WIDEST_CELL_MM
 from sawmill_vocabulary.messages import Reason, selected
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
@@ -190,8 +191,8 @@ def canonical_scan(
     pitch_mm = agree_on_pitch("detector_pitch_mm", contents.pitch, detector_pitch_mm)
     row_pitch_mm = agree_on_pitch("row_pitch_mm", contents.row_pitch, row_pitch_mm)
     remarks = (*remarks, *unit_of_angles_asked(angles, contents.angles.unit))
-    if pitch_mm is not None and pitch_mm > LARGEST_USUAL_PITCH_MM:
-        remarks += (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=LARGEST_USUAL_PITCH_MM),)
+    if pitch_mm is not None and pitch_mm > WIDEST_CELL_MM:
+        remarks += (ReadingMessage.PITCH_ASKED(pitch_mm=pitch_mm, largest_mm=WIDEST_CELL_MM),)
     remarks += _darks_lacking(contents) if counts else ()
     if counts and contents.flats is None and FieldKind.FLATS in contents.possible_fields:
         raise UnreadableScan(
@@ -295,13 +296,7 @@ def _translated(projections: Projections, what: str) -> Projections:
 def agree_on_angles(
     contents: FileContents, angles_given: AnglesGiven | None
 ) -> tuple[NDArray[np.float64], tuple[Reason, ...]]:
-    """Return the views' angles (views,) in degrees, from the file or as given, and remarks.
-
-    Raises
-    ------
-    UnreadableScan
-        There are no angles, or the file's and the given ones differ, or their number is the number of cells.
-    """
+    """Return the views' angles (views,) in degrees, from the file or as given, and remarks."""
     carried, of_axis = contents.angles, contents.angles_of_axis
     if carried.deg is not None:
         _check_axis("the file carries", carried.deg.size, contents)

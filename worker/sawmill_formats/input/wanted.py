@@ -18,32 +18,14 @@ class FieldKind(StrEnum):
 
 @dataclass(frozen=True)
 class Wanted:
-    """Arrays of a file that a reader reads.
+    """Arrays of a file that a reader reads."""
 
-    Attributes
-    ----------
-    dataset : str or None
-        Path or name, where the file holds several arrays; None for the only candidate.
-    fields : FieldKind or None
-        Fields in a file of their own; None for the projections of a scan, with all related arrays.
-    deviations : bool
-        Whether the file may hold the projections' standard deviations.
-    transpose : bool
-        Whether the file has the axes in reverse order; readers give them as they are stored.
-    apart : frozenset of Path
-        Files of a folder that are read apart, as fields.
-    axes : str or None
-        Names of the file's axes in their order, as an alternative to `transpose`.
-    similar : frozenset of FieldKind
-        Kinds of fields that may be recognised by similar names, because they are needed and given nowhere else.
-    """
-
-    dataset: str | None = None
-    fields: FieldKind | None = None
-    deviations: bool = False
-    transpose: bool = False
-    apart: frozenset[Path] = frozenset()
-    axes: str | None = None
+    dataset: str | None = None  # path or name, where the file holds several arrays; None for the only candidate
+    fields: FieldKind | None = None  # fields in a file of their own
+    deviations: bool = False  # whether the file may hold the projections' standard deviations
+    transpose: bool = False  # whether the file has the axes in reverse order; readers give them as they are stored
+    apart: frozenset[Path] = frozenset()  # files of a folder that are read apart, as fields
+    axes: str | None = None  # names of the file's axes in their order, as an alternative to `transpose`
     similar: frozenset[FieldKind] = frozenset()
 
     @property

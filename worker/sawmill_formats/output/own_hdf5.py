@@ -35,15 +35,7 @@ Found = TypeVar("Found", h5py.Dataset, NDArray[Any])
 
 @contextmanager
 def reading_own(path: Path) -> Iterator[h5py.File]:
-    """Open a result and read it in the block.
-
-    Raises
-    ------
-    DamagedResult
-        The file is no HDF5 file of ours, or is damaged.
-    FileNotFoundError
-        There is no file.
-    """
+    """Open a result and read it in the block."""
     regular_status(path)
     with damage_reported(path.name), open_hdf5(path) as file:
         yield file
@@ -60,15 +52,7 @@ def group_at(file: h5py.File, path: str) -> h5py.Group | None:
 def dataset_at(
     file: h5py.File, path: str, shape: Shape | None = None, filters: tuple[int, ...] | None = None
 ) -> h5py.Dataset | None:
-    """Find a dataset by hard links, and check how it is stored; None where there is nothing of this name.
-
-    Parameters
-    ----------
-    shape
-        Shape that the dataset must have, with values that are numbers; None: any.
-    filters
-        Filters through which its chunks are stored; None: it is stored in one piece.
-    """
+    """Find a dataset by hard links, and check how it is stored; None where there is nothing of this name."""
     member = _found(file, path)
     if member is None:
         return None
@@ -182,13 +166,7 @@ def _check_bytes(dataset: h5py.Dataset, chunks: Iterable[h5py.h5d.StoreInfo]) ->
 
 
 def check_members(file: h5py.File, path: Path, values_bytes: int) -> None:
-    """Refuse a file with data elsewhere, or not stored as our writers store it, whichever program reads it.
-
-    Parameters
-    ----------
-    values_bytes
-        Bytes of the file's main values in memory: the file is hardly larger.
-    """
+    """Refuse a file with data elsewhere, or not stored as our writers store it, whichever program reads it."""
     size_bytes, most_bytes = path.stat().st_size, int(1.05 * values_bytes) + OTHER_BYTES
     if size_bytes > most_bytes:
         raise NotAsWritten(f"it has {size_bytes} bytes, and at most {most_bytes} are due")
@@ -232,13 +210,7 @@ def _member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | h5py.Da
 
 
 def _check_stored(dataset: h5py.Dataset) -> tuple[int, ...] | None:
-    """Refuse values in another file, and more values than are stored.
-
-    Returns
-    -------
-    tuple of int or None
-        Filters of the dataset's chunks; None: it is stored in one piece.
-    """
+    """Refuse values in another file, and more values than are stored."""
     layout = dataset.id.get_create_plist()
     if layout.get_external_count():
         raise NotAsWritten(f"{_name_of(dataset)} takes its values from other files")

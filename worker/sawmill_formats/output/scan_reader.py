@@ -61,74 +61,44 @@ Shape = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class StoredScan:
-    """A scan, or the requested rows and views of a scan.
+    """A scan, or the requested rows and views of a scan."""
 
-    Attributes
-    ----------
-    line_integrals : (views, rows, detector) float32, dimensionless
-        NaN in every cell of the rows that a view lacks.
-    angles_rad : (views,) float64
-    air_level : (rows, detector) float32, counts, or None
-        Mean flat less mean dark field; None where the scan was given as line integrals.
-    detector_pitch_mm : float
-    row_pitch_mm : float or None
-    deviations : (views, rows, detector) float32, or None
-        Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
-    detector_modules : tuple of DetectorModule
-        Modules of the detector after the first, where the scan came with them.
-    saturated_share : float
-        Share of the cells that are saturated; 0 where it is not known.
-    """
-
+    # (views, rows, detector) float32, dimensionless: NaN in every cell of the rows that a view lacks
     line_integrals: NDArray[np.float32]
-    angles_rad: NDArray[np.float64]
+    angles_rad: NDArray[np.float64]  # (views,)
+    # (rows, detector) float32, counts, or None: mean flat less mean dark field; None where the scan was given as line
+    # integrals
     air_level: NDArray[np.float32] | None
     detector_pitch_mm: float
     row_pitch_mm: float | None
+    # (views, rows, detector) float32, or None: standard deviations of the line integrals, where the scan came with them
+    # or rays were masked; 0: not known
     deviations: NDArray[np.float32] | None = None
+    # Modules of the detector after the first, where the scan came with them
     detector_modules: tuple[DetectorModule, ...] = ()
-    saturated_share: float = 0.0
+    saturated_share: float = 0.0  # share of the cells that are saturated; 0 where it is not known
 
 
 @dataclass(frozen=True, eq=False)
 class OpenScan:
-    """An open file of `new_scan`: its values, and its rows as they are needed.
+    """An open file of `new_scan`: its values, and its rows as they are needed."""
 
-    Attributes
-    ----------
-    shape : (views, rows, detector)
-        Shape of the whole scan.
-    angles_rad : (views,) float64
-    detector_pitch_mm : float
-    row_pitch_mm : float or None
-    data, air_level : dataset
-        The line integrals, and the air level of counts.
-    present : (views, rows) bool, or None
-        Rows that each view has, where views lack rows; missing rows are NaN in the data.
-    usable_rows : (first, one after the last) or None
-        Rows that enough views have, where views lack rows.
-    deviations : dataset or None
-        Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known.
-    detector_modules : tuple of DetectorModule
-        Modules of the detector after the first, where the scan came with them.
-    views_left_out : tuple of int
-        Numbers of the views that are corrupt.
-    saturated_share : float
-        Share of the cells that are saturated; 0 where it is not known.
-    """
-
-    shape: tuple[int, int, int]
-    angles_rad: NDArray[np.float64]
+    shape: tuple[int, int, int]  # (views, rows, detector): shape of the whole scan
+    angles_rad: NDArray[np.float64]  # (views,)
     detector_pitch_mm: float
     row_pitch_mm: float | None
-    data: h5py.Dataset
+    data: h5py.Dataset  # the line integrals, and the air level of counts
     air_level: h5py.Dataset | None
+    # (views, rows) bool, or None: rows that each view has, where views lack rows; missing rows are NaN in the data
     present: NDArray[np.bool_] | None = None
+    # (first, one after the last) or None: rows that enough views have, where views lack rows
     usable_rows: tuple[int, int] | None = None
+    # Standard deviations of the line integrals, where the scan came with them or rays were masked; 0: not known
     deviations: h5py.Dataset | None = None
+    # Modules of the detector after the first, where the scan came with them
     detector_modules: tuple[DetectorModule, ...] = ()
-    views_left_out: tuple[int, ...] = ()
-    saturated_share: float = 0.0
+    views_left_out: tuple[int, ...] = ()  # numbers of the views that are corrupt
+    saturated_share: float = 0.0  # share of the cells that are saturated; 0 where it is not known
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Read line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -276,21 +246,11 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
 
 @dataclass(frozen=True)
 class Sinogram:
-    """A detector row of a scan.
+    """A detector row of a scan."""
 
-    Attributes
-    ----------
-    data : (views, detector) float32
-        Line integrals, dimensionless.
-    angles_deg : (views,) float64
-        Each view's angle.
-    pitch_mm
-        Distance between detector cells.
-    """
-
-    data: NDArray[np.float32]
-    angles_deg: NDArray[np.float64]
-    pitch_mm: float
+    data: NDArray[np.float32]  # (views, detector) float32: line integrals, dimensionless
+    angles_deg: NDArray[np.float64]  # (views,): each view's angle
+    pitch_mm: float  # distance between detector cells
 
 
 def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:

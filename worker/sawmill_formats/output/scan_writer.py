@@ -33,31 +33,17 @@ from sawmill_vocabulary import DetectorModule
 
 @dataclass(frozen=True, eq=False)
 class RowsPresent:
-    """Rows that views have, where views lack some.
+    """Rows that views have, where views lack some."""
 
-    Attributes
-    ----------
-    of_views : (views, rows) bool
-        True where a view has the row; missing rows are NaN in the data.
-    usable : (first, one after the last)
-        The rows that enough views have.
-    """
-
-    of_views: NDArray[np.bool_]
-    usable: tuple[int, int]
+    of_views: NDArray[np.bool_]  # (views, rows) bool: True where a view has the row; missing rows are NaN in the data
+    usable: tuple[int, int]  # (first, one after the last): the rows that enough views have
 
 
 @dataclass(frozen=True, eq=False)
 class NewScan:
-    """A scan's file that is being written.
+    """A scan's file that is being written."""
 
-    Attributes
-    ----------
-    data : dataset (views, rows, detector) float32
-        The line integrals, to be written and read in blocks.
-    """
-
-    data: h5py.Dataset
+    data: h5py.Dataset  # dataset (views, rows, detector) float32: the line integrals, to be written and read in blocks
 
     def note(
         self,
@@ -73,20 +59,9 @@ class NewScan:
     ) -> None:
         """Write properties that are known when all line integrals are there.
 
-        Parameters
-        ----------
-        air_level, provenance, row_shifts
-            As in `write_scan`.
-        row_shift_deviations : (views,) float64, rows, or None
-            The standard deviation of each shift.
-        rows_present : RowsPresent or None
-            None where every view has all rows.
-        deviations : (views, detector) float32, or None
-            Standard deviations of the line integrals of the one row; None where they are not known.
-        views_left_out : sequence of int
-            Numbers of the views that are corrupt.
-        saturated_share : float or None
-            The share of the cells that are saturated; None where the scan was given as line integrals.
+        `row_shift_deviations` (views,), rows, or None: the standard deviation of each shift. `deviations` (views,
+        detector) float32, or None: standard deviations of the line integrals of the one row; None where they are not
+        known.
         """
         if views_left_out:
             self.data.file[VIEWS_LEFT_OUT] = np.array(views_left_out, np.int32)

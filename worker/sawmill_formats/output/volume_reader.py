@@ -33,30 +33,14 @@ MOST_POINTS = 10_000
 
 @dataclass(frozen=True)
 class VolumeSlice:
-    """A slice of a reconstruction.
+    """A slice of a reconstruction."""
 
-    Attributes
-    ----------
-    data : (x, y) float32
-        Attenuation in `unit`.
-    index
-        Number of the slice, from 0.
-    height_mm
-        Position along the log; None where slices have no spacing.
-    pixel_mm
-        Distance between pixels.
-    first_pixel_mm : (x, y)
-        Centre of pixel [0, 0].
-    unit
-        Unit of the data.
-    """
-
-    data: NDArray[np.float32]
-    index: int
-    height_mm: float | None
-    pixel_mm: float
-    first_pixel_mm: tuple[float, float]
-    unit: str
+    data: NDArray[np.float32]  # (x, y) float32: attenuation in `unit`
+    index: int  # number of the slice, from 0
+    height_mm: float | None  # position along the log; None where slices have no spacing
+    pixel_mm: float  # distance between pixels
+    first_pixel_mm: tuple[float, float]  # (x, y): centre of pixel [0, 0]
+    unit: str  # unit of the data
 
     @property
     def label(self) -> str:
@@ -66,49 +50,26 @@ class VolumeSlice:
 
 @dataclass(frozen=True)
 class VolumeGrid:
-    """Positions of a volume's slices and pixels.
+    """Positions of a volume's slices and pixels."""
 
-    Attributes
-    ----------
-    shape : (slice, x, y)
-    pixel_mm
-        Distance between pixels.
-    first_pixel_mm : (x, y)
-        Centre of pixel [0, 0].
-    first_height_mm, spacing_mm
-        Position of slice 0 along the log, and the distance to the next slice; None where slices have no spacing.
-    """
-
-    shape: tuple[int, int, int]
-    pixel_mm: float
-    first_pixel_mm: tuple[float, float]
+    shape: tuple[int, int, int]  # (slice, x, y)
+    pixel_mm: float  # distance between pixels
+    first_pixel_mm: tuple[float, float]  # (x, y): centre of pixel [0, 0]
+    # Position of slice 0 along the log, and the distance to the next slice; None where slices have no spacing
     first_height_mm: float | None
     spacing_mm: float | None
 
 
 @dataclass(frozen=True)
 class SideView:
-    """Densest values of a reconstruction, seen from the side.
+    """Densest values of a reconstruction, seen from the side."""
 
-    Attributes
-    ----------
-    data : (slice, x or y) float32
-        The maximum over the other axis of each slice, in `unit`.
-    across
-        Remaining axis: x or y.
-    across_mm : (low, high)
-        Ends of the field along it.
-    along_mm : (low, high) or None
-        Ends of the log along its length; None where slices have no spacing.
-    unit
-        Unit of the data.
-    """
-
-    data: NDArray[np.float32]
-    across: str
-    across_mm: tuple[float, float]
+    data: NDArray[np.float32]  # (slice, x or y) float32: the maximum over the other axis of each slice, in `unit`
+    across: str  # remaining axis: x or y
+    across_mm: tuple[float, float]  # (low, high): ends of the field along it
+    # (low, high) or None: ends of the log along its length; None where slices have no spacing
     along_mm: tuple[float, float] | None
-    unit: str
+    unit: str  # unit of the data
 
 
 def check_volume(path: Path, shape: Shape) -> None:

@@ -22,19 +22,11 @@ SIDE_VIEW_ROWS = 64
 
 @dataclass(frozen=True, eq=False)
 class PackedSlices:
-    """Slices as they are stored.
+    """Slices as they are stored."""
 
-    Attributes
-    ----------
-    chunks : tuple of bytes
-        One chunk for each slice.
-    along_x, along_y : (slices, y), (slices, x) float32
-        Maximum of each slice along x, and along y.
-    """
-
-    chunks: tuple[bytes, ...]
-    along_x: NDArray[np.float32]
-    along_y: NDArray[np.float32]
+    chunks: tuple[bytes, ...]  # one chunk for each slice
+    along_x: NDArray[np.float32]  # (slices, y) float32: maximum of each slice along x, and along y
+    along_y: NDArray[np.float32]  # (slices, x) float32
 
     @classmethod
     def of(cls, slices: NDArray[np.float32]) -> "PackedSlices":

@@ -20,16 +20,7 @@ def describe_image(
 ) -> None:
     """Describe the positions of a volume's values (z, x, y) to VTK: each is a point in the middle of its pixel.
 
-    Parameters
-    ----------
-    volume : dataset
-        Values that are shown first.
-    name : str
-        Name of the volume in VTK.
-    axes_mm : (z, x, y)
-        Centres of the pixels along each axis.
-    spacing_mm : (z, x, y)
-        Distances between the centres.
+    `axes_mm` (z, x, y): centres of the pixels along each axis. `spacing_mm` (z, x, y): distances between the centres.
     """
     z_mm, x_mm, y_mm = axes_mm
     group = volume.file.create_group(_GROUP)

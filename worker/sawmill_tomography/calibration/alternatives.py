@@ -46,21 +46,12 @@ class TurnedAlternative:
 
 @dataclass(frozen=True)
 class Alternatives:
-    """The hypotheses and turned phantoms that were also fitted to the scan.
+    """The hypotheses and turned phantoms that were also fitted to the scan."""
 
-    Attributes
-    ----------
-    hypotheses : tuple of HypothesisReport
-        Every hypothesis once, best first.
-    turned : TurnedAlternative or None
-        None where no other first angle was found.
-    independent_samples : float or None
-        Number of samples of the sinogram that do not only repeat neighbouring samples; None from a method without
-        error bars.
-    """
-
-    hypotheses: tuple[HypothesisReport, ...]
-    turned: TurnedAlternative | None = None
+    hypotheses: tuple[HypothesisReport, ...]  # every hypothesis once, best first
+    turned: TurnedAlternative | None = None  # None where no other first angle was found
+    # Number of samples of the sinogram that do not only repeat neighbouring samples; None from a method without error
+    # bars
     independent_samples: float | None = None
 
     def log_likelihood_behind(self, relative_residual: float) -> float | None:

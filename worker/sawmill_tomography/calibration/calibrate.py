@@ -1,7 +1,7 @@
 """The default calibration: search, fit, angles, joint fit, residual, error bars, alternatives, judgement."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +9,10 @@ import numpy as np
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
 from sawmill_tomography.calibration.error_bars import error_bars
-from sawmill_tomography.calibration.faults.adjustments import prepare
-from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, KnownEffect
+from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, EffectFinding, KnownEffect
+from sawmill_tomography.calibration.faults.intensity_averaging import INTENSITY_AVERAGING
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
+from sawmill_tomography.calibration.faults.outliers import OUTLIERS
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
@@ -33,6 +34,8 @@ from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 FAR_OFF = 0.1
 # Other angles than those given explain a scan where they leave less than this share of what the angles given leave.
 FAR_BETTER = 0.5
+# Faults of a scan that are handled before the effects are fitted with the geometry.
+BEFORE: tuple[EffectFinding, ...] = (INTENSITY_AVERAGING, OUTLIERS)
 
 
 def calibrate(
@@ -73,7 +76,7 @@ def conclude(
     best = _best_fit(task, ranked, basins.report.seed, on_step)
     of_metal = () if metal is None else (metal.reason(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, statistics, source_distance = with_theta(
-        task, replace(prepare(best, task.without), known=known), on_step
+        task, replace(_without_faults(best, task.without), known=known), on_step
     )
     adjusted = (*task.screening.adjustments, *of_metal, *prepared.adjustments)
     task = replace(task, scanner=replace(task.scanner, detector_modules=joint.modules))
@@ -207,3 +210,11 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
         ),
         None,
     )
+
+
+def _without_faults(adjusted: AdjustedFit, without: Collection[Adjustment]) -> AdjustedFit:
+    """Adjust the plain fit to faults, as the start of the joint fit; faults in `without` are not searched."""
+    for finding in BEFORE:
+        if finding.adjustment not in without:
+            adjusted = finding.adjust(adjusted)
+    return adjusted

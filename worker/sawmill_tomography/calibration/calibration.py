@@ -23,35 +23,20 @@ class StageSeconds:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationOutcome:
-    """The complete outcome of a calibration.
+    """The complete outcome of a calibration."""
 
-    Attributes
-    ----------
-    task : CalibrationTask
-        The task that was calibrated.
-    theta_twin : Theta or None
-        The other theta with the same sinogram.
-    findings : Findings
-        `Evidence` from a method with error bars.
-    residual : (views, cells) float64
-        The task's sinogram less the model.
-    adjustments : tuple of str
-        Sentences on effects and faults in the scan beyond the plain model, and on what was done about each.
-    beam : BeamCorrection
-        Hardening and scatter, None where they were not fitted.
-    """
-
-    task: CalibrationTask
+    task: CalibrationTask  # the task that was calibrated
     hypothesis: PoseHypothesis
     theta: Theta
-    theta_twin: Theta | None
-    findings: Findings
-    residual: FloatArray
+    theta_twin: Theta | None  # the other theta with the same sinogram
+    findings: Findings  # `Evidence` from a method with error bars
+    residual: FloatArray  # (views, cells): the task's sinogram less the model
+    # Sentences on effects and faults in the scan beyond the plain model, and on what was done about each
     adjustments: tuple[str, ...]
     judgement: Judgement
     search: SearchReport
     timing: StageSeconds
-    beam: BeamCorrection = NOTHING_FOUND
+    beam: BeamCorrection = NOTHING_FOUND  # hardening and scatter, None where they were not fitted
 
     @property
     def scanner(self) -> Scanner:

@@ -25,21 +25,11 @@ class ChangeLimits:
 
 @dataclass(frozen=True)
 class _Change:
-    """Differences new - active.
+    """Differences new - active."""
 
-    Attributes
-    ----------
-    ray_change_mm : float
-        RMS distance of the rays, one common rotation and one common scale taken out.
-    scale_change_percent : float
-        Change of the common scale.
-    scale_change_uncertainty_percent : float or None
-        Uncertainty with 95 %, from both covariances; None where neither calibration has a covariance.
-    """
-
-    ray_change_mm: float
-    scale_change_percent: float
-    scale_change_uncertainty_percent: float | None
+    ray_change_mm: float  # RMS distance of the rays, one common rotation and one common scale taken out
+    scale_change_percent: float  # change of the common scale
+    scale_change_uncertainty_percent: float | None  # uncertainty with 95 %, from both covariances
     psi_change_rad: float
     cor_column_change_mm: float
     source_distance_change_mm: float

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
 
 # The source shift is resolved from zero when R exceeds r_S by more than this number of standard deviations.
@@ -14,21 +14,11 @@ RESOLVED = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Covariance of the fit's parameters, in the order of `FitParameter`.
+    """Covariance of the fit's parameters, in the order of `FitParameter`."""
 
-    Attributes
-    ----------
-    values : (n, n) float64
-        Covariance of the first n parameters. Rows and columns of `held` and of `unknown` parameters are zero.
-    held : frozenset of FitParameter
-        Parameters known exactly, because the fit held each at a given value.
-    unknown : frozenset of FitParameter
-        Parameters that the scan does not determine: any value explains the scan as well.
-    """
-
-    values: FloatArray
+    values: FloatArray  # (n, n): covariance of the first n parameters
     held: frozenset[FitParameter] = field(default=frozenset())
-    unknown: frozenset[FitParameter] = field(default=frozenset())
+    unknown: frozenset[FitParameter] = field(default=frozenset())  # parameters that the scan does not determine
 
     @property
     def determined(self) -> list[FitParameter]:

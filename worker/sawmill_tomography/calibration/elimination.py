@@ -7,20 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import GramTerm
+from sawmill_tomography.geometry.fit_parameters import GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray
 
 _LINEAR = [GramTerm.SHADOW, GramTerm.ONE]
 
 
 def reduce(grams: FloatArray, kept: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Project gain and offset out; return the Gram matrix of `kept` and the coefficients of both, (2, kept).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the linear terms are not independent: the phantom has no shadow on the detector.
-    """
+    """Project gain and offset out; return the Gram matrix of `kept` and the coefficients of both, (2, kept)."""
     gram = grams.sum(axis=0)
     linear, rest = gram[_LINEAR], gram[list(kept)]
     cross = rest[:, _LINEAR]

@@ -17,39 +17,17 @@ from sawmill_tomography.geometry.ray_error import (
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """Uncertainties of a calibration.
+    """Uncertainties of a calibration."""
 
-    Attributes
-    ----------
-    covariance : Covariance
-        Covariance of the geometry's five unknowns.
-    ray_covariance : (5 + 2 modules, 5 + 2 modules) float64
-        Covariance of the five unknowns, then of the gap and the kink of each module.
-    hidden_modules : tuple of RayAlternatives
-        Modules that the scan may hide, and other places of those that it shows.
-    hidden_motions : RayErrorMixture or None
-        Motions that the scan may hide; None where it hides none.
-    theta_covariance : (5, 5) float64 or None
-        Covariance of theta; None where the source shift is not resolved.
-    predicted_ray_error : RayErrorPrediction
-        Predicted ray error inside the log's disc.
-    inflation : float
-        Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
-    deviation_ratio : float
-        Ratio of the standard deviations to the ones that white noise of the residual's RMS would give.
-    source_shift_resolved : bool
-        True if the source shift differs from zero by more than its uncertainty.
-    """
-
-    covariance: Covariance
-    ray_covariance: FloatArray
+    covariance: Covariance  # covariance of the geometry's five unknowns
+    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
     hidden_modules: tuple[RayAlternatives, ...]
-    hidden_motions: RayErrorMixture | None
-    theta_covariance: FloatArray | None
-    predicted_ray_error: RayErrorPrediction
-    inflation: float
+    hidden_motions: RayErrorMixture | None  # motions that the scan may hide; None where it hides none
+    theta_covariance: FloatArray | None  # (5, 5) or None: covariance of theta
+    predicted_ray_error: RayErrorPrediction  # predicted ray error inside the log's disc
+    inflation: float  # factor by which the residual's correlation within views inflated the covariance
     deviation_ratio: float
-    source_shift_resolved: bool
+    source_shift_resolved: bool  # True if the source shift differs from zero by more than its uncertainty
 
     @property
     def theta_deviation(self) -> FloatArray | None:

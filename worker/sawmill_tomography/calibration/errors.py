@@ -4,11 +4,8 @@
 class CalibrationError(Exception):
     """A failed calibration: this scan has none.
 
-    Attributes
-    ----------
-    code : str
-        Stable code for programs: other-detector, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
-        phantom-outside-field, phantom-not-seen.
+    `code`, for programs, is stable: other-detector, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
+    phantom-outside-field, phantom-not-seen.
     """
 
     def __init__(self, code: str, message: str) -> None:

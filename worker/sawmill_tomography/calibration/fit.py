@@ -13,26 +13,18 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.elimination import reduce, scaled_inverse
-from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle
 from sawmill_tomography.phantoms.phantom import Phantom
 
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A geometry with the gain and offset that explain most of the scan.
-
-    Attributes
-    ----------
-    position_mm : (float, float)
-        The phantom's position, x and y.
-    residual_rms, relative_residual : float
-        RMS of the residual, in the sinogram's unit, and against the RMS of the sinogram without its mean.
-    """
+    """A geometry with the gain and offset that explain most of the scan."""
 
     frame: SourceFrame
-    position_mm: tuple[float, float]
+    position_mm: tuple[float, float]  # the phantom's position, x and y
     gain: float
     offset: float
     residual_rms: float
@@ -45,15 +37,9 @@ class FittedModel:
 
 @dataclass(frozen=True)
 class Fit(FittedModel):
-    """The end point of least squares.
+    """The end point of least squares."""
 
-    Attributes
-    ----------
-    covariance : Covariance
-        Covariance of the seven unknowns for white noise of the residual's size.
-    """
-
-    covariance: Covariance
+    covariance: Covariance  # covariance of the seven unknowns for white noise of the residual's size
     converged: bool
     iterations: int
 
@@ -127,21 +113,7 @@ def refine(
 ) -> Fit | None:
     """Go from an initial guess in the right basin to the basin's minimum.
 
-    Parameters
-    ----------
-    phantom : Phantom
-        The phantom as this hypothesis of handedness sees it.
-    start : SourceFrame
-        The initial guess; with `fixed_source_distance` R is not changed.
-    hopeless : float
-        The relative residual above which the fit ends with the first slow step.
-    on_step : callable
-        Called at each iteration.
-
-    Returns
-    -------
-    Fit or None
-        None where the guess explains nothing: the phantom has no shadow on the detector, or the gain is not positive.
+    None where the guess explains nothing: the phantom has no shadow on the detector, or the gain is not positive.
     """
     centre = float(np.average(data.sinogram, weights=data.weights))
     centred = replace(data, sinogram=data.sinogram - centre)

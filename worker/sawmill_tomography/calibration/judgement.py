@@ -10,14 +10,14 @@ from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
+from sawmill_tomography.calibration.log_radius import counted_radius_mm
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import SourceFrame
-from sawmill_tomography.geometry.log_radius import counted_radius_mm
 from sawmill_tomography.preparing.line_integrals import MOST_DEAD
-from sawmill_vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
+from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, MovedBody, Verdict
 from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
 from sawmill_vocabulary.messages import Reason
 
@@ -33,9 +33,10 @@ MATTERS = 0.1
 # A larger creep or jump of the scanner, mm, does not pass. The last view, and the next log, are off by half of it from
 # the mean geometry that is reported; and a phantom that moves three times may look the same (test_unsteadiness.py).
 LARGEST_SCANNER_MOVE_MM = 0.4
-# What no scanner of logs has: a larger magnification, a detector further away (mm), wider cells (mm). A wrong unit of
-# the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector wrong.
-LARGEST_MAGNIFICATION, LARGEST_SDD_MM, WIDEST_CELL_MM = 10.0, 10_000.0, 20.0
+# What no scanner of logs has, as wider cells than `WIDEST_CELL_MM`: a larger magnification, a detector further away
+# (mm). A wrong unit of the cells' distance, or binned pixels, leave the rays right and make all lengths on the detector
+# wrong.
+LARGEST_MAGNIFICATION, LARGEST_SDD_MM = 10.0, 10_000.0
 # A free source distance that is less than source_to_cor_mm by more standard deviations is not explained by noise.
 CONTRADICTION = 4.0
 
@@ -56,19 +57,11 @@ _SCALES = {
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status, verdicts and reasons of a calibration, the worst reason first.
-
-    Attributes
-    ----------
-    verdict : Verdict
-        Verdict on the rays among themselves, and on the image's millimetres.
-    rays_verdict : Verdict
-        Verdict on the rays among themselves alone.
-    """
+    """Status, verdicts and reasons of a calibration, the worst reason first."""
 
     status: CalibrationStatus
-    verdict: Verdict
-    rays_verdict: Verdict
+    verdict: Verdict  # verdict on the rays among themselves, and on the image's millimetres
+    rays_verdict: Verdict  # verdict on the rays among themselves alone
     reasons: tuple[Reason, ...]
 
 
@@ -139,18 +132,12 @@ class Degree(Enum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A reason, and the calibration's status because of this reason, if the reason decides a status.
-
-    Attributes
-    ----------
-    of_scale : bool
-        The remark concerns the image's millimetres alone: the rays may be right among themselves.
-    """
+    """A reason, and the calibration's status because of this reason, if the reason decides a status."""
 
     degree: Degree
     reason: Reason
     status: CalibrationStatus | None = None
-    of_scale: bool = False
+    of_scale: bool = False  # the remark concerns the image's millimetres alone: the rays may be right among themselves
     comes_first: bool = False
 
 

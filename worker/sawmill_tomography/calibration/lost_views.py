@@ -18,11 +18,11 @@ from sawmill_tomography.calibration.faults.effects import PACE, Effect
 from sawmill_tomography.calibration.faults.finding import KnownEffect
 from sawmill_tomography.calibration.faults.motion import of_angle
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, Candidate
 from sawmill_tomography.calibration.search.search import coarse_misfit, geometry_box, guesses_from_shadow
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
+from sawmill_tomography.geometry.fit_parameters import FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import Adjustment, Rotation
@@ -50,18 +50,10 @@ NOT_WHOLE = 0.1
 
 @dataclass(frozen=True)
 class AnglesOfViews:
-    """Angles that a scan shows instead of those given.
+    """Angles that a scan shows instead of those given."""
 
-    Attributes
-    ----------
-    angles_rad : (views,) float64
-        In the sense in which the angles were given.
-    effects : tuple of KnownEffect
-        What the angles have against those given.
-    """
-
-    angles_rad: FloatArray
-    effects: tuple[KnownEffect, ...]
+    angles_rad: FloatArray  # (views,): in the sense in which the angles were given
+    effects: tuple[KnownEffect, ...]  # what the angles have against those given
     ranked: RankedFit
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.calibration.scale import size_by_distance
+from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
 from sawmill_vocabulary.messages import Reason, Value
@@ -51,13 +51,8 @@ def likely_cause(
 ) -> Reason:
     """Return what moved, and what to check.
 
-    Parameters
-    ----------
-    covariance : (5, 5) float64 or None
-        Covariance of the change of (psi, R, SDD, u_c, tau): the sum of both calibrations' covariances; None where
-        neither calibration has one.
-    allowed_mm, radius_mm : float
-        RMS ray distance up to which nothing moved, and radius of the disc in which this distance is counted.
+    `covariance` (5, 5) or None: covariance of the change of (psi, R, SDD, u_c, tau): the sum of both calibrations'
+    covariances; None where neither calibration has one.
     """
     change = to_vector(after) - to_vector(before)
     values: dict[str, Value] = {

@@ -70,25 +70,17 @@ Pair = tuple[AnyFloats, AnyFloats]
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Switches of the published search.
+    """Switches of the published search."""
 
-    Attributes
-    ----------
-    objective
-        "image" correlates the FBP with the drawing; "projection" correlates sinograms, reported as worse.
-    stop
-        "published" is SciPy's default (0.01 of the mean, then a polish); "tight" waits until the population agrees.
-    field_mm
-        Side of the image; the published drawing's is 400 mm.
-    """
-
+    # "image" correlates the FBP with the drawing; "projection" correlates sinograms, reported as worse
     objective: vocabulary.PaperObjective = "image"
     weighting: Weighting = "none"
     correlation: PaperCorrelation = "unnormalised"
+    # "published" is SciPy's default (0.01 of the mean, then a polish); "tight" waits until the population agrees
     stop: PaperStop = "published"
     max_generations: int = 1000
     image_size: int = 256
-    field_mm: float = 400.0
+    field_mm: float = 400.0  # side of the image; the published drawing's is 400 mm
     filter_name: FilterName = FilterName.HANN
 
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import frame_deviation, theta_covariance
 from sawmill_tomography.calibration.elimination import reduce
+from sawmill_tomography.calibration.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.calibration.refusals import refuse_round
 from sawmill_tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
-from sawmill_tomography.geometry.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError
 from sawmill_tomography.projection import analytic
@@ -23,36 +23,16 @@ LEAST_INFORMATION = 1e-11
 
 @dataclass(frozen=True)
 class CramerRaoPlan:
-    """The precision to expect of a calibration with one scan of a phantom.
+    """The precision to expect of a calibration with one scan of a phantom."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of the noise, in the unit of the phantom's line integrals (mm times density).
-    covariance : (5, 5) float64
-        Covariance of (psi, R, SDD, u_c, tau), with the phantom's position, gain and background unknown too.
-    frame_deviation : (6,) float64
-        Standard deviations of (psi, R, SDD, u_c, tau, M).
-    theta_deviation : (5,) float64 or None
-        Standard deviations of theta; None where the source shift is not resolved.
-    radius_mm : float
-        Radius of the disc in which ray errors are counted.
-    predicted_ray_error : RayErrorPrediction
-        Predicted ray error from noise alone.
-    scale : ScaleUncertainty
-        Uncertainty of the image's millimetres, from the phantom's size tolerance and the covariance.
-    views_cut_off : int
-        Views whose shadow reaches an end of the detector.
-    """
-
-    noise: float
-    covariance: FloatArray
-    frame_deviation: FloatArray
-    theta_deviation: FloatArray | None
-    radius_mm: float
-    predicted_ray_error: RayErrorPrediction
+    noise: float  # standard deviation of the noise, in the unit of the phantom's line integrals (mm times density)
+    covariance: FloatArray  # (5, 5)
+    frame_deviation: FloatArray  # (6,): standard deviations of (psi, R, SDD, u_c, tau, M)
+    theta_deviation: FloatArray | None  # (5,) or None: standard deviations of theta
+    radius_mm: float  # radius of the disc in which ray errors are counted
+    predicted_ray_error: RayErrorPrediction  # predicted ray error from noise alone
     scale: ScaleUncertainty
-    views_cut_off: int
+    views_cut_off: int  # views whose shadow reaches an end of the detector
 
 
 def plan(

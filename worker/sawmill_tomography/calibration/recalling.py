@@ -20,19 +20,14 @@ Function = Callable[[FloatArray], float]
 class Evaluations:
     """Vectors at which an objective was evaluated, and the values, in order.
 
-    Attributes
-    ----------
-    vectors : (n, parameters) float64
-    values : (n,) float64
-
     Raises
     ------
     ValueError
         The shapes do not agree.
     """
 
-    vectors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
-    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    vectors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))  # (n, parameters)
+    values: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # (n,)
 
     def __post_init__(self) -> None:
         if self.vectors.ndim != 2 or self.values.shape != self.vectors.shape[:1]:

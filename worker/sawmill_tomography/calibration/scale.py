@@ -22,21 +22,11 @@ class ScaleSource(Enum):
 
 @dataclass(frozen=True)
 class ScaleUncertainty:
-    """Uncertainty of the common scale, in shares of the scale; effects of the size tolerance alone are in mm.
+    """Uncertainty of the common scale, in shares of the scale; effects of the size tolerance alone are in mm."""
 
-    Attributes
-    ----------
-    source_distance_mm, ray_error_mm : float
-        Uncertainties of R and of the rays (RMS) that follow from the size tolerance.
-    size, statistical : float
-        Standard uncertainties: the size tolerance; the error of R/SDD by the covariance.
-    aspect_half : float
-        Half the difference between the phantom's directions, where the true direction is not known.
-    """
-
-    source_distance_mm: float
+    source_distance_mm: float  # uncertainties of R and of the rays (RMS) that follow from the size tolerance
     ray_error_mm: float
-    size: float
+    size: float  # standard uncertainties: the size tolerance; the error of R/SDD by the covariance
     statistical: float = 0.0
     aspect_half: float = 0.0
 
@@ -70,12 +60,8 @@ def scale_uncertainty(
 
     docs/understand/verdict.md#the-scale has the derivation.
 
-    Parameters
-    ----------
-    covariance : (5, 5) float64 or None
-        Covariance of (psi, R, SDD, u_c, tau); None where there are no error bars, which then count as zero.
-    aspect_half : float
-        The value of `ScaleUncertainty.aspect_half`.
+    `covariance` (5, 5) or None: covariance of (psi, R, SDD, u_c, tau); None where there are no error bars, which then
+    count as zero.
     """
     size = phantom.size_tolerance
     return ScaleUncertainty(

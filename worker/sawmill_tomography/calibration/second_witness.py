@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.drift.change import LogMovement
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, WitnessTaken
@@ -24,62 +24,30 @@ BOTH = [FitParameter.U_C, FitParameter.TILT]
 
 @dataclass(frozen=True, eq=False)
 class LogAnswer:
-    """The log's measurement of u_c and tau at the phantom's SDD.
-
-    Attributes
-    ----------
-    detector : DetectorEstimate
-    sdd_sensitivity : (2,) float64
-        Change of u_c and tau per mm of SDD.
-    rotation : Rotation
-        The sense in which the log turned; the calibrated sense where the log does not show the sense.
-    movement : LogMovement or None
-        None where the scan has too few views to show whether the log moved.
-    """
+    """The log's measurement of u_c and tau at the phantom's SDD."""
 
     detector: DetectorEstimate
-    sdd_sensitivity: FloatArray
-    rotation: Rotation
-    movement: LogMovement | None
+    sdd_sensitivity: FloatArray  # (2,): change of u_c and tau per mm of SDD
+    rotation: Rotation  # the sense in which the log turned; the calibrated sense where the log does not show the sense
+    movement: LogMovement | None  # None where the scan has too few views to show whether the log moved
 
 
 @dataclass(frozen=True, eq=False)
 class LogWitness:
-    """The answers of the log and the phantom, and the geometry that follows.
-
-    Attributes
-    ----------
-    log : LogAnswer
-    other_sense : bool
-        The log turned in the other sense than the phantom's fit: the log is then not used.
-    phantom : DetectorEstimate
-        u_c and tau of the phantom's rows alone.
-    difference : DetectorEstimate
-        u_c and tau of the log less u_c and tau of the phantom.
-    chi_squared : float
-        Chi-squared of the difference, with 2 degrees of freedom.
-    ray_change_mm : float
-        RMS distance by which the difference moves the rays in the log's disc.
-    agreement : Agreement
-    moved : MovedBody or None
-        The body that moved during the scan, where the scan shows it. A log that moved is not used.
-    taken : WitnessTaken
-        The body or bodies whose u_c and tau are reported.
-    vector, covariance : (5,), (5, 5) float64
-        The geometry (psi, R, SDD, u_c, tau) that follows from both answers.
-    """
+    """The answers of the log and the phantom, and the geometry that follows."""
 
     log: LogAnswer
-    other_sense: bool
-    phantom: DetectorEstimate
-    difference: DetectorEstimate
-    chi_squared: float
-    ray_change_mm: float
+    other_sense: bool  # the log turned in the other sense than the phantom's fit: the log is then not used
+    phantom: DetectorEstimate  # u_c and tau of the phantom's rows alone
+    difference: DetectorEstimate  # u_c and tau of the log less u_c and tau of the phantom
+    chi_squared: float  # chi-squared of the difference, with 2 degrees of freedom
+    ray_change_mm: float  # RMS distance by which the difference moves the rays in the log's disc
     agreement: Agreement
+    # The body that moved during the scan, where the scan shows it. A log that moved is not used.
     moved: MovedBody | None
-    taken: WitnessTaken
-    vector: FloatArray
-    covariance: FloatArray
+    taken: WitnessTaken  # the body or bodies whose u_c and tau are reported
+    vector: FloatArray  # (5,): the geometry (psi, R, SDD, u_c, tau) that follows from both answers
+    covariance: FloatArray  # (5, 5)
 
     @property
     def reported(self) -> DetectorEstimate:
@@ -97,17 +65,7 @@ def compare_witnesses(
     phantom_moved: bool,
     radius_mm: float,
 ) -> LogWitness:
-    """Compare the log's answer with the phantom's, and combine or select the two.
-
-    Parameters
-    ----------
-    frame, covariance : SourceFrame, (5, 5) float64
-        Geometry and covariance from the phantom's rows alone.
-    phantom_moved : bool
-        True if the phantom's fit found that the phantom moved during the scan.
-    radius_mm : float
-        Radius of the disc in which rays are compared.
-    """
+    """Compare the log's answer with the phantom's, and combine or select the two."""
     vector = to_vector(frame)
     sees = np.zeros((2, len(vector)))
     sees[[0, 1], BOTH] = 1.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
@@ -13,27 +13,13 @@ from sawmill_tomography.projection.analytic import DetectorCells
 
 @dataclass(frozen=True)
 class SinogramData:
-    """A sinogram with angles and weights, for comparison with the model.
+    """A sinogram with angles and weights, for comparison with the model."""
 
-    Attributes
-    ----------
-    sinogram : (views, cells) float64
-        Line integrals.
-    angles_rad : (views,) float64
-        View angles in one sense of rotation.
-    cells : DetectorCells
-        Positions of the cells.
-    rays_per_cell : int or None
-        Rays per cell in the model; None averages over the cell.
-    weights : (views, cells) float64 or None
-        Weight of each sample; None weighs all samples alike.
-    """
-
-    sinogram: FloatArray
-    angles_rad: FloatArray
-    cells: DetectorCells
-    rays_per_cell: int | None = None
-    weights: FloatArray | None = None
+    sinogram: FloatArray  # (views, cells): line integrals
+    angles_rad: FloatArray  # (views,): view angles in one sense of rotation
+    cells: DetectorCells  # positions of the cells
+    rays_per_cell: int | None = None  # rays per cell in the model; None averages over the cell
+    weights: FloatArray | None = None  # (views, cells) or None: weight of each sample; None weighs all samples alike
 
     @property
     def samples(self) -> float:

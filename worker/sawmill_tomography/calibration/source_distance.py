@@ -8,32 +8,21 @@ import numpy as np
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
 
 
 @dataclass(frozen=True)
 class SourceDistance:
-    """The source distance of the free fit, and whether R was held.
+    """The source distance of the free fit, and whether R was held."""
 
-    Attributes
-    ----------
-    unconstrained_mm : float
-        R of the free fit.
-    held : bool
-        R was held at r_S, because the free fit gave less.
-    deficit_deviations : float
-        Deficit of the free R against r_S, in standard deviations that include the phantom's size tolerance; 0 where
-        the free R is at least r_S.
-    """
-
-    unconstrained_mm: float
-    held: bool = False
+    unconstrained_mm: float  # R of the free fit
+    held: bool = False  # R was held at r_S, because the free fit gave less
     deficit_deviations: float = 0.0
 
 
@@ -45,11 +34,6 @@ def with_theta(
     The covariance of a held fit is the free fit's covariance plus the square of the change that holding made: the
     scanner's R may be larger than r_S, or r_S itself be wrong, and R and SDD then have errors together. The scan
     determines the ratio of R and SDD far better than either distance, so R's row stays in the covariance.
-
-    Raises
-    ------
-    CalibrationError
-        If the free R is impossible for this scanner, or no fit exists with R = r_S.
     """
     prepared, free = fit_consistent_views(prepared, task.without, on_step)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame

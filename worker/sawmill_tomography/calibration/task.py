@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.narrow_peaks import narrow_peaks
-from sawmill_tomography.calibration.faults.screening import Screening, screen
+from sawmill_tomography.calibration.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.calibration.refusals import refuse_round, refuse_unusable
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, ThetaBounds
-from sawmill_tomography.geometry.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
+from sawmill_tomography.sinograms.screening import Screening, screen
 from sawmill_vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
 
@@ -27,54 +27,29 @@ class PoseHypothesis(NamedTuple):
 
 @dataclass(frozen=True)
 class CalibrationTask:
-    """The input of a calibration.
-
-    Attributes
-    ----------
-    sinogram : (views, detector) float
-        Line integrals in any unit: gain and background are free.
-    angles_rad : (views,) float64
-        Angle of each view.
-    bounds : ThetaBounds or None
-        Range in which theta is searched; None searches wherever the phantom can be seen.
-    handedness, rotation
-        Known handedness and rotation; None tries both.
-    rays_per_cell : int or None
-        Rays per cell in the model; None averages over the cell, as a real detector does.
-    log_radius_mm : float or None
-        Radius of the largest log, the disc around the COR in which ray errors are measured; None takes the phantom's.
-    tolerance_mm : float
-        The largest ray error that passes.
-    scale_tolerance_percent : float
-        The largest uncertainty of the scale, 95 %, that passes.
-    true_axis : "x" or "y", or None
-        Axis of the drawing along which the phantom's size is known to be right; None trusts both axes alike.
-    from_counts : bool
-        True if the line integrals were made from counts: then each cell averaged intensities, not paths.
-    without : frozenset of Adjustment
-        Adjustments to faults of the scan that are switched off.
-    metal : (views, cells) bool or None
-        Samples that see metal; None where they are not known yet.
-    saturated_share : float
-        Share of the cells that are saturated in the flat fields or in the views.
-    """
+    """The input of a calibration."""
 
     scanner: Scanner
     phantom: Phantom
-    sinogram: FloatArray
-    angles_rad: FloatArray
+    sinogram: FloatArray  # (views, detector) float: line integrals in any unit: gain and background are free
+    angles_rad: FloatArray  # (views,): angle of each view
+    # Range in which theta is searched; None searches wherever the phantom can be seen
     bounds: ThetaBounds | None = None
-    handedness: Handedness | None = None
+    handedness: Handedness | None = None  # known handedness and rotation; None tries both
     rotation: Rotation | None = None
-    rays_per_cell: int | None = None
+    rays_per_cell: int | None = None  # rays per cell in the model; None averages over the cell, as a real detector does
+    # Radius of the largest log, the disc around the COR in which ray errors are measured; None takes the phantom's
     log_radius_mm: float | None = None
-    tolerance_mm: float = 0.1
-    scale_tolerance_percent: float = 0.5
+    tolerance_mm: float = 0.1  # the largest ray error that passes
+    scale_tolerance_percent: float = 0.5  # the largest uncertainty of the scale, 95 %, that passes
+    # Axis of the drawing along which the phantom's size is known to be right; None trusts both axes alike
     true_axis: TrueAxis | None = None
+    # True if the line integrals were made from counts: then each cell averaged intensities, not paths
     from_counts: bool = False
-    without: frozenset[Adjustment] = frozenset()
+    without: frozenset[Adjustment] = frozenset()  # adjustments to faults of the scan that are switched off
+    # (views, cells) bool or None: samples that see metal; None where they are not known yet
     metal: NDArray[np.bool_] | None = None
-    saturated_share: float = 0.0
+    saturated_share: float = 0.0  # share of the cells that are saturated in the flat fields or in the views
 
     def __post_init__(self) -> None:
         """Refuse data that do not belong together, and a phantom that cannot calibrate."""

@@ -9,11 +9,11 @@ from sawmill_tomography.calibration.covariance import theta_covariance
 from sawmill_tomography.calibration.elimination import scaled_inverse
 from sawmill_tomography.calibration.error_bars import ErrorBars
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses
 from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
 from sawmill_vocabulary import Rotation
@@ -54,13 +54,7 @@ def with_log(calibration: CalibrationOutcome, log_sinogram: FloatArray) -> Calib
 def _ask_log(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
 ) -> LogAnswer:
-    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer, by opposite rays or view pairs.
-
-    Raises
-    ------
-    DriftError
-        If the views are too few, or this log does not show u_c and tau.
-    """
+    """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer by opposite rays or pairs."""
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
     detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation

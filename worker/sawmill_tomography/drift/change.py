@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from sawmill_tomography.calibration.fit_parameters import FitParameter
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_vocabulary import DetectorEstimate, Rotation
@@ -54,11 +54,8 @@ NOT_SEEN = (
 class DriftError(ValueError):
     """A scan that shows no drift; the message gives the reason.
 
-    Attributes
-    ----------
-    code : str
-        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far,
-        metal-in-log.
+    `code`, for programs, is stable: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen,
+    moved-too-far, metal-in-log.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -82,65 +79,38 @@ class LogMovement:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """A harmonic that disturbs the turn.
+    """A harmonic that disturbs the turn."""
 
-    Attributes
-    ----------
-    part : "encoder" or "bearing"
-        "encoder": the angles run ahead and behind. "bearing": the log swings across the beam.
-    order : int
-        Periods per turn.
-    """
-
+    # "encoder": the angles run ahead and behind. "bearing": the log swings across the beam.
     part: Literal["encoder", "bearing"]
-    order: int
+    order: int  # periods per turn
 
 
 @dataclass(frozen=True, eq=False)
 class DetectorFit:
-    """The detector's geometry as a log's rays show it: opposite rays of a dense scan, or pairs of views of any scan.
-
-    Attributes
-    ----------
-    covariance : (3, 3) float64
-        Covariance of (u_c, tau, SDD).
-    distance_held : bool
-        The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
-    rotation : Rotation
-        The sense of rotation in which the rays agree better.
-    rotation_ratio : float
-        Residual of the other sense divided by this sense's residual.
-    rotation_decided : bool
-        True if the scan shows in which sense it turned; a round, centred log does not.
-    relative_residual : float
-        RMS of the differences divided by the RMS of the compared signal: for opposite rays its part that changes with
-        the view, after the blur; for pairs of views their sums.
-    distance_sensitivity : (2,) float64
-        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where SDD was fitted too.
-    adjustments : tuple of str
-        Changes made to the scan before the fit.
-    disturbances : mapping of Disturbance to float
-        Disturbances of the turn beyond chance, fitted with the geometry: each one's amplitude in its unit.
-    encoder_bound_mm : float or None
-        Largest change of this log's u_c by an encoder that is wrong by 0.1 degrees once a turn; the covariance allows
-        for this change. None where the encoder's error is fitted as a disturbance.
-    movement : LogMovement or None
-        The jump of the log that explains most of what opposite rays leave, beyond chance or not; None without them.
-    """
+    """The detector's geometry as a log's rays show it: opposite rays of a dense scan, or pairs of views of any scan."""
 
     cor_column_mm: float
     tilt_rad: float
     source_to_detector_mm: float
-    covariance: FloatArray
+    covariance: FloatArray  # (3, 3): covariance of (u_c, tau, SDD)
+    # The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero
     distance_held: bool
-    rotation: Rotation
-    rotation_ratio: float
-    rotation_decided: bool
+    rotation: Rotation  # the sense of rotation in which the rays agree better
+    rotation_ratio: float  # residual of the other sense divided by this sense's residual
+    rotation_decided: bool  # True if the scan shows in which sense it turned; a round, centred log does not
+    # RMS of the differences divided by the RMS of the compared signal: for opposite rays its part that changes with the
+    # view, after the blur; for pairs of views their sums
     relative_residual: float
+    # (2,): change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where SDD was fitted too
     distance_sensitivity: FloatArray
-    adjustments: tuple[str, ...]
+    adjustments: tuple[str, ...]  # changes made to the scan before the fit
+    # Disturbances of the turn beyond chance, fitted with the geometry: each one's amplitude in its unit
     disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
+    # Largest change of this log's u_c by an encoder that is wrong by 0.1 degrees once a turn; the covariance allows for
+    # this change. None where the encoder's error is fitted as a disturbance.
     encoder_bound_mm: float | None = None
+    # The jump of the log that explains most of what opposite rays leave, beyond chance or not; None without them
     movement: LogMovement | None = None
 
     @property
@@ -172,27 +142,15 @@ class ConjugateFit(DetectorFit):
 
 @dataclass(frozen=True, eq=False)
 class DriftChange:
-    """Measured geometry less the calibrated one or less a baseline.
+    """Measured geometry less the calibrated one or less a baseline."""
 
-    Attributes
-    ----------
-    change : (3,) float64
-        Change of (u_c, tau, SDD).
-    covariance : (3, 3) float64
-        Covariance of the change: this scan's, and the calibration's or the baseline's.
-    ray_change_mm : float
-        RMS distance of the rays inside the log's disc with R and psi held, a common scale removed; SDD is held too
-        where it has not changed significantly, because this scan shows SDD less well than the calibration does.
-    ray_change_uncertainty_mm : float
-        RMS ray distance that the covariance alone causes.
-    scale_change, scale_deviation : float
-        The common scale as a share, and its standard deviation: the effect of a changed SDD on the image's size.
-    """
-
-    change: FloatArray
-    covariance: FloatArray
+    change: FloatArray  # (3,): change of (u_c, tau, SDD)
+    covariance: FloatArray  # (3, 3): covariance of the change: this scan's, and the calibration's or the baseline's
+    # RMS distance of the rays inside the log's disc with R and psi held, a common scale removed; SDD is held too where
+    # it has not changed significantly, because this scan shows SDD less well than the calibration does
     ray_change_mm: float
-    ray_change_uncertainty_mm: float
+    ray_change_uncertainty_mm: float  # RMS ray distance that the covariance alone causes
+    # The common scale as a share, and its standard deviation: the effect of a changed SDD on the image's size
     scale_change: float
     scale_deviation: float
 

@@ -25,18 +25,10 @@ VARIANCES = np.geomspace(1e-2, 1e6, 41)
 
 
 class FlatStructure(NamedTuple):
-    """Structure that remains in every view behind the log.
+    """Structure that remains in every view behind the log."""
 
-    Attributes
-    ----------
-    expected : (cells,) float64
-        Expected structure, near the log's edges, where the air shows it.
-    covariance : (cells, cells) float64
-        Covariance of the remainder after the expected structure is subtracted.
-    """
-
-    expected: FloatArray
-    covariance: FloatArray
+    expected: FloatArray  # (cells,): expected structure, near the log's edges, where the air shows it
+    covariance: FloatArray  # (cells, cells): covariance of the remainder after the expected structure is subtracted
 
 
 def flat_structure(
@@ -44,17 +36,8 @@ def flat_structure(
 ) -> FlatStructure:
     """Predict the structure behind the log from the air.
 
-    Parameters
-    ----------
-    common : (detector,) float64
-        The mean over the views, less a level and patterns that were fitted to the air.
-    air : (detector,) bool
-        True in air; the log is in the other cells, which are contiguous.
-    patterns : (patterns, detector) float64
-    cell_variance : float
-        Variance of what each cell adds to every view independently.
-    noise : float
-        Standard deviation of a ray in air, averaged over the views.
+    `common` (detector,): the mean over the views, less a level and patterns that were fitted to the air. `air`
+    (detector,) bool: True in air; the log is in the other cells, which are contiguous. `patterns` (patterns, detector).
     """
     group = -(-int(air.sum()) // GROUPS)
     first = group * np.flatnonzero(air[: air.size // group * group].reshape(-1, group).all(axis=1))

@@ -11,58 +11,31 @@ from sawmill_tomography.drift.flat_structure import flat_structure
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.bridging import bridged_samples
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 
 # Lower bound of a ray's noise in air, as a share of the largest line integral: for noise-free data.
 LEAST_NOISE = 1e-4
 
 
 class LevelledRays(NamedTuple):
-    """Line integrals through the log, their variance, their cells, and the errors of the air's fit.
+    """Line integrals through the log, their variance, their cells, and the errors of the air's fit."""
 
-    Attributes
-    ----------
-    rays, variance : (views, cells) float64
-        Values in the log's cells alone.
-    cells : (detector,) bool
-        True where a cell is not air.
-    air_patterns : (3, cells) float64
-        A slope, a curvature and a cubic over the detector, in the log's cells.
-    air_covariance : (views + 3, views + 3) float64
-        Covariance of each view's level and of the amplitudes of the patterns, from the air.
-    common_covariance : (cells, cells) float64
-        Covariance of the flat field's further part in every view, as the air shows it: cell noise, smooth structure.
-    """
-
-    rays: FloatArray
-    variance: FloatArray
-    cells: NDArray[np.bool_]
-    air_patterns: FloatArray
-    air_covariance: FloatArray
-    common_covariance: FloatArray
+    rays: FloatArray  # (views, cells): values in the log's cells alone
+    variance: FloatArray  # (views, cells)
+    cells: NDArray[np.bool_]  # (detector,) bool: True where a cell is not air
+    air_patterns: FloatArray  # (3, cells): A slope, a curvature and a cubic over the detector, in the log's cells
+    air_covariance: FloatArray  # (views + 3, views + 3)
+    common_covariance: FloatArray  # (cells, cells)
 
 
 class AirFit(NamedTuple):
-    """Levels and patterns fitted to the air on both sides of the log.
+    """Levels and patterns fitted to the air on both sides of the log."""
 
-    Attributes
-    ----------
-    cells : (detector,) bool
-        True where a cell is air in every view.
-    patterns : (3, detector) float64
-        A slope, a curvature and a cubic over the detector.
-    amplitudes : (3,) float64
-        Amplitudes of the patterns.
-    levels : (views,) float64
-    covariance : (views + 3, views + 3) float64
-        Covariance of levels and amplitudes, for rays whose variance is 1.
-    """
-
-    cells: NDArray[np.bool_]
-    patterns: FloatArray
-    amplitudes: FloatArray
-    levels: FloatArray
-    covariance: FloatArray
+    cells: NDArray[np.bool_]  # (detector,) bool: True where a cell is air in every view
+    patterns: FloatArray  # (3, detector): A slope, a curvature and a cubic over the detector
+    amplitudes: FloatArray  # (3,): amplitudes of the patterns
+    levels: FloatArray  # (views,)
+    covariance: FloatArray  # (views + 3, views + 3): covariance of levels and amplitudes, for rays whose variance is 1
 
     @property
     def of_all_views(self) -> FloatArray:
@@ -73,12 +46,8 @@ class AirFit(NamedTuple):
 def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit | None:
     """Fit a level per view and three common patterns to the air; None without air at both ends, or without a log.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float64
-        Line integrals without faulty cells and corrupt views.
-    scale : (views, 1) float64
-        Relative noise of each view: air is found by its scatter.
+    `sinogram` (views, detector): line integrals without faulty cells and corrupt views. `scale` (views, 1): relative
+    noise of each view: air is found by its scatter.
     """
     air = find_air((sinogram / scale).astype(np.float32))
     if air is None or air.cells.all() or not (air.cells[0] and air.cells[-1]):
@@ -102,19 +71,9 @@ def levelled_rays(
 ) -> LevelledRays:
     """Subtract each view's level and the common patterns, fitted to the air on both sides, from the log's rays.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float64
-        Line integrals without faulty cells and corrupt views.
-    deviations : (views, detector) float64, optional
-        Standard deviations of the line integrals. Where it is 0 the standard deviation is estimated; None: everywhere.
-    interpolated : (views, detector) bool, optional
-        True for samples that were interpolated along the detector.
-
-    Raises
-    ------
-    DriftError
-        If the log reaches an end of the detector, or there is no log.
+    `sinogram` (views, detector): line integrals without faulty cells and corrupt views. `deviations` (views, detector):
+    standard deviations of the line integrals. Where it is 0 the standard deviation is estimated; None: everywhere.
+    `interpolated` (views, detector) bool: True for samples that were interpolated along the detector.
     """
     known_deviations = np.zeros_like(sinogram) if deviations is None else deviations
     all_known = bool(known_deviations.all())

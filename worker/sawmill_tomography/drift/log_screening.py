@@ -8,11 +8,11 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.faults.screening import Screening, screen
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_tomography.reconstruction.metal import MOST_SAMPLES, MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
+from sawmill_tomography.sinograms.screening import Screening, screen
 
 # Cells at either end of the detector are compared with this number of the next ones: `screen` compares a cell with its
 # neighbours on both sides, which an end does not have.
@@ -39,19 +39,8 @@ def screen_log(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, s
 
     Rays through nails are starved and hardened, and differently from either side.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float64
-        Line integrals.
-    angles_rad : (views,) float64
-        View angles in the calibrated sense of rotation.
-    start : SourceFrame
-        A geometry near the scan's.
-
-    Raises
-    ------
-    DriftError
-        If more samples see metal than may be left out.
+    `sinogram` (views, detector): line integrals. `angles_rad` (views,): view angles in the calibrated sense of
+    rotation.
     """
     screening = _screen_ends(sinogram)
     lines = screening.bridged(sinogram).astype(np.float32)

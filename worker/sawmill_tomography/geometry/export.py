@@ -81,21 +81,14 @@ class RtkGeometry:
     RTK turns about its y axis: RTK's (x, y, z) is our (x, along the log, -y). Distances count along the detector's
     normal and offsets along the detector, so that its tilt is a part of the gantry angle: the in-plane and out-of-plane
     angles, which lean a flat panel out of the fan, are 0.
-
-    Attributes
-    ----------
-    gantry_angles_deg : (views,) float64
-        Angles in [0, 360).
-    matrices : (views, 3, 4) float64
-        Projection of RTK's homogeneous (x, y, z, 1) to (w u, w v, w), u and v on the detector in mm.
     """
 
     source_to_isocenter_mm: float
     source_to_detector_mm: float
     source_offset_x_mm: float
     projection_offset_x_mm: float
-    gantry_angles_deg: FloatArray
-    matrices: NDArray[np.float64]
+    gantry_angles_deg: FloatArray  # (views,): angles in [0, 360)
+    matrices: NDArray[np.float64]  # (views, 3, 4)
 
 
 def rtk_geometry(geometry: FanBeamGeometry) -> RtkGeometry:

@@ -145,13 +145,7 @@ class FanBeamGeometry:
 
 
 def view_weights(angles_rad: FloatArray) -> FloatArray:
-    """Return half the circular gap to both neighbours of each view, (views,) rad, summing to 2 pi.
-
-    Raises
-    ------
-    GeometryError
-        If the views do not cover a full turn: the largest gap exceeds five medians.
-    """
+    """Return half the circular gap to both neighbours of each view, (views,) rad, summing to 2 pi."""
     wrapped = np.mod(np.asarray(angles_rad, np.float64), TAU)
     order = np.argsort(wrapped, kind="stable")
     gaps = np.diff(wrapped[order], append=wrapped[order[0]] + TAU)

@@ -13,21 +13,11 @@ SMALLEST_FIELD_MM = 1e-3
 
 @dataclass(frozen=True)
 class ImageGrid:
-    """A square image [x, y] of size x size pixels over a square field.
+    """A square image [x, y] of size x size pixels over a square field."""
 
-    Attributes
-    ----------
-    size : int
-        Pixels along each side.
-    field_mm : float
-        Side of the field.
-    centre_mm : (x, y)
-        Middle of the field; the COR by default.
-    """
-
-    size: int
-    field_mm: float
-    centre_mm: tuple[float, float] = (0.0, 0.0)
+    size: int  # pixels along each side
+    field_mm: float  # side of the field
+    centre_mm: tuple[float, float] = (0.0, 0.0)  # (x, y): middle of the field; the COR by default
 
     def __post_init__(self) -> None:
         """Refuse grids without pixels, and grids without a finite field."""

@@ -20,41 +20,21 @@ Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
 
 
 class ModuleLine(NamedTuple):
-    """One module as a flat line detector.
+    """One module as a flat line detector."""
 
-    Attributes
-    ----------
-    first, end : int
-        Its cells are first to end - 1.
-    sdd_mm, cor_column_mm, tilt_rad : float
-        SDD, u_c and tau of the line; the coordinate u of the cells is the one of a detector without gaps.
-    sdd_slopes, column_slopes : (3,) tuples
-        Derivatives of the line's SDD and u_c by the source frame's SDD, u_c and tau.
-    """
-
-    first: int
+    first: int  # its cells are first to end - 1
     end: int
-    sdd_mm: float
+    sdd_mm: float  # SDD, u_c and tau of the line; the coordinate u of the cells is the one of a detector without gaps
     cor_column_mm: float
     tilt_rad: float
-    sdd_slopes: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    column_slopes: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    sdd_slopes: tuple[float, float, float] = (1.0, 0.0, 0.0)  # (3,) tuples
+    column_slopes: tuple[float, float, float] = (0.0, 1.0, 0.0)  # (3,) tuples
 
 
 def module_lines(
     modules: Sequence[DetectorModule], cells: int, first_border_mm: float, pitch_mm: float, frame: SourceFrame
 ) -> list[ModuleLine]:
-    """Return the line of every module, in the order of the cells.
-
-    Parameters
-    ----------
-    modules : sequence of DetectorModule
-        Modules after the first.
-    cells : int
-        Number of cells.
-    first_border_mm : float
-        Coordinate u of the first cell's border.
-    """
+    """Return the line of every module, in the order of the cells."""
     borders = [0, *(module.first_cell for module in modules), cells]
     middle = sum(border <= cells // 2 for border in borders[1:-1])
     lines = {middle: _line(borders, middle, frame, frame.cor_column_mm, 0.0, 0.0, frame.tilt_rad)}
@@ -126,19 +106,11 @@ class FlatDetector:
 
     Values come from the cubic polynomial through four cells, also across a gap. Linear interpolation would make the
     curved shadow of a log too light there, in every view alike.
-
-    Attributes
-    ----------
-    cells : (4, cells) int
-        Cells of the detector of modules from which each cell is interpolated.
-    weights : (4, cells) float64
-    across_gaps : (cells,) bool
-        True for cells between the last cell of a module and the first cell of the next one.
     """
 
-    cells: NDArray[np.intp]
-    weights: FloatArray
-    across_gaps: NDArray[np.bool_]
+    cells: NDArray[np.intp]  # (4, cells) int: cells of the detector of modules from which each cell is interpolated
+    weights: FloatArray  # (4, cells)
+    across_gaps: NDArray[np.bool_]  # (cells,) bool
 
     @classmethod
     def of(cls, scanner: Scanner, frame: SourceFrame) -> "FlatDetector":

@@ -14,7 +14,7 @@ from sawmill_tomography.geometry.geometry import (
     SourceFrame,
 )
 from sawmill_tomography.geometry.modules import cell_points, lines_of
-from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+from sawmill_tomography.statistics import exceeded_chi_square
 
 POINTS_PER_CHORD = 9
 # Of the points, every fourth is enough for a prediction: each of the nine places on a chord is as often among them.
@@ -24,17 +24,11 @@ DRAWS = 4096
 
 @dataclass(frozen=True)
 class RayError:
-    """Distances in mm inside the disc, after the common rotation and the common scale that make their RMS least.
-
-    Attributes
-    ----------
-    scale_change : float
-        Relative difference of the image sizes: R is larger by it, with SDD, u_c and tau unchanged.
-    """
+    """Distances in mm inside the disc, after the common rotation and the common scale that make their RMS least."""
 
     rms_mm: float
     max_mm: float
-    scale_change: float
+    scale_change: float  # relative difference of the image sizes: R is larger by it, with SDD, u_c and tau unchanged
 
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
@@ -46,16 +40,7 @@ def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]
 def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return nine equidistant points of the chord that each ray cuts from the disc.
 
-    Returns
-    -------
-    points : (rays, 9, 2) mm
-    cells : (rays,) int
-        The detector cells whose rays meet the disc.
-
-    Raises
-    ------
-    GeometryError
-        If no ray meets the disc.
+    `points` (rays, 9, 2) mm. `cells` (rays,) int: the detector cells whose rays meet the disc.
     """
     source, direction = _rays(scanner, frame)
     along = -(direction @ source)
@@ -218,67 +203,34 @@ def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *,
 
 @dataclass(frozen=True)
 class RayErrorPrediction:
-    """Ray error inside the disc, predicted from a covariance.
+    """Ray error inside the disc, predicted from a covariance."""
 
-    Attributes
-    ----------
-    rms_mm : float
-        Root of the expected mean square.
-    max_mm : float
-        Standard deviation at the worst point.
-    upper_95_mm : float
-        The RMS ray error stays below this in 95 of 100 cases.
-    interval_95_mm : (low, high)
-        The RMS ray error lies in this interval in 95 of 100 cases.
-    """
-
-    rms_mm: float
-    max_mm: float
-    upper_95_mm: float
-    interval_95_mm: tuple[float, float]
+    rms_mm: float  # root of the expected mean square
+    max_mm: float  # standard deviation at the worst point
+    upper_95_mm: float  # the RMS ray error stays below this in 95 of 100 cases
+    interval_95_mm: tuple[float, float]  # (low, high): the RMS ray error lies in this interval in 95 of 100 cases
 
 
 @dataclass(frozen=True, eq=False)
 class RayAlternatives:
-    """Errors of which at most one is real, each with a probability: modules that a scan does not show.
+    """Errors of which at most one is real, each with a probability: modules that a scan does not show."""
 
-    Attributes
-    ----------
-    first_cells : (n,) int
-        First cells of the modules.
-    moves : (n, 2) float64
-        Gap, mm, and kink, rad, of each module.
-    errors : (n, 5 + 2 modules) float64
-        Errors of the geometry and of the known modules in each case.
-    number : (m,) int; factors, probabilities : (m,) float64
-        Alternatives: one of the n, the factor by which its moves and errors are larger, and the probability.
-    """
-
-    first_cells: NDArray[np.intp]
-    moves: FloatArray
-    errors: FloatArray
-    number: NDArray[np.intp]
-    factors: FloatArray
-    probabilities: FloatArray
+    first_cells: NDArray[np.intp]  # (n,) int: first cells of the modules
+    moves: FloatArray  # (n, 2): gap, mm, and kink, rad, of each module
+    errors: FloatArray  # (n, 5 + 2 modules): errors of the geometry and of the known modules in each case
+    number: NDArray[np.intp]  # (m,) int
+    factors: FloatArray  # (m,)
+    probabilities: FloatArray  # (m,)
 
 
 @dataclass(frozen=True, eq=False)
 class RayErrorMixture:
-    """Errors of which at most one is real, each normally distributed: motions that a scan does not show.
+    """Errors of which at most one is real, each normally distributed: motions that a scan does not show."""
 
-    Attributes
-    ----------
-    means : (n, 5 + 2 modules) float64; roots : (n, 5 + 2 modules, unknowns) float64
-        Means of the errors of the geometry and of the known modules, and roots of their covariances.
-    probabilities : (n,) float64
-    instead_of : (m, 5 + 2 modules) float64
-        Errors in the covariance, a standard deviation each, that are not real where one of these is.
-    """
-
-    means: FloatArray
-    roots: FloatArray
-    probabilities: FloatArray
-    instead_of: FloatArray
+    means: FloatArray  # (n, 5 + 2 modules)
+    roots: FloatArray  # (n, 5 + 2 modules, unknowns)
+    probabilities: FloatArray  # (n,)
+    instead_of: FloatArray  # (m, 5 + 2 modules)
 
 
 def predicted_ray_error(
@@ -346,19 +298,12 @@ class _ModuleMoves:
     """Mean products of the points' distances by the known parameters, and by a gap and a kink before each hidden cell.
 
     All are from the same points: a module that begins elsewhere takes back what the known one moves.
-
-    Attributes
-    ----------
-    cells : list of int
-        The hidden cells, in order.
-    known : (n, n) float64; crossed : (cells, n, 2) float64; own : (cells, 2, 2) float64
-        Products of the known parameters, of these with the gap and the kink, and of the gap and the kink.
     """
 
-    cells: list[int]
-    known: FloatArray
-    crossed: FloatArray
-    own: FloatArray
+    cells: list[int]  # the hidden cells, in order
+    known: FloatArray  # (n, n)
+    crossed: FloatArray  # (cells, n, 2)
+    own: FloatArray  # (cells, 2, 2)
 
     @classmethod
     def of(cls, known: FloatArray, derivative: FloatArray, hidden: list[int], moved: FloatArray) -> "_ModuleMoves":

@@ -144,11 +144,6 @@ def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
     """Find the indices of the outline's corners; the first is the farthest point, so that no side is cut in two.
 
     A side is cut at its farthest point until none is farther than the tolerance (Douglas and Peucker 1973).
-
-    Raises
-    ------
-    PhantomError
-        If there are more than MOST_CORNERS.
     """
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     closed = np.concatenate([outline[first:], outline[: first + 1]])

@@ -8,7 +8,7 @@ import scipy
 
 from sawmill_tomography.geometry.geometry import TAU, FloatArray
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError, Polygon, Shape, cornered
-from sawmill_tomography.physics.directions import direction
+from sawmill_tomography.physics.motion import direction
 from sawmill_vocabulary.physics import WoodEffects
 
 # Number of chords of a rounded corner; mm between the points of a sawn side, and their correlation length in mm.
@@ -23,24 +23,12 @@ CIRCLE_CORNERS = 360
 
 @dataclass(frozen=True, eq=False)
 class WornBody:
-    """The body that the rays cross.
+    """The body that the rays cross."""
 
-    Attributes
-    ----------
-    wood : Phantom
-        Shapes with densities in attenuation per mm.
-    grain : (discs, 4) float64
-        Rings and knots, rows (x, y, radius, contrast): wood inside is denser by the contrast.
-    metal : (discs, 4) float64
-        Screws, rows (x, y, radius, attenuation per mm).
-    slope_per_mm : (2,) float64
-        Relative growth of the density along x and y.
-    """
-
-    wood: Phantom
-    grain: FloatArray
-    metal: FloatArray
-    slope_per_mm: FloatArray
+    wood: Phantom  # shapes with densities in attenuation per mm
+    grain: FloatArray  # (discs, 4)
+    metal: FloatArray  # (discs, 4): screws, rows (x, y, radius, attenuation per mm)
+    slope_per_mm: FloatArray  # (2,): relative growth of the density along x and y
 
 
 def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> WornBody:
@@ -60,13 +48,7 @@ def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> W
 
 
 def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw a random point with wood all round it.
-
-    Raises
-    ------
-    PhantomError
-        If there is no wide enough part of wood.
-    """
+    """Draw a random point with wood all round it."""
     around = MARGIN_MM * np.stack([np.cos(TAU * np.arange(8) / 8), np.sin(TAU * np.arange(8) / 8)], -1)
     for _ in range(DRAWS):
         point = rng.uniform(-wood.radius_mm, wood.radius_mm, 2)

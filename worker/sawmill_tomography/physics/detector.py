@@ -24,11 +24,7 @@ Counts = NDArray[np.uint16]
 def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: FloatArray) -> FloatArray:
     """Return the signal of the cells relative to a flat field, (views, cells).
 
-    Parameters
-    ----------
-    transmission : (views, cells) float64
-    tube : (views,) float64
-        Tube output in each view.
+    `transmission` (views, cells). `tube` (views,): tube output in each view.
     """
     beam, detector = effects.beam, effects.detector
     halo = _halo(1.0 - transmission, beam.scatter_width_mm / pitch_mm) if beam.scatter_share else 0.0
@@ -60,29 +56,16 @@ def tube_output(views: int, effects: Physics, rng: np.random.Generator) -> Float
 
 @dataclass(frozen=True, eq=False)
 class Converter:
-    """A converter of photons to counts.
+    """A converter of photons to counts."""
 
-    Attributes
-    ----------
-    gain : (cells,) float64
-        Gain of each cell, about 1.
-    counts_per_photon, dark_level, largest : float
-    """
-
-    gain: FloatArray
+    gain: FloatArray  # (cells,): gain of each cell, about 1
     counts_per_photon: float
     dark_level: float
     largest: float
 
     @classmethod
     def of(cls, detector: DetectorEffects, photons: float, cells: int, rng: np.random.Generator) -> "Converter":
-        """Make the converter of a detector whose cells receive this number of photons in air.
-
-        Raises
-        ------
-        GeometryError
-            If air is no brighter than the dark level, or counts do not fit 16 bits.
-        """
+        """Make the converter of a detector whose cells receive this number of photons in air."""
         largest = 2.0**detector.bits - 1.0
         twelve = detector.bits == 12
         dark = DARK_OF_12_BITS * largest if twelve else DARK_LEVEL

@@ -6,31 +6,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.physics.directions import direction
 from sawmill_vocabulary.physics import MotionEffects
+
+
+def direction(angle_deg: float) -> FloatArray:
+    """Return the unit vector (2,) at this angle."""
+    return np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """True angle of each view, and the phantom's displacement in it.
+    """True angle of each view, and the phantom's displacement in it."""
 
-    Attributes
-    ----------
-    angles_rad : (views,) float64
-        True angles in the scanner's sense of rotation.
-    turn_rad : (views,) float64
-        Turn of the phantom in the image, about the rotation centre.
-    offset_mm, hall_mm : (views, 2) float64
-        Displacement in the image, and in the hall: across the beam and along it.
-    slip_view : int or None
-        The first view after the slip.
-    """
-
-    angles_rad: FloatArray
-    turn_rad: FloatArray
-    offset_mm: FloatArray
-    hall_mm: FloatArray
-    slip_view: int | None
+    angles_rad: FloatArray  # (views,): True angles in the scanner's sense of rotation
+    turn_rad: FloatArray  # (views,): turn of the phantom in the image, about the rotation centre
+    offset_mm: FloatArray  # (views, 2): displacement in the image, and in the hall: across the beam and along it
+    hall_mm: FloatArray  # (views, 2)
+    slip_view: int | None  # the first view after the slip
 
 
 def move(angles_rad: FloatArray, effects: MotionEffects, rng: np.random.Generator) -> Motion:

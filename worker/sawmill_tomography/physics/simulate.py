@@ -19,27 +19,14 @@ NOTHING = Physics()
 
 @dataclass(frozen=True, eq=False)
 class MillScan:
-    """A scan of one detector row.
+    """A scan of one detector row."""
 
-    Attributes
-    ----------
-    counts : (views, cells) uint16
-    flats, darks : (fields, cells) uint16
-    signal : (views, cells) float64
-        Signal of noise-free cells of equal gain relative to a flat field without the object; its -ln is the noise-free
-        line integrals.
-    frame : SourceFrame
-        The true geometry.
-    body, motion
-        The body in the beam, and its motion.
-    """
-
-    counts: Counts
-    flats: Counts
-    darks: Counts
-    signal: FloatArray
-    frame: SourceFrame
-    body: WornBody
+    counts: Counts  # (views, cells) uint16
+    flats: Counts  # (fields, cells) uint16
+    darks: Counts  # (fields, cells) uint16
+    signal: FloatArray  # (views, cells)
+    frame: SourceFrame  # the true geometry
+    body: WornBody  # the body in the beam, and its motion
     motion: Motion
 
 

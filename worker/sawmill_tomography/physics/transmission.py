@@ -25,18 +25,7 @@ PLASTIC_NUMBER = 1.324717957244746
 def transmission(
     body: WornBody, scanner: Scanner, frame: SourceFrame, motion: Motion, effects: Physics, step_rad: float
 ) -> FloatArray:
-    """Compute the mean transmission of each cell, (views, cells) float64.
-
-    Parameters
-    ----------
-    step_rad : float
-        Angle between neighbouring views, of which an exposure takes a share.
-
-    Raises
-    ------
-    GeometryError
-        If the body reaches the source, or is too rough for the rays.
-    """
+    """Compute the mean transmission of each cell, (views, cells) float64."""
     moved = float(np.hypot(*motion.offset_mm.T).max() + np.hypot(*motion.hall_mm.T).max())
     if body.wood.radius_mm + moved > 0.95 * frame.source_distance_mm * math.cos(frame.tilt_rad):
         raise GeometryError(

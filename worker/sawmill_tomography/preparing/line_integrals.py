@@ -41,27 +41,15 @@ class CountsError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """Dark signal and gain of each detector cell, from flat and dark fields.
+    """Dark signal and gain of each detector cell, from flat and dark fields."""
 
-    Attributes
-    ----------
-    dark : (rows, detector) float32
-        Mean dark field, in counts.
-    level : (rows, detector) float32
-        Mean flat minus mean dark, in counts; 1 in dead cells.
-    dead : (rows, detector) bool
-        Cells whose flat is not above their dark; also cells whose flat is saturated, if these are few.
-    saturated : (rows, detector) bool
-        Cells whose flats have the largest count.
-    largest : float
-        Largest count of the detector, as far as the flats show; infinity if unknown.
-    """
-
-    dark: NDArray[np.float32]
-    level: NDArray[np.float32]
+    dark: NDArray[np.float32]  # (rows, detector) float32: mean dark field, in counts
+    level: NDArray[np.float32]  # (rows, detector) float32: mean flat minus mean dark, in counts; 1 in dead cells
+    # (rows, detector) bool: cells whose flat is not above their dark; also cells whose flat is saturated, if these are
+    # few
     dead: NDArray[np.bool_]
-    saturated: NDArray[np.bool_]
-    largest: float = math.inf
+    saturated: NDArray[np.bool_]  # (rows, detector) bool: cells whose flats have the largest count
+    largest: float = math.inf  # largest count of the detector, as far as the flats show; infinity if unknown
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
@@ -211,34 +199,16 @@ def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
 
 @dataclass(frozen=True)
 class LineIntegrals:
-    """A stack of line integrals.
+    """A stack of line integrals."""
 
-    Attributes
-    ----------
-    stack : (views, rows, detector) float32
-        Line integrals, dimensionless.
-    air_level : (rows, detector) float32
-        Air level in counts (`Exposure.air_level`).
-    saturated_share : float
-        Share of the cells that are saturated (`Exposure.saturated_share`).
-    remarks : tuple of Reason
-        Corrections made.
-    """
-
-    stack: Stack
-    air_level: Stack
-    saturated_share: float
-    remarks: tuple[Reason, ...]
+    stack: Stack  # (views, rows, detector) float32: line integrals, dimensionless
+    air_level: Stack  # (rows, detector) float32: air level in counts (`Exposure.air_level`)
+    saturated_share: float  # share of the cells that are saturated (`Exposure.saturated_share`)
+    remarks: tuple[Reason, ...]  # corrections made
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
-
-    Raises
-    ------
-    CountsError
-        Error of `Exposure.of`, `to_line_integrals` or `check_signal`.
-    """
+    """Compute line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
     saturated = exposure.saturated_samples(exposure.at_largest(stack).sum(axis=0), float(np.nanmax(stack)))
     starved = int(exposure.to_line_integrals(stack).sum())

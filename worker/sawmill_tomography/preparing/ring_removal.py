@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 Sinogram = NDArray[np.float32]
 
@@ -24,11 +24,7 @@ def remove_rings(sinogram: Sinogram, window: int = WINDOW) -> Sinogram:
     median along the detector removes it; then the values go back to their views. An object's own circles about the
     centre of rotation (growth rings of a log that turns about its pith) are stripes too, and are weakened.
 
-    Parameters
-    ----------
-    sinogram : (views, cells) float32
-    window : int
-        Width of the median in cells, odd; wider than the widest stripe.
+    `sinogram` (views, cells) float32.
     """
     if window < 3 or window % 2 == 0:
         raise ValueError(f"window must be an odd number of cells from 3 on, not {window}")

@@ -11,7 +11,7 @@ from sawmill_tomography.sinograms.air import Air, DecidedAirCorrection, find_air
 from sawmill_tomography.sinograms.bridging import bridge
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells, median_of_views
 from sawmill_tomography.sinograms.present_rows import present_rows
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import AirCorrection
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import PreparingMessage
@@ -28,17 +28,10 @@ VISIBLE_STRIPES, NOISE_OF_MEDIAN = 0.003, 1.25
 
 @dataclass(frozen=True)
 class Corrections:
-    """Corrections to make.
-
-    Attributes
-    ----------
-    air : AirCorrection, but not `auto`
-    largest_air_level : float
-        A higher level, as a line integral, is not air but something in the beam; such a row is not corrected.
-    bridge_faulty_cells, remove_rings : bool
-    """
+    """Corrections to make."""
 
     air: DecidedAirCorrection
+    # A higher level, as a line integral, is not air but something in the beam; such a row is not corrected
     largest_air_level: float = math.inf
     bridge_faulty_cells: bool = True
     remove_rings: bool = False
@@ -51,21 +44,11 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class CorrectedRows:
-    """Result of the corrections.
+    """Result of the corrections."""
 
-    Attributes
-    ----------
-    faulty : (rows, cells) bool
-        Cells that were bridged.
-    air_cells : (cells,) bool
-        Air in every view of every row.
-    remarks : tuple of Reason
-        One sentence for each correction that changed something, or could not be made.
-    """
-
-    faulty: NDArray[np.bool_]
-    air_cells: NDArray[np.bool_]
-    remarks: tuple[Reason, ...]
+    faulty: NDArray[np.bool_]  # (rows, cells) bool: cells that were bridged
+    air_cells: NDArray[np.bool_]  # (cells,) bool: air in every view of every row
+    remarks: tuple[Reason, ...]  # one sentence for each correction that changed something, or could not be made
 
 
 @dataclass

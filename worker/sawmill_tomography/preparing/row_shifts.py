@@ -40,24 +40,15 @@ class RowsError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class RowShifts:
-    """Position of each view along the log.
+    """Position of each view along the log."""
 
-    Attributes
-    ----------
-    rows : (views,) float64
-        Row i of view k shows row i + rows[k] of the scan: 0 for most of the views that have all rows.
-    standard_deviation : (views,) float64
-        Standard deviation of each shift, in rows, before rounding; enlarged to the scatter of views that share a
-        position.
-    whole : bool
-        True if the shifts were found to be whole numbers and were rounded.
-    ends : (n,) integers
-        Last rows of bodies along the log, such as a phantom before it: the next row shows another body.
-    """
-
+    # (views,): row i of view k shows row i + rows[k] of the scan: 0 for most of the views that have all rows
     rows: FloatArray
+    # (views,): standard deviation of each shift, in rows, before rounding; enlarged to the scatter of views that share
+    # a position
     standard_deviation: FloatArray
-    whole: bool
+    whole: bool  # True if the shifts were found to be whole numbers and were rounded
+    # (n,) integers: last rows of bodies along the log, such as a phantom before it: the next row shows another body
     ends: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @classmethod

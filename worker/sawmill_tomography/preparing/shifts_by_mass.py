@@ -42,18 +42,10 @@ FEWEST_TURNING = 3.0
 
 @dataclass(frozen=True, eq=False)
 class RowMoments:
-    """The mass and first moment of a row's line integrals.
+    """The mass and first moment of a row's line integrals."""
 
-    Attributes
-    ----------
-    mass : (views, rows) float64
-        Mass; NaN where a row is missing.
-    first : (views, rows) float64
-        Sum of line integral times distance from the common centroid, in cells.
-    """
-
-    mass: FloatArray
-    first: FloatArray
+    mass: FloatArray  # (views, rows): mass; NaN where a row is missing
+    first: FloatArray  # (views, rows): sum of line integral times distance from the common centroid, in cells
 
     @classmethod
     def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":

@@ -21,21 +21,12 @@ WORTH_THREADS = 40_000
 
 @dataclass(frozen=True)
 class DetectorCells:
-    """Positions of the detector's cells.
+    """Positions of the detector's cells."""
 
-    Attributes
-    ----------
-    first_border_mm, width_mm : float
-        Border of the first cell, and the width of a cell.
-    count : int
-    modules : tuple of DetectorModule
-        Modules after the first.
-    """
-
-    first_border_mm: float
+    first_border_mm: float  # border of the first cell, and the width of a cell
     width_mm: float
     count: int
-    modules: tuple[DetectorModule, ...] = ()
+    modules: tuple[DetectorModule, ...] = ()  # modules after the first
 
     @classmethod
     def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":

@@ -102,13 +102,7 @@ class Projector:
         return checked
 
     def block(self, sinograms: ArrayLike) -> Image:
-        """Return one or several sinograms as (slices, views, detector) float32, the shape checked against the geometry.
-
-        Raises
-        ------
-        GeometryError
-            If the shape is neither (views, detector) nor (slices, views, detector) with at least one slice.
-        """
+        """Return one or several sinograms as (slices, views, detector) float32, with its shape checked."""
         checked = np.ascontiguousarray(sinograms, np.float32)
         if checked.ndim == 3 and len(checked) and checked.shape[1:] == self.geometry.sinogram_shape:
             return checked
@@ -123,13 +117,7 @@ class Projector:
 
     @cached_property
     def crossing(self) -> NDArray[np.bool_]:
-        """Mask (views, detector) of the rays that cross the field.
-
-        Raises
-        ------
-        GeometryError
-            If no ray crosses the field.
-        """
+        """Mask (views, detector) of the rays that cross the field."""
         shown: NDArray[np.bool_] = self.forward(np.ones((self.grid.size, self.grid.size), np.float32)) > 0.0
         if not shown.any():
             raise GeometryError("no measured ray crosses the field: check theta, the field's size and its centre")

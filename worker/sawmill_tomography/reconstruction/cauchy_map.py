@@ -164,19 +164,11 @@ def cauchy_map(
 
 @dataclass(frozen=True, eq=False)
 class SigmaAndBeta:
-    """Sigma and beta for one slice.
-
-    Attributes
-    ----------
-    sigma : NoiseMultiple
-    beta : float
-    image : (size, size) float32
-        Image near the one with both.
-    """
+    """Sigma and beta for one slice."""
 
     sigma: NoiseMultiple
     beta: float
-    image: Image
+    image: Image  # (size, size) float32: image near the one with both
 
 
 def choose_sigma_and_beta(

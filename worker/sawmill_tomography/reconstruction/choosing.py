@@ -61,19 +61,11 @@ MEASURED_PIXEL_MM, MEASURED_CELL_MM = 3.125, 1.702
 
 @dataclass(frozen=True)
 class Recommendation:
-    """A recommended method and, in one sentence, why.
-
-    Attributes
-    ----------
-    view_step : int
-        Every view_step-th of the views, in the order of their angles, fits into the price.
-    expected_error : float or None
-        Relative error of simulated logs; None where the views do not cover a full turn.
-    """
+    """A recommended method and, in one sentence, why."""
 
     method: ReconstructionMethod
-    view_step: int
-    expected_error: float | None
+    view_step: int  # every view_step-th of the views, in the order of their angles, fits into the price
+    expected_error: float | None  # relative error of simulated logs; None where the views do not cover a full turn
     reason: str
 
 
@@ -95,13 +87,7 @@ def noise_share(sinogram: ArrayLike) -> float:
 
 
 def expected_error(method: ReconstructionMethod, views: int, noise: float) -> float:
-    """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms; beyond the table, its border.
-
-    Parameters
-    ----------
-    noise : float
-        Share of the signal, from `comparable_noise`.
-    """
+    """Return a method's relative error by `EXPECTED_ERRORS`, interpolated in logarithms up to the table's border."""
     rows = np.log(EXPECTED_ERRORS[method])
     by_views = [np.interp(np.log(noise), np.log(NOISES), row) for row in rows]
     return float(np.exp(np.interp(np.log(views), np.log(VIEWS[: len(rows)]), by_views)))

@@ -12,40 +12,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """A reconstruction of one slice or of a block, and how it was made.
+    """A reconstruction of one slice or of a block, and how it was made."""
 
-    Attributes
-    ----------
-    image : (size, size) or (slices, size, size) float32
-        [x, y], in the sinogram's unit per mm.
-    iterations : (slices,) int64
-        Number of iterations; 0 for a direct method.
-    converged : (slices,) bool
-        True if the tolerance was reached before the iterations ran out.
-    parameters : mapping of str to (slices,) or (1,) float64
-        Values that the method used, given or chosen, by the names of its options; one value may serve all slices.
-    noise : float, optional
-        Root mean square of the standard deviation of the data, given or estimated.
-    misfit : (slices,) float64, optional
-        Residual: root mean square of (A x - y) / noise. It is near 1 if geometry and noise are right, far above if
-        not. A direct method does not compute it.
-    objective : (slices,) float64, optional
-        Minimised objective, at the image; for coupled slices the sum over all of them.
-    curves : tuple of mapping of str to (points,) float64
-        One curve a slice, from which its parameters were chosen, by column; empty where the method has none.
-    remarks : tuple of str
-        Remarks on the data and the fit for the user.
-    """
-
-    image: Image
-    iterations: NDArray[np.int64]
-    converged: NDArray[np.bool_]
+    image: Image  # (size, size) or (slices, size, size) float32: [x, y], in the sinogram's unit per mm
+    iterations: NDArray[np.int64]  # (slices,) int64: number of iterations; 0 for a direct method
+    converged: NDArray[np.bool_]  # (slices,) bool: True if the tolerance was reached before the iterations ran out
+    # Values that the method used, given or chosen, by the names of its options; one value may serve all slices
     parameters: Mapping[str, Floats] = field(default_factory=dict)
-    noise: float | None = None
+    noise: float | None = None  # root mean square of the standard deviation of the data, given or estimated
+    # (slices,): residual: root mean square of (A x - y) / noise. It is near 1 if geometry and noise are right, far
+    # above if not. A direct method does not compute it.
     misfit: Floats | None = None
+    # (slices,): minimised objective, at the image; for coupled slices the sum over all of them
     objective: Floats | None = None
+    # One curve a slice, from which its parameters were chosen, by column; empty where the method has none
     curves: tuple[Mapping[str, Floats], ...] = ()
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # remarks on the data and the fit for the user
 
     def part(self, which: NDArray[np.bool_]) -> "Estimate":
         """Select slices of a block by a mask (slices,)."""

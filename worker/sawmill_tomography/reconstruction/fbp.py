@@ -153,20 +153,11 @@ class _Frame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Preparation:
-    """Filter, weights and kernel arguments of one geometry: the same for one slice and for a block.
+    """Filter, weights and kernel arguments of one geometry: the same for one slice and for a block."""
 
-    Attributes
-    ----------
-    filtered : RowFilter
-        Filter, including the weights before the filter.
-    view_weight, cell_weight : (views,), (cells,) float64
-        Factors of the weight of the filtered values.
-    frame : _Frame
-    """
-
-    filtered: RowFilter
-    view_weight: FloatArray
-    cell_weight: FloatArray
+    filtered: RowFilter  # filter, including the weights before the filter
+    view_weight: FloatArray  # (views,): factors of the weight of the filtered values
+    cell_weight: FloatArray  # (cells,)
     frame: _Frame
 
     @classmethod

@@ -36,11 +36,6 @@ def ramp_response(
 
     The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not samples of |f|, so that
     the mean of the image is right. The response contains the cell width of the convolution integral.
-
-    Raises
-    ------
-    GeometryError
-        If frequency_scaling is not in (0, 1].
     """
     if not 0.0 < frequency_scaling <= 1.0:
         raise GeometryError(f"frequency_scaling must be above 0 and at most 1, not {frequency_scaling}")
@@ -58,20 +53,11 @@ def ramp_response(
 
 @dataclass(frozen=True, eq=False)
 class RowFilter:
-    """A filter of rows: a weight for each cell, then the windowed ramp over the row.
+    """A filter of rows: a weight for each cell, then the windowed ramp over the row."""
 
-    Attributes
-    ----------
-    weight : (cells,) float32
-    response : (length // 2 + 1,) float32
-        Response by `ramp_response`.
-    length : int
-        Length of a row padded with zeros.
-    """
-
-    weight: NDArray[np.float32]
-    response: NDArray[np.float32]
-    length: int
+    weight: NDArray[np.float32]  # (cells,) float32
+    response: NDArray[np.float32]  # (length // 2 + 1,) float32: response by `ramp_response`
+    length: int  # length of a row padded with zeros
 
     @classmethod
     def of(

@@ -56,17 +56,10 @@ class MetalBody(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Metal of any shape.
-
-    Attributes
-    ----------
-    grid : ImageGrid
-    excess : (size, size) float32
-        Attenuation above the wood's, in 1/mm.
-    """
+    """Metal of any shape."""
 
     grid: ImageGrid
-    excess: Image
+    excess: Image  # (size, size) float32: attenuation above the wood's, in 1/mm
 
     def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
         """Return `MetalBody.line_integrals`."""
@@ -87,19 +80,10 @@ class Pixels:
 
 @dataclass(frozen=True, eq=False)
 class Rods:
-    """Straight rods in a slice.
+    """Straight rods in a slice."""
 
-    Attributes
-    ----------
-    rows : (rods, 6) float64
-        Middle x and y in mm, direction in rad, natural logarithms of the length in mm, the thickness in mm and the
-        attenuation in 1/mm above the wood's.
-    hardening : float
-        A line integral p through rods is measured as p / (1 + hardening p).
-    """
-
-    rows: FloatArray
-    hardening: float
+    rows: FloatArray  # (rods, 6)
+    hardening: float  # A line integral p through rods is measured as p / (1 + hardening p)
 
     @classmethod
     def of(cls, values: FloatArray) -> Self:
@@ -141,14 +125,9 @@ def fitted_rods(
 ) -> Rods:
     """Fit a rod to each piece of an image, the largest first.
 
-    Parameters
-    ----------
-    excess : (size, size) float32
-        Attenuation above the wood's, in 1/mm; 0 where there is no metal, but not everywhere.
-    departures, sigma : (views, cells) float
-        What departs from the wood's line integrals, and its standard deviation.
-    seen : (views, cells) bool
-        Samples that see metal.
+    `excess` (size, size) float32: attenuation above the wood's, in 1/mm; 0 where there is no metal, but not everywhere.
+    `departures`, `sigma` (views, cells) float: what departs from the wood's line integrals, and its standard deviation.
+    `seen` (views, cells) bool: samples that see metal.
     """
     pieces, count = scipy.ndimage.label(excess > 0.0, np.ones((3, 3)))
     masses = scipy.ndimage.sum_labels(excess, pieces, np.arange(1, count + 1))

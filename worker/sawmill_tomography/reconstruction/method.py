@@ -44,30 +44,16 @@ class DirectMethod(ABC):
 
 @dataclass(frozen=True)
 class FittedMethod(ABC):
-    """A method that fits an image to the measured rays, so it needs pixels for all wood, outside the field too.
+    """A method that fits an image to the measured rays, so it needs pixels for all wood, outside the field too."""
 
-    Attributes
-    ----------
-    least_images : int
-        Images of float32 that are in memory at once for a single slice.
-    pairs_a_slice : float
-        Forward and adjoint projections for a slice, with its parameters already chosen.
-    choosing_cost_slices, coupling_cost_slices : float
-        Cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
-    leaves_out : bool
-        True if rays can be left out. Otherwise all rays have the same weight.
-    weighs : bool
-        True if each ray's own noise gives its weight, whatever the settings.
-    shrinks : bool
-        True if values are drawn towards 0. In a region, where few rays determine them, they are drawn to larger pixels.
-    """
-
-    least_images: ClassVar[int]
-    pairs_a_slice: ClassVar[float]
+    least_images: ClassVar[int]  # images of float32 that are in memory at once for a single slice
+    pairs_a_slice: ClassVar[float]  # forward and adjoint projections for a slice, with its parameters already chosen
+    # Cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block
     choosing_cost_slices: ClassVar[float] = 0.0
     coupling_cost_slices: ClassVar[float] = 0.0
-    leaves_out: ClassVar[bool] = False
-    weighs: ClassVar[bool] = False
+    leaves_out: ClassVar[bool] = False  # True if rays can be left out. Otherwise all rays have the same weight
+    weighs: ClassVar[bool] = False  # True if each ray's own noise gives its weight, whatever the settings
+    # True if values are drawn towards 0. In a region, where few rays determine them, they are drawn to larger pixels.
     shrinks: ClassVar[bool] = False
 
     @property

@@ -11,13 +11,7 @@ from sawmill_tomography.sinograms.air import find_air
 
 
 def check_shown(lines: Image) -> None:
-    """Check that every slice (slices, views, detector) shows something: otherwise it has no scale to solve by.
-
-    Raises
-    ------
-    GeometryError
-        If a slice is 0 in every ray.
-    """
+    """Check that every slice (slices, views, detector) shows something: otherwise it has no scale to solve by."""
     shown = lines.any(axis=(1, 2))
     if not shown.all():
         raise GeometryError(

@@ -15,17 +15,9 @@ PIXELS_SHARE, WEIGHT = 0.005, 10.0
 def image_of_other_rays(projector: Projector, sinogram: Image, uncertainty: NDArray[np.floating]) -> Image:
     """Return the total-variation image (size, size), in 1/mm, of the rays that are known.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float32
-        Line integrals whose air is at 0, and estimates of some, from which the descent starts.
-    uncertainty : (views, detector) float
-        Further standard deviation of each ray; infinite for estimates.
-
-    Raises
-    ------
-    GeometryError
-        If shapes do not fit, or all rays are 0.
+    `sinogram` (views, detector) float32: line integrals whose air is at 0, and estimates of some, from which the
+    descent starts. `uncertainty` (views, detector) float: further standard deviation of each ray; infinite for
+    estimates.
     """
     longest = float(sinogram.max())
     noise = np.hypot(longest * PIXELS_SHARE, uncertainty)

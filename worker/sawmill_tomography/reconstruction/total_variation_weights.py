@@ -46,17 +46,10 @@ COUPLING_ITERATIONS = 10
 
 @dataclass(frozen=True, eq=False)
 class WeightChoice:
-    """The weight for one slice.
-
-    Attributes
-    ----------
-    weight : float
-    images : (folds, size, size) float32
-        Images near the slice's images without the validation data of each fold.
-    """
+    """The weight for one slice."""
 
     weight: float
-    images: Image
+    images: Image  # (folds, size, size) float32
 
     @property
     def image(self) -> Image:
@@ -130,16 +123,7 @@ def choose_coupling(
     Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict these views best is
     chosen, 0 among them. Only the slices with most neighbours count. The result is 0 where no slice has a neighbour.
 
-    Parameters
-    ----------
-    weight : float
-        Weight of slices that are not coupled.
-    numbers : (slices,) int64, optional
-        Parameter of `TotalVariation.reconstruct`.
-    weight_stays : bool
-        True if the weight is the same with every coupling; by default it falls as the coupling rises.
-    noise, non_negative, on_progress
-        Parameters of `total_variation`.
+    `numbers` (slices,) int64: parameter of `TotalVariation.reconstruct`.
     """
     neighbours = axial_neighbours(len(lines), numbers)
     if not neighbours.any():

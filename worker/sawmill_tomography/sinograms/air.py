@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.sinograms.faulty_cells import median_of_views
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import AirCorrection
 
 Sinogram = NDArray[np.float32]
@@ -36,21 +36,11 @@ DRIFTING = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Air:
-    """The air of one row.
+    """The air of one row."""
 
-    Attributes
-    ----------
-    cells : (cells,) bool
-        True for air in every view.
-    level : (views,) float64
-        Mean of the line integrals over these cells.
-    noise : float
-        Standard deviation of one sample in air.
-    """
-
-    cells: NDArray[np.bool_]
-    level: NDArray[np.float64]
-    noise: float
+    cells: NDArray[np.bool_]  # (cells,) bool: True for air in every view
+    level: NDArray[np.float64]  # (views,): mean of the line integrals over these cells
+    noise: float  # standard deviation of one sample in air
 
     @property
     def background(self) -> float:

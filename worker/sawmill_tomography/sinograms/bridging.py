@@ -17,11 +17,7 @@ def runs_of(left_out: NDArray[np.bool_]) -> list[Run]:
 def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
     """Replace faulty cells by linear interpolation along the detector, in place; at an end by the nearest good one.
 
-    Parameters
-    ----------
-    sinogram : (views, cells)
-    faulty : (cells,) bool
-        True for faulty cells, at least one False.
+    `sinogram` (views, cells). `faulty` (cells,) bool: True for faulty cells, at least one False.
     """
     good, bad = np.flatnonzero(~faulty), np.flatnonzero(faulty)
     right = np.clip(np.searchsorted(good, bad), 1, max(good.size - 1, 1))
@@ -33,11 +29,8 @@ def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
 def bridged_samples(sinogram: NDArray[np.floating], left_out: NDArray[np.bool_]) -> NDArray[np.floating]:
     """Return a copy in which samples are interpolated linearly along the detector; at an end, the nearest good one.
 
-    Parameters
-    ----------
-    sinogram : (..., cells)
-    left_out : (..., cells) bool
-        True for samples to interpolate. A row that is left out as a whole stays as it is.
+    `sinogram` (..., cells). `left_out` (..., cells) bool: True for samples to interpolate. A row that is left out as a
+    whole stays as it is.
     """
     cells = sinogram.shape[-1]
     at = np.broadcast_to(np.arange(cells), sinogram.shape)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 Cells = NDArray[np.bool_]
 
@@ -34,20 +34,8 @@ def faulty_cells(
 ) -> Cells:
     """Find cells that differ from their neighbours, or never change between cells that do.
 
-    Parameters
-    ----------
-    sinogram : (views, cells), line integrals
-    median : (cells,)
-        Median of each cell over the views.
-    recheck : bool
-        True to compare the found cells again with their sound neighbours: on a slope, a hot cell moves its
-        neighbours' median filter too.
-    most_faulty : float
-        Nothing is reported if more than this share of the cells is found.
-
-    Returns
-    -------
-    (cells,) bool
+    `sinogram` (views, cells), line integrals. `median` (cells,): median of each cell over the views. Returns (cells,)
+    bool.
     """
     changing = np.ptp(sinogram, axis=0) > 0.0
     if not changing.any():

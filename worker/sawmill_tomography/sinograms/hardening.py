@@ -23,13 +23,7 @@ LEAST_CHANGE = 1e-3
 
 
 def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts: bool) -> BeamHardening | None:
-    """Fit background, attenuation and hardening to line integrals of known paths; None where the beam does not harden.
-
-    Parameters
-    ----------
-    lengths_mm, integrals : float64, of one shape
-        Paths through the phantom, and their measured line integrals without blur and other effects.
-    """
+    """Fit background, attenuation and hardening to line integrals of known paths; None without hardening."""
     longest_mm = float(lengths_mm.max())
     places = np.minimum((lengths_mm * (LENGTHS / longest_mm)).astype(np.intp), LENGTHS - 1).ravel()
     number = np.bincount(places, minlength=LENGTHS)

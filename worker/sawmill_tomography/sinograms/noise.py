@@ -11,7 +11,7 @@ from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.hardening import STEEPEST, measured_and_slope
 from sawmill_tomography.sinograms.scattered_radiation import with_scatter
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import few_with_most, noise_of_differences
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.messages import Reason, numbered
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
@@ -29,7 +29,7 @@ MISFIT_OF_A_GOOD_FIT = 2.0
 DISPLACED = 0.4
 # Views are to blame where this share of them holds most of the residual's power, each with this multiple of the median
 # view's (tests/worker/use_cases/test_misfit.py).
-FEW_VIEWS, MOST_POWER, ALL_OVER = 0.1, 0.5, 4.0
+FEW_VIEWS, ALL_OVER = 0.1, 4.0
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
@@ -49,13 +49,7 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike, *, smoothed: int = 
     It follows from var N = N0 exp(-p) and p = -ln(N / N0). p is averaged over neighbouring cells first: a ray must not
     count more because its own noise made it brighter, which would bias the image.
 
-    Parameters
-    ----------
-    sinogram : (..., detector) float
-        Line integrals, dimensionless.
-    air_counts : float or array that broadcasts with the sinogram
-    smoothed : int
-        Number of neighbouring cells; 1 beside shadows that are narrower than SMOOTHED cells.
+    `sinogram` (..., detector) float: line integrals, dimensionless.
     """
     counts = np.asarray(air_counts, np.float64)
     if not (counts > 0.0).all():
@@ -106,13 +100,7 @@ def rms_noise(noise: FloatArray) -> float:
 
 
 def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
-    """Return the noise as (slices, views, detector), estimated slice by slice if `noise` is None.
-
-    Raises
-    ------
-    GeometryError
-        If a given noise does not fit the block or is not positive. It is infinite where a ray is left out.
-    """
+    """Return the noise as (slices, views, detector), estimated slice by slice if `noise` is None."""
     if noise is None:
         return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
     noises = np.asarray(noise, np.float64)
@@ -146,12 +134,7 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     A wrong geometry and a moving object shift the views against each other. Hardening, blur and scatter do not: they
     change every view in its place. A wrong order of the views need not.
 
-    Parameters
-    ----------
-    image : (size, size) float32
-    line, noise : (views, detector)
-    displaced
-        Share of the residual beyond noise above which shifts of the views are the cause.
+    `image` (size, size) float32. `line`, `noise` (views, detector).
     """
     counted = np.isfinite(noise) & projector.crossing
     weight = np.where(counted, 1.0 / noise, 0.0)
@@ -159,11 +142,10 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     missed, shift = (line - model) * weight, np.gradient(model, axis=1) * weight
     samples, of_view, of_shift = int(counted.sum()), np.sum(missed**2, axis=1), np.sum(shift**2, axis=1)
     power = float(of_view.sum())
-    worst = np.sort(np.argsort(of_view)[::-1][: max(1, int(FEW_VIEWS * len(of_view)))])
-    worst = worst[of_view[worst] > ALL_OVER * max(np.median(of_view), of_view.max() / ALL_OVER**2)]
-    share = float(of_view[worst].sum()) / power
-    if share > MOST_POWER:
-        return ImageMessage.IN_FEW_VIEWS(percent=100.0 * share, views=numbered(worst.tolist()))
+    worst = few_with_most(of_view, FEW_VIEWS, ALL_OVER)
+    if worst.size:
+        percent = 100.0 * float(of_view[worst].sum()) / power
+        return ImageMessage.IN_FEW_VIEWS(percent=percent, views=numbered(worst.tolist()))
     seen = of_shift > 0.0
     explained = float(np.sum(np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen])) - seen.sum() * power / samples
     share = explained / max(power - samples, 1e-30)

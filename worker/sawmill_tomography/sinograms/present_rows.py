@@ -18,17 +18,10 @@ ENOUGH, WIDEST_STEPS, WIDEST_RAD = 0.5, 5.0, math.radians(60.0)
 
 
 class MeanOfRows(NamedTuple):
-    """The mean over rows, for the views that have any row.
+    """The mean over rows, for the views that have any row."""
 
-    Attributes
-    ----------
-    sinogram : (views, detector) float64
-    views : (views,) integers
-        Numbers of these views in the stack.
-    """
-
-    sinogram: FloatArray
-    views: NDArray[np.intp]
+    sinogram: FloatArray  # (views, detector)
+    views: NDArray[np.intp]  # (views,) integers: numbers of these views in the stack
 
 
 def present_rows(stack: NDArray[np.floating]) -> Rows:

@@ -67,13 +67,9 @@ def fit_scatter_and_hardening(
 
     None where the scan does not show such scatter, but glare in the detector, or a beam that passes by the phantom.
 
-    Parameters
-    ----------
-    lengths_mm, integrals, residual : (views, cells) float64
-        Paths through the phantom, their measured line integrals without blur and other effects, and the residual of a
-        fit that is free to be unphysical.
-    weights : (views, cells) float64 or None
-        Samples without weight do not count.
+    `lengths_mm`, `integrals`, `residual` (views, cells): paths through the phantom, their measured line integrals
+    without blur and other effects, and the residual of a fit that is free to be unphysical. `weights` (views, cells) or
+    None: samples without weight do not count.
     """
     some = slice(None, None, max(1, len(lengths_mm) // VIEWS))
     lengths, measured = lengths_mm[some], integrals[some]

@@ -8,8 +8,7 @@ from sawmill_formats.input.contents import FileContents
 from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
 from sawmill_formats.input.hdf5.guard import find, numbers
 from sawmill_formats.input.hdf5.packed_values import packing_remarks, read_unpacked
-from sawmill_formats.input.hdf5.projections import all_views
-from sawmill_formats.input.hdf5.stated_axes import stated_order
+from sawmill_formats.input.hdf5.projections import all_views, stated_order
 from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.wanted import Wanted
 

@@ -32,14 +32,7 @@ def address_of(node: Node) -> Address:
 
 
 def find(start: Node, path: str, linked: LinkedFiles | None = None) -> Node | None:
-    """Follow a path link by link; None where it leads to nothing.
-
-    Raises
-    ------
-    UnreadableScan
-        `external-storage` for a link into another file where links are not followed, `linked-file-missing` where they
-        are; `unsupported-storage` for links that run in a circle.
-    """
+    """Follow a path link by link; None where it leads to nothing."""
     here, pending, links = start, _parts(path), 0
     if path.startswith("/"):
         here = start.file["/"]

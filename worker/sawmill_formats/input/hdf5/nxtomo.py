@@ -13,8 +13,7 @@ from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fiel
 from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
 from sawmill_formats.input.hdf5.modules import read_modules
 from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
-from sawmill_formats.input.hdf5.projections import chosen_views
-from sawmill_formats.input.hdf5.stated_axes import stated_order
+from sawmill_formats.input.hdf5.projections import chosen_views, stated_order
 from sawmill_formats.input.hdf5.texts import read_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (

@@ -26,19 +26,7 @@ class Element:
 
 
 class VariableStream:
-    """A variable, unpacked if it is packed, read forwards; never more in memory than the file stores.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        Stream at the variable's first byte.
-    stored_bytes : int
-        Number of bytes that the file stores of the variable.
-    order : str
-        "<" or ">", as for `struct`.
-    most_bytes : int
-        Largest number of bytes of the unpacked variable.
-    """
+    """A variable, unpacked if it is packed, read forwards; never more in memory than the file stores."""
 
     def __init__(self, file: BinaryIO, stored_bytes: int, *, packed: bool, order: str, most_bytes: int) -> None:
         self.order = order
@@ -56,13 +44,7 @@ class VariableStream:
         return Element(word, length, -(-length // TAG_BYTES) * TAG_BYTES)
 
     def data(self, element: Element) -> bytearray:
-        """Read the data of the element whose tag was read last, and skip the padding.
-
-        Raises
-        ------
-        ValueError
-            When a small element claims more than it can hold.
-        """
+        """Read the data of the element whose tag was read last, and skip the padding."""
         if element.data_bytes > element.padded_bytes:
             raise ValueError(f"an element of {SMALL_DATA_BYTES} bytes claims {element.data_bytes}")
         end = self.position + element.padded_bytes

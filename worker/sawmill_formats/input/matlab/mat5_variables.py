@@ -36,37 +36,19 @@ LONGEST_HEAD_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable or a field, and where the data are.
+    """A variable or a field, and where the data are."""
 
-    Attributes
-    ----------
-    kind : str
-        MATLAB's class.
-    offset, stored_bytes, packed
-        Place in the file of the variable, or of the field's variable, its number of bytes, and whether it is packed.
-    position : int
-        Position of the data in the unpacked variable.
-    """
-
-    kind: str
+    kind: str  # MATLAB's class
     shape: tuple[int, ...]
     is_complex: bool
     offset: int
     stored_bytes: int
     packed: bool
-    position: int = 0
+    position: int = 0  # position of the data in the unpacked variable
 
 
 def list_variables(path: Path, most_bytes: int) -> dict[str, Variable]:
-    """Return every variable by its name, and every field of a struct by the names that lead to it, joined by slashes.
-
-    Raises
-    ------
-    UnreadableScan
-        `too-large` for more or larger variables than are read.
-    EOFError, ValueError, zlib.error
-        When the file is damaged.
-    """
+    """Return every variable by its name, and every field of a struct by its path with slashes."""
     listed = list(islice(_variables(path, most_bytes), MOST_VARIABLES + 1))
     if len(listed) > MOST_VARIABLES:
         raise UnreadableScan("too-large", f"the file holds more than {MOST_VARIABLES} variables and fields")
@@ -74,13 +56,7 @@ def list_variables(path: Path, most_bytes: int) -> dict[str, Variable]:
 
 
 def read_numbers(path: Path, variable: Variable, most_bytes: int) -> NDArray[Any]:
-    """Read the numbers of a variable of real numbers, in its shape and type.
-
-    Raises
-    ------
-    EOFError, ValueError, zlib.error
-        When the file is damaged.
-    """
+    """Read the numbers of a variable of real numbers, in its shape and type."""
     element, data, order = _read_data(path, variable, most_bytes)
     if element.type not in STORED_NUMBERS:
         raise ValueError(f"numbers are stored as type {element.type}")

@@ -1,6 +1,7 @@
-"""Recognition of scans of our own, which are read as they are."""
+"""Recognition of our own files; scans among them are read as they are."""
 
 from contextlib import nullcontext, suppress
+from enum import StrEnum
 from pathlib import Path
 
 import h5py
@@ -15,6 +16,8 @@ from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_tex
 from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM
 from sawmill_formats.nexus import CHUNK_BYTES
+from sawmill_formats.output import volume_layout
+from sawmill_formats.output.calibration_file import ANSWER
 from sawmill_formats.output.scan_layout import (
     AIR_LEVEL,
     ANGLES,
@@ -80,3 +83,25 @@ def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bou
         return True
     usable = np.asarray(attribute(present, USABLE))
     return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])
+
+
+class OwnKind(StrEnum):
+    """Kinds of files that this product writes."""
+
+    SCAN = "scan"
+    VOLUME = "volume"
+    CALIBRATION = "calibration"
+
+
+def own_kind(path: Path) -> OwnKind | None:
+    """Recognise which of our own files this is, by its contents; None for any other, and for a damaged one."""
+    if not h5py.is_hdf5(path):
+        return None
+    if is_own_scan(path):
+        return OwnKind.SCAN
+    with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
+        if read_text(file, f"{volume_layout.ENTRY}/definition") == volume_layout.DEFINITION:
+            return OwnKind.VOLUME
+        if isinstance(find(file, ANSWER), h5py.Dataset):
+            return OwnKind.CALIBRATION
+    return None

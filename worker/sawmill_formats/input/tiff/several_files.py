@@ -64,19 +64,7 @@ def read_files(
     *,
     rows_missing: bool,
 ) -> FileContents:
-    """Read the views of an archive or a folder in the order of their names, and the fields that are called so.
-
-    Parameters
-    ----------
-    format_name : str
-        Name of the format: `zip-of-tiffs` or `folder-of-tiffs`.
-    images, others : sequence of TiffFile, sequence of str
-        The images, and the names of the other files.
-    opened : callable
-        Function that opens one of the other files.
-    rows_missing : bool
-        Whether views may have fewer rows than others.
-    """
+    """Read the views of an archive or a folder in the order of their names, and the fields that are called so."""
     what = "the archive" if format_name == "zip-of-tiffs" else "the folder"
     kinds, remarks = sorted_images([image.name for image in images], selection.fields)
     views, flats, darks = ([images[n] for n in kinds[kind]] for kind in (None, *FieldKind))

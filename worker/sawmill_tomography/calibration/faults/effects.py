@@ -36,22 +36,10 @@ _TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect in a scan that the plain model does not have.
+    """An effect in a scan that the plain model does not have."""
 
-    Attributes
-    ----------
-    adjustment : Adjustment
-        The option that switches the effect off.
-    columns : callable
-        Unknowns of the effect for a model; none where such a scan cannot show the effect.
-    reason : callable
-        Reported reason, from the model that has the effect and the sizes of the effect's columns.
-    possible : callable
-        True for a model and sizes of the columns that such an effect may have.
-    """
-
-    adjustment: Adjustment
-    columns: Callable[[ScanModel], tuple[Column, ...]]
+    adjustment: Adjustment  # the option that switches the effect off
+    columns: Callable[[ScanModel], tuple[Column, ...]]  # unknowns of the effect for a model
     reason: Callable[[ScanModel, FloatArray], Reason]
     possible: Callable[[ScanModel, FloatArray], bool] = lambda _, __: True
 

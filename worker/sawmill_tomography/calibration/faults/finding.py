@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.statistics.robust import noise_of_differences
+from sawmill_tomography.statistics import noise_of_differences
 from sawmill_vocabulary import Adjustment
 
 # A fit that leaves less than this share of the sinogram, noise included, explains the scan.
@@ -32,30 +32,16 @@ class KnownEffect:
 
 @dataclass(frozen=True)
 class AdjustedFit:
-    """A plain fit, the fitted data, and one sentence for each adjustment made.
+    """A plain fit, the fitted data, and one sentence for each adjustment made."""
 
-    Attributes
-    ----------
-    phantom : Phantom
-        The phantom as the scan shows it.
-    from_counts : bool
-        True if the line integrals were made from counts.
-    known : tuple of KnownEffect
-        Effects with which the joint fit starts.
-    averaging : (views, cells) float64 or None
-        Correction added to the sinogram because cells average intensities.
-    on_step : callable
-        Called at each step of further fits.
-    """
-
-    phantom: Phantom
+    phantom: Phantom  # the phantom as the scan shows it
     data: SinogramData
     fit: Fit
-    from_counts: bool = False
+    from_counts: bool = False  # True if the line integrals were made from counts
     adjustments: tuple[str, ...] = ()
-    known: tuple[KnownEffect, ...] = ()
-    averaging: FloatArray | None = None
-    on_step: OnStep = ignore_progress
+    known: tuple[KnownEffect, ...] = ()  # effects with which the joint fit starts
+    averaging: FloatArray | None = None  # (views, cells) or None
+    on_step: OnStep = ignore_progress  # called at each step of further fits
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":
         """Return a copy with new data, a new fit and one more sentence."""
@@ -96,15 +82,7 @@ class AdjustedFit:
 
 @dataclass(frozen=True)
 class EffectFinding:
-    """A fault of the scan or of the plain model.
+    """A fault of the scan or of the plain model."""
 
-    Attributes
-    ----------
-    adjustment : Adjustment
-        The option that switches the adjustment off.
-    adjust : callable
-        Function that searches for the fault and returns the adjusted fit; the same object where there is no evidence.
-    """
-
-    adjustment: Adjustment
-    adjust: Callable[[AdjustedFit], AdjustedFit]
+    adjustment: Adjustment  # the option that switches the adjustment off
+    adjust: Callable[[AdjustedFit], AdjustedFit]  # function that searches for the fault and returns the adjusted fit

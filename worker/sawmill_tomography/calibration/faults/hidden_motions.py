@@ -25,37 +25,20 @@ LEAST_PROBABILITY = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class HiddenMotions:
-    """Motions that a scan may hide, each of one order of magnitude; at most one is real.
+    """Motions that a scan may hide, each of one order of magnitude; at most one is real."""
 
-    Attributes
-    ----------
-    probabilities : (n,) float64
-    biases : (n, used) float64; spreads : (n, used, unknowns) float64
-        Errors of the fitted columns in each case: their mean, and a root of their covariance beyond noise.
-    """
-
-    probabilities: FloatArray
-    biases: FloatArray
-    spreads: FloatArray
+    probabilities: FloatArray  # (n,)
+    biases: FloatArray  # (n, used)
+    spreads: FloatArray  # (n, used, unknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionKind:
-    """Motions of one kind, which a scan may hide.
+    """Motions of one kind, which a scan may hide."""
 
-    Attributes
-    ----------
-    tester : EffectTester
-        The test of the motions' columns.
-    motions : sequence of Fitted
-        The motion at each place where it may begin, with as many columns each.
-    variance : float
-        The variance of a sample that chance gives to the motions' scores.
-    """
-
-    tester: EffectTester
-    motions: Sequence[Fitted]
-    variance: float
+    tester: EffectTester  # the test of the motions' columns
+    motions: Sequence[Fitted]  # the motion at each place where it may begin, with as many columns each
+    variance: float  # the variance of a sample that chance gives to the motions' scores
 
 
 def hidden_motions(kinds: Sequence[MotionKind], radius_mm: float) -> HiddenMotions | None:

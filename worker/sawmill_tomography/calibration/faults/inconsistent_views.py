@@ -1,11 +1,13 @@
-"""Inconsistent views: a few views with another position of phantom or turntable than the fit to the rest gives."""
+"""Views that differ from the rest: their position, or their gain and background, as when the tube's output drifts."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
+from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A view is inconsistent when its neighbouring cells share more than INCONSISTENT times the views' residual power
@@ -35,3 +37,17 @@ def without_views(adjusted: AdjustedFit, views: NDArray[np.bool_]) -> AdjustedFi
     remaining = replace(adjusted.data, weights=np.where(views[:, None], 0.0, weights))
     again = adjusted.refitted(remaining, adjusted.fit)
     return None if again is None else replace(adjusted, data=remaining, fit=again)
+
+
+# Gains of each view are fitted when they explain more than chance by DEVIATIONS standard deviations, and more than the
+# share LEAST_SHARE of the structured residual.
+DEVIATIONS, LEAST_SHARE = 8.0, 0.5
+
+
+def views_differ(grams: ViewGrams) -> bool:
+    """Return whether a gain and an offset of each view explain far more than chance."""
+    explained, views = grams.gain_evidence()
+    unknowns = 2.0 * views
+    variance = (grams.power - explained) / max(grams.samples - unknowns, 1.0)
+    chance = unknowns + DEVIATIONS * math.sqrt(2.0 * unknowns)
+    return explained > chance * variance and explained - unknowns * variance > LEAST_SHARE * grams.structured

@@ -42,25 +42,14 @@ LARGEST_EXPONENT = 100.0
 
 @dataclass(frozen=True, eq=False)
 class HiddenModule:
-    """A module that a scan may hide, or that may begin elsewhere than where the fit found it.
-
-    Attributes
-    ----------
-    first_cell : int
-    gap_mm, kink_rad : float
-        Gap and kink for a factor of 1.
-    bias : (used,) float64
-        Errors of the fitted columns in this case, for a factor of 1.
-    factors, probabilities : (n,) float64
-        Factors by which gap, kink and bias may be larger, and the probability of each.
-    """
+    """A module that a scan may hide, or that may begin elsewhere than where the fit found it."""
 
     first_cell: int
-    gap_mm: float
+    gap_mm: float  # gap and kink for a factor of 1
     kink_rad: float
-    bias: FloatArray
-    factors: FloatArray
-    probabilities: FloatArray
+    bias: FloatArray  # (used,): errors of the fitted columns in this case, for a factor of 1
+    factors: FloatArray  # (n,): factors by which gap, kink and bias may be larger, and the probability of each
+    probabilities: FloatArray  # (n,)
 
 
 def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
@@ -297,26 +286,14 @@ class ModuleSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Left:
-    """What other columns leave of a gap and a kink before each cell.
+    """What other columns leave of a gap and a kink before each cell."""
 
-    Attributes
-    ----------
-    gap, kink, between : (cells,) float64
-        Information about a gap, about a kink, and between both; infinite where the cell shows none.
-    scores : two (cells,) float64
-        Scores of a gap and of a kink.
-    moved_by : two (columns, cells) float64
-        Change of the other columns for each unit of a gap, and of a kink, that is not fitted.
-    seen : (cells,) bool
-        Cells before which a module may begin.
-    """
-
-    gap: FloatArray
-    kink: FloatArray
-    between: FloatArray
-    scores: tuple[FloatArray, FloatArray]
-    moved_by: tuple[FloatArray, FloatArray]
-    seen: NDArray[np.bool_]
+    gap: FloatArray  # (cells,): information about a gap, about a kink, and between both
+    kink: FloatArray  # (cells,)
+    between: FloatArray  # (cells,)
+    scores: tuple[FloatArray, FloatArray]  # two (cells,): scores of a gap and of a kink
+    moved_by: tuple[FloatArray, FloatArray]  # two (columns, cells)
+    seen: NDArray[np.bool_]  # (cells,) bool: cells before which a module may begin
 
     def best(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the likeliest gap and kink before each cell, and the power that they explain."""

@@ -27,12 +27,7 @@ QUANTILES = (0.02, 0.99)
 def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float) -> NDArray[np.bool_] | None:
     """Find samples (views, cells) of narrow deep shadows with their surroundings; None where there are none.
 
-    Parameters
-    ----------
-    sinogram : (views, cells)
-        Line integrals in any unit.
-    views : (views,) bool
-        Usable views.
+    `sinogram` (views, cells): line integrals in any unit. `views` (views,) bool: usable views.
     """
     width = max(2, round(WIDTH_MM / pitch_mm))
     if sinogram.shape[1] <= 4 * width:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.faults.structure import SHADOW
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 

@@ -71,12 +71,8 @@ def _fewest(views: int) -> int:
 def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatArray) -> int | None:
     """Find the view at which a slip explains most in addition to the columns of a fit; None for too few views.
 
-    Parameters
-    ----------
-    columns : sequence of Column
-        Columns of the fit, which include the terms of `POSE` that are the same in all views.
-    grams : (views, columns, columns); scores : (views, columns)
-        Inner products of each view. Stripes are ignored: what is subtracted for stripes belongs to no single view.
+    `grams` (views, columns, columns), `scores` (views, columns): inner products of each view. Stripes are ignored: what
+    is subtracted for stripes belongs to no single view.
     """
     views = len(scores)
     fewest = _fewest(views)

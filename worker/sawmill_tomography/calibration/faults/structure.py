@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import few_with_most, robust_deviation
 
 # Cells are wrong in all views when what all views leave in the same cells exceeds this share of the sinogram. A scan of
 # cells in their order leaves at most 0.012 (benchmarks/families.py, benchmarks/measured.py).
@@ -44,20 +44,10 @@ class ResidualPlace(StrEnum):
 
 @dataclass(frozen=True)
 class Structure:
-    """Structure in a residual beyond noise.
+    """Structure in a residual beyond noise."""
 
-    Attributes
-    ----------
-    share : float
-        RMS of the structure against the RMS of the sinogram without its mean.
-    place : ResidualPlace
-        Place of most of the structure; `STANDING` where all views share much of it.
-    cells : mapping of str to int
-        The `first_cell` and the `last_cell` that are wrong in all views; empty for other places.
-    """
-
-    share: float
-    place: ResidualPlace
+    share: float  # RMS of the structure against the RMS of the sinogram without its mean
+    place: ResidualPlace  # place of most of the structure; `STANDING` where all views share much of it
     cells: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -103,8 +93,7 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> ResidualPl
     if unequal > MOST_POWER * shared:
         return ResidualPlace.CELLS
     by_view = power.sum(axis=1)
-    worst = np.argsort(by_view)[-max(1, round(FEW_VIEWS * len(by_view))) :]
-    if by_view[worst].sum() > MOST_POWER * by_view.sum():
+    if (worst := few_with_most(by_view, FEW_VIEWS)).size:
         level = np.sqrt(np.abs(residual)).mean(axis=1) ** 2
         if np.median(level[worst]) > ALL_OVER * np.median(level):
             return ResidualPlace.VIEWS

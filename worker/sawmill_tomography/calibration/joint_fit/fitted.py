@@ -15,26 +15,14 @@ from sawmill_vocabulary import Adjustment
 
 @dataclass(eq=False)
 class Fitted:
-    """An effect that is fitted or tested.
-
-    Attributes
-    ----------
-    trials : float
-        Number of places at which the effect was searched: the views, for a slip.
-    declined : bool
-        The effect must not join the fit: other effects explained it, or the user switched it off.
-    sizes : (columns,) float64
-        Sizes of the effect's columns.
-    places : list of int
-        Indices of the effect's columns in the current system.
-    """
+    """An effect that is fitted or tested."""
 
     effect: Effect
     columns: tuple[Column, ...]
-    trials: float = 1.0
-    declined: bool = False
-    sizes: FloatArray = field(init=False)
-    places: list[int] = field(init=False, default_factory=list)
+    trials: float = 1.0  # number of places at which the effect was searched: the views, for a slip
+    declined: bool = False  # the effect must not join the fit: other effects explained it, or the user switched it off
+    sizes: FloatArray = field(init=False)  # (columns,): sizes of the effect's columns
+    places: list[int] = field(init=False, default_factory=list)  # indices of the effect's columns in the current system
 
     def __post_init__(self) -> None:
         """Set all sizes to 0."""

@@ -17,6 +17,7 @@ from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, MotionKind, hidden_motions
 from sawmill_tomography.calibration.faults.inconsistent_views import (
     inconsistent_views,
+    views_differ,
     without_views,
 )
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
@@ -29,9 +30,7 @@ from sawmill_tomography.calibration.faults.modules import (
     with_modules,
 )
 from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
-from sawmill_tomography.calibration.faults.view_gain import views_differ
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
@@ -48,6 +47,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import AdjustmentMessage

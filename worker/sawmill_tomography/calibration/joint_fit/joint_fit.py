@@ -10,59 +10,35 @@ from sawmill_tomography.calibration.faults.effects import DEFORMATION
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.patch_densities import Variation
 from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import DetectorModule, TrueAxis
 
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """The end point of the joint fit.
-
-    Attributes
-    ----------
-    fitted : tuple of Fitted
-        Effects in the fit.
-    system : System
-        Normal equations of all columns at the end; `used` are the fitted columns, `change` is the last step.
-    beyond_chance : tuple of (Fitted, EffectTest)
-        Effects that are beyond chance and not fitted, with the test of each.
-    other_reading : OtherReading or None
-        None where no other effect explains the scan as well as a fitted one.
-    other_motions : tuple of OtherReading
-        Motions that explain almost as much as a fitted motion.
-    angle_variance : float
-        Variance of the views' angles, rad^2; 0 where the angles do not scatter.
-    variation : Variation or None
-        How much the wood's density varies from patch to patch; None where all patches have one density.
-    hidden_modules : tuple of tuples of HiddenModule
-        Modules that the scan may hide, and other places of each that it shows: at most one of each tuple is real.
-    hidden_motions : HiddenMotions or None
-        Motions that the scan may hide.
-    arc_radius_mm : float or None
-        Radius of the arc on which the detector's cells seem to lie, to first order; None: they lie on a line.
-    """
+    """The end point of the joint fit."""
 
     model: ScanModel
-    fitted: tuple[Fitted, ...]
-    system: System
+    fitted: tuple[Fitted, ...]  # effects in the fit
+    system: System  # normal equations of all columns at the end
     used: list[int]
     change: FloatArray
     variance: float
     beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
-    other_reading: OtherReading | None
-    other_motions: tuple[OtherReading, ...]
-    angle_variance: float
-    variation: Variation | None
+    other_reading: OtherReading | None  # None where no other effect explains the scan as well as a fitted one
+    other_motions: tuple[OtherReading, ...]  # motions that explain almost as much as a fitted motion
+    angle_variance: float  # variance of the views' angles, rad^2; 0 where the angles do not scatter
+    variation: Variation | None  # how much the wood's density varies from patch to patch
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
-    hidden_motions: HiddenMotions | None
-    arc_radius_mm: float | None
+    hidden_motions: HiddenMotions | None  # motions that the scan may hide
+    arc_radius_mm: float | None  # radius of the arc on which the detector's cells seem to lie, to first order
     converged: bool
     rounds: int
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
-from sawmill_tomography.calibration.fit_parameters import FitParameter
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.joint_fit.patch_densities import Variation, variation
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
@@ -25,8 +24,9 @@ from sawmill_tomography.calibration.joint_fit.scan_model import (
     ScanModel,
     Term,
 )
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import robust_deviation
+from sawmill_tomography.statistics import robust_deviation
 
 # Terms that may change from view to view, or be projected out of each view.
 KEPT = (*POSE, Term.GAIN, Term.OFFSET)
@@ -81,21 +81,6 @@ class ViewGrams:
 
     The derivatives by the terms of `OF_WOOD` are among them only if `of_wood` is true, those by the densities of the
     wood's patches only if `of_patches` is.
-
-    Attributes
-    ----------
-    grams : (views, terms, terms) float64
-    scores : (views, terms) float64
-    samples : float
-        Number of samples, by the data's weights.
-    power : float
-        Weighted sum of squares of the residual, stripes taken out.
-    objective_at_model : float
-        `objective` of the model's residual.
-    structured : float
-        The part of `power` that neighbouring cells share.
-    correlation : float
-        The mean of products of neighbouring cells' residuals, in its standard deviations.
     """
 
     def __init__(self, model: ScanModel, *, of_wood: bool = False, of_patches: bool = False) -> None:
@@ -364,25 +349,13 @@ class ViewGrams:
 
 @dataclass(frozen=True, eq=False)
 class CellProducts:
-    """Inner products of the derivative by u_c in each cell, without what the views' random effects take up.
+    """Inner products of the derivative by u_c in each cell, without what the views' random effects take up."""
 
-    Attributes
-    ----------
-    with_columns : (n, cells) float64
-        Products with n columns.
-    own, score : (cells,) float64
-        Products with itself, and with the residual; `own` with what the random effects take up.
-    taken, by_stripes : (m, cells) float64
-        What the random effects take up, and its part in the stripes. The derivative times two factors a and b (cells,)
-        has the inner product a @ (own * b) - (taken @ a) @ (taken @ b) + (taken @ a) @ (by_stripes @ b) + (by_stripes
-        @ a) @ (taken @ b).
-    """
-
-    with_columns: FloatArray
-    own: FloatArray
-    score: FloatArray
-    taken: FloatArray
-    by_stripes: FloatArray
+    with_columns: FloatArray  # (n, cells): products with n columns
+    own: FloatArray  # (cells,): products with itself, and with the residual; `own` with what the random effects take up
+    score: FloatArray  # (cells,)
+    taken: FloatArray  # (m, cells): what the random effects take up, and its part in the stripes
+    by_stripes: FloatArray  # (m, cells)
 
     def of_shapes(self, shapes: FloatArray) -> FloatArray:
         """Return each cell's part (n, cells) of the products with the derivative times factors (n, cells)."""
@@ -392,49 +365,26 @@ class CellProducts:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """The patches of the wood, which are eliminated from a system.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-    change : (patches,) float64
-        The best change of the densities where nothing else changes.
-    taken : (patches, n) float64
-        How much less it is for each unit of change of the system's columns.
-    """
+    """The patches of the wood, which are eliminated from a system."""
 
     columns: tuple[Column, ...]
-    change: FloatArray
-    taken: FloatArray
+    change: FloatArray  # (patches,): the best change of the densities where nothing else changes
+    taken: FloatArray  # (patches, n): how much less it is for each unit of change of the system's columns
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Normal equations of some columns.
-
-    Attributes
-    ----------
-    grams : (views, n, n); scores : (views, n)
-        Inner products of each view.
-    score : (n,); normal : (n, n)
-        Sums over the views, less the part of the stripes.
-    power : float
-        Power of the residual.
-    structured : float
-        The part of `power` that neighbouring cells share.
-    patches : Patches or None
-        The wood's patches; None where the model has one density.
-    """
+    """Normal equations of some columns."""
 
     columns: tuple[Column, ...]
-    grams: FloatArray
-    scores: FloatArray
-    score: FloatArray
-    normal: FloatArray
-    power: float
-    structured: float
+    grams: FloatArray  # (views, n, n): inner products of each view
+    scores: FloatArray  # (views, n)
+    score: FloatArray  # (n,): sums over the views, less the part of the stripes
+    normal: FloatArray  # (n, n)
+    power: float  # power of the residual
+    structured: float  # the part of `power` that neighbouring cells share
     samples: float
-    patches: Patches | None = None
+    patches: Patches | None = None  # the wood's patches; None where the model has one density
 
     def with_patches(self, change: FloatArray) -> tuple[tuple[Column, ...], FloatArray]:
         """Return all columns and their change, those of the patches with their best change next to this one."""

@@ -14,29 +14,17 @@ SINGULAR = 1e-9
 
 @dataclass(frozen=True)
 class Variation:
-    """How much the wood's density varies from patch to patch.
+    """How much the wood's density varies from patch to patch."""
 
-    Attributes
-    ----------
-    deviation : float
-        Standard deviation, as a share of the wood's density.
-    likelihood : float
-        Twice the logarithm of the likelihood ratio against wood of one density.
-    """
-
-    deviation: float
-    likelihood: float
+    deviation: float  # standard deviation, as a share of the wood's density
+    likelihood: float  # twice the logarithm of the likelihood ratio against wood of one density
 
 
 def variation(normal: FloatArray, score: FloatArray, noise: float) -> Variation:
     """Estimate the variation by the largest restricted likelihood (Patterson and Thompson 1971).
 
-    Parameters
-    ----------
-    normal : (patches, patches) float64; score : (patches,) float64
-        Normal equations of the densities, from densities of 0, next to the columns of the fit.
-    noise : float
-        Variance of a sample; where it is 0, the fit explains the scan, and nothing varies.
+    `normal` (patches, patches), `score` (patches,): normal equations of the densities, from densities of 0, next to the
+    columns of the fit.
     """
     if noise <= 0.0:
         return Variation(float(DEVIATIONS[0]), 0.0)

@@ -21,23 +21,13 @@ LEAST_WEIGHT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class OtherReading:
-    """An effect that explains the scan as well as a fitted effect, so that the scan does not show which is real.
-
-    Attributes
-    ----------
-    sizes : (columns,) float64
-        Sizes of the columns of `other`, if `other` were fitted instead of `fitted`.
-    bias : (used,) float64
-        Change of all fitted columns in that case, 0 for those of `fitted`.
-    weight : float
-        Likelihood of the other effect, against the fitted one's.
-    """
+    """An effect that explains the scan as well as a fitted effect, so that the scan does not show which is real."""
 
     fitted: Fitted
     other: Fitted
-    sizes: FloatArray
-    bias: FloatArray
-    weight: float
+    sizes: FloatArray  # (columns,): sizes of the columns of `other`, if `other` were fitted instead of `fitted`
+    bias: FloatArray  # (used,): change of all fitted columns in that case, 0 for those of `fitted`
+    weight: float  # likelihood of the other effect, against the fitted one's
 
 
 def other_reading(

@@ -8,11 +8,11 @@ import numpy as np
 
 from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.readings import MOTIONS
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
 from sawmill_vocabulary import Adjustment
@@ -25,22 +25,11 @@ FROM_VIEW_TO_VIEW = MOTIONS | {Adjustment.ANGLE_JITTER}
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that is far beyond chance.
+    """An effect that is far beyond chance."""
 
-    Attributes
-    ----------
-    adjustment : Adjustment
-        The option that switches the effect's fit off.
-    reason : Reason
-        The effect and its size; the action is the remedy, empty where nothing need be done.
-    ray_error_mm : float
-        RMS ray error that the effect causes where it is not fitted.
-    fitted : bool
-    """
-
-    adjustment: Adjustment
-    reason: Reason
-    ray_error_mm: float
+    adjustment: Adjustment  # the option that switches the effect's fit off
+    reason: Reason  # the effect and its size; the action is the remedy, empty where nothing need be done
+    ray_error_mm: float  # RMS ray error that the effect causes where it is not fitted
     fitted: bool
 
     @property
@@ -52,21 +41,11 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class ResidualAnalysis:
-    """Effects found in the scan, and structure in the residual.
+    """Effects found in the scan, and structure in the residual."""
 
-    Attributes
-    ----------
-    effects : tuple of FoundEffect
-        Effects in the order in which they were found.
-    structure : Structure or None
-        Structure that is left in the residual; None where the residual is white noise.
-    arc_radius_mm : float or None
-        Radius of the arc on which the detector's cells seem to lie; None: they lie on a line.
-    """
-
-    effects: tuple[FoundEffect, ...] = ()
-    structure: Structure | None = None
-    arc_radius_mm: float | None = None
+    effects: tuple[FoundEffect, ...] = ()  # effects in the order in which they were found
+    structure: Structure | None = None  # structure that is left in the residual; None where the residual is white noise
+    arc_radius_mm: float | None = None  # radius of the arc on which the detector's cells seem to lie
 
     @property
     def cells_misplaced(self) -> bool:

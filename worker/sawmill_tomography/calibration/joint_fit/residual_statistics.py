@@ -10,9 +10,9 @@ from sawmill_tomography.calibration.covariance import Covariance
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
-from sawmill_tomography.calibration.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
+from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import RayAlternatives, RayErrorMixture
 
@@ -36,33 +36,15 @@ RAY_PARAMETERS = list(FitParameter)[RAYS]
 
 @dataclass(frozen=True)
 class ResidualStatistics:
-    """Statistics of the residual, and the covariance that the residual warrants.
+    """Statistics of the residual, and the covariance that the residual warrants."""
 
-    Attributes
-    ----------
-    covariance : Covariance
-        Covariance of the seven unknowns, inflated by what the residual has beyond white noise.
-    ray_covariance : (5 + 2 modules, 5 + 2 modules) float64
-        Covariance of the frame, then of the gap and the kink of each module; zero for what was not fitted.
-    hidden_modules : tuple of RayAlternatives
-        Modules that the scan may hide, and other places of those that it shows.
-    hidden_motions : RayErrorMixture or None
-        Motions that the scan may hide; None where it hides none.
-    inflation : float
-        Factor by which correlation within the views inflates the covariance; 1 for white noise.
-    deviation_ratio : float
-        Ratio of the standard deviations to the ones for white noise of the residual's RMS (RMS over the parameters).
-    structured : bool
-        True if the residual is more than white noise.
-    """
-
-    covariance: Covariance
-    ray_covariance: FloatArray
+    covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
+    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
     hidden_modules: tuple[RayAlternatives, ...]
-    hidden_motions: RayErrorMixture | None
-    inflation: float
+    hidden_motions: RayErrorMixture | None  # motions that the scan may hide; None where it hides none
+    inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
-    structured: bool
+    structured: bool  # True if the residual is more than white noise
 
 
 @dataclass(frozen=True)
@@ -89,11 +71,6 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
       harmonics over the turn is added as the covariance of the scores' mean (a long-run variance; Newey and West 1987
       with the periodogram's lowest ordinates as the kernel).
     - Effects that are beyond chance but not fitted, or that may be real instead of a fitted effect: the bias of each.
-
-    Raises
-    ------
-    CalibrationError
-        If the views do not determine the geometry at all.
     """
     _refuse_undetermined(joint)
     scores = _scores(joint)

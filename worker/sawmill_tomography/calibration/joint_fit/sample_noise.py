@@ -6,7 +6,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.robust import DEVIATION_OF_MEDIAN
+from sawmill_tomography.statistics import DEVIATION_OF_MEDIAN
 
 # Number of levels of the model, in each of which noise is alike, and number of samples enough to measure a level's
 # noise.
@@ -18,18 +18,10 @@ MEASURED, LEAST_NOISE = 20_000, 0.05
 
 @dataclass(frozen=True, eq=False)
 class SampleNoise:
-    """The noise of each sample.
+    """The noise of each sample."""
 
-    Attributes
-    ----------
-    variance : (views, cells) float64
-        Variance of the noise; 0 everywhere for an exact scan.
-    weights : (views, cells) float64
-        The data's weights divided by the variance; 1 in the mean of all weights above 0.
-    """
-
-    variance: FloatArray
-    weights: FloatArray
+    variance: FloatArray  # (views, cells): variance of the noise; 0 everywhere for an exact scan
+    weights: FloatArray  # (views, cells): the data's weights divided by the variance
 
 
 def sample_noise(data: SinogramData, residual: FloatArray, model: FloatArray) -> SampleNoise:

@@ -16,11 +16,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
 from sawmill_tomography.calibration.joint_fit.skins import skin
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom, Shape
 from sawmill_tomography.projection import analytic
@@ -124,32 +124,17 @@ SKIN_DEPTHS_MM = {Term.THIN_SKIN: 3.0, Term.THICK_SKIN: 12.0}
 
 @dataclass(frozen=True, eq=False)
 class ScanModel:
-    """The forward model at one point.
+    """The forward model at one point."""
 
-    Attributes
-    ----------
-    drawing : Phantom
-        The drawing as this hypothesis of handedness sees it.
-    x : (7,) float64
-        Unknowns of the plain model, in the order of `FitParameter`.
-    gain, offset : (views, 1) float64
-    sizes : mapping of int to float
-        Sizes of the terms after OFFSET, and of the wood's patches; absent terms are 0.
-    pose : (views, 3) float64
-        Changes of (psi, t_x, t_y) in each view, in radians and mm.
-    view_gain : bool
-        True if gain and offset differ from view to view.
-    """
-
-    drawing: Phantom
+    drawing: Phantom  # the drawing as this hypothesis of handedness sees it
     data: SinogramData
     from_counts: bool
-    x: FloatArray
-    gain: FloatArray
-    offset: FloatArray
-    pose: FloatArray
+    x: FloatArray  # (7,): unknowns of the plain model, in the order of `FitParameter`
+    gain: FloatArray  # (views, 1)
+    offset: FloatArray  # (views, 1)
+    pose: FloatArray  # (views, 3): changes of (psi, t_x, t_y) in each view, in radians and mm
     sizes: Mapping[int, float] = field(default_factory=dict)
-    view_gain: bool = False
+    view_gain: bool = False  # True if gain and offset differ from view to view
 
     def size(self, term: int) -> float:
         """Return the size of an effect; 0 where the model does not have the effect."""

@@ -11,7 +11,7 @@ from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.statistics.chi_square import exceeded_chi_square
+from sawmill_tomography.statistics import exceeded_chi_square
 
 # Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
 # added to the covariance (benchmarks/mill.py at 3ab7f653).
@@ -34,28 +34,13 @@ chance_limit = cache(exceeded_chi_square)
 
 @dataclass(frozen=True, eq=False)
 class EffectTest:
-    """The test of an effect against a fit without this effect.
+    """The test of an effect against a fit without this effect."""
 
-    Attributes
-    ----------
-    significance : float
-        Chi-square of the effect, against the largest of three variances: noise, the scatter of the effect's score from
-        block to block of the views, and the effect's share of the structured residual.
-    power : float
-        Weighted power of the residual that the effect explains.
-    degrees : int
-        Number of the effect's unknowns that the scan distinguishes from the fitted ones.
-    sizes : (columns,) float64
-        Sizes of the effect's columns, if the effect were fitted.
-    bias : (base,) float64
-        Bias of the fitted columns, if the effect is real and not fitted.
-    """
-
-    significance: float
-    power: float
-    degrees: int
-    sizes: FloatArray
-    bias: FloatArray
+    significance: float  # chi-square of the effect, against the largest of three variances
+    power: float  # weighted power of the residual that the effect explains
+    degrees: int  # number of the effect's unknowns that the scan distinguishes from the fitted ones
+    sizes: FloatArray  # (columns,): sizes of the effect's columns, if the effect were fitted
+    bias: FloatArray  # (base,): bias of the fitted columns, if the effect is real and not fitted
 
     @property
     def variance(self) -> float:
@@ -77,19 +62,11 @@ class EffectTest:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What a fit leaves of groups of further columns, to first order.
+    """What a fit leaves of groups of further columns, to first order."""
 
-    Attributes
-    ----------
-    normal : (n, columns, columns) float64; score : (n, columns) float64
-        Normal equations of each group's columns next to the fitted ones.
-    sensitivity : (n, base, columns) float64
-        What the fitted columns take up of each.
-    """
-
-    normal: FloatArray
-    score: FloatArray
-    sensitivity: FloatArray
+    normal: FloatArray  # (n, columns, columns): normal equations of each group's columns next to the fitted ones
+    score: FloatArray  # (n, columns)
+    sensitivity: FloatArray  # (n, base, columns): what the fitted columns take up of each
 
 
 class EffectTester:
@@ -168,11 +145,8 @@ def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> fl
     The part that the change takes from the stripes is in no view's scores. This part is the mean of the scores, since
     the scores sum to 0 at the best change of generalised least squares, and is not scatter.
 
-    Parameters
-    ----------
-    scores : (views, unknowns)
-    information : (views, unknowns, unknowns)
-        Information of each view; the sum over the views is the unit matrix.
+    `scores` (views, unknowns). `information` (views, unknowns, unknowns): information of each view; the sum over the
+    views is the unit matrix.
     """
     degrees: int = scores.shape[1]
     power = float(largest_power(scores - scores.mean(axis=0), information, 1.0 + RIDGE, BLOCKS))

@@ -123,13 +123,7 @@ def coarse_data(
 
 
 def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -> FloatArray:
-    """Return ranges of (R, ln M, u_c, tau), (4, 2), that the bounds of theta allow; without bounds, all possible ones.
-
-    Raises
-    ------
-    GeometryError
-        If no geometry inside the bounds shows the centre of rotation on the detector.
-    """
+    """Return ranges of (R, ln M, u_c, tau), (4, 2), that the bounds of theta allow, or all possible ones."""
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
     r_s = scanner.source_to_cor_mm
     if bounds is None:

@@ -31,21 +31,13 @@ SearchCallback = Callable[[int, int, float], None]
 
 @dataclass(frozen=True)
 class SearchReport:
-    """Report on the search.
-
-    Attributes
-    ----------
-    best_value : float
-        Best value of the objective: the relative residual here, minus the correlation in the published search.
-    history : tuple of (int, float)
-        Number of evaluations and best value so far, each time that the value improved.
-    """
+    """Report on the search."""
 
     method: str
     seed: int
     evaluations: int
     generations: int
-    best_value: float
+    best_value: float  # best value of the objective
     converged: bool
     message: str
     history: tuple[tuple[int, float], ...] = ()
@@ -68,13 +60,7 @@ class SearchResult:
 def search(
     task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = ignore_progress
 ) -> SearchResult:
-    """Make coarse fits of each hypothesis, adding guesses until a fit explains the scan.
-
-    Raises
-    ------
-    CalibrationError
-        If the bounds allow no geometry.
-    """
+    """Make coarse fits of each hypothesis, adding guesses until a fit explains the scan."""
     rng = np.random.default_rng(seed)
     misfit = coarse_misfit(task)
     box = geometry_box(task)

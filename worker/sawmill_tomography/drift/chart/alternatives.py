@@ -22,27 +22,13 @@ FEWEST_OF_A_TREND = 8
 
 @dataclass(frozen=True, eq=False)
 class StepAndTrendFits:
-    """Fits of one model of change, one for each candidate time, oldest first.
+    """Fits of one model of change, one for each candidate time, oldest first."""
 
-    Attributes
-    ----------
-    began_days : (candidates, ...) float64
-        The candidate times: ends of all segments but the newest.
-    change : (candidates, ..., 2) float64
-        The step, or the change a day.
-    covariance : (candidates, ..., 2, 2) float64
-        Covariance of the change, including the changes of a quiet scanner.
-    likelihood : (candidates, ...) float64
-        Twice the logarithm of the likelihood ratio against no change, by the drift checks' errors alone.
-    evidence : (candidates, ...) float64
-        Chi-squared of the change by its covariance (`LookSpread.chi_squared`): the chart's statistic.
-    """
-
-    began_days: FloatArray
-    change: FloatArray
-    covariance: FloatArray
-    likelihood: FloatArray
-    evidence: FloatArray
+    began_days: FloatArray  # (candidates, ...): the candidate times: ends of all segments but the newest
+    change: FloatArray  # (candidates, ..., 2): the step, or the change a day
+    covariance: FloatArray  # (candidates, ..., 2, 2)
+    likelihood: FloatArray  # (candidates, ...)
+    evidence: FloatArray  # (candidates, ...)
 
     @classmethod
     def of(
@@ -60,14 +46,7 @@ def steps_and_trends(
 ) -> tuple[StepAndTrendFits, StepAndTrendFits]:
     """Fit a step and a trend for each candidate time.
 
-    Parameters
-    ----------
-    segments : sequence of Segment (...)
-        Oldest first, two or more; only the first is before the first candidate time.
-    scatter : LookSpread (...)
-        Factor by which the drift checks' covariances are enlarged.
-    quiet : (2, 2) float64
-        Covariance of changes from one time to another that are not changes of the geometry.
+    `quiet` (2, 2): covariance of changes from one time to another that are not changes of the geometry.
     """
     now = segments[-1].last_days
     precision, weighted = moved(

@@ -38,34 +38,19 @@ class DriftKind(StrEnum):
 
 @dataclass(frozen=True)
 class ChartFinding:
-    """Result of a chart: whether, when and by how much the geometry changed.
+    """Result of a chart: whether, when and by how much the geometry changed."""
 
-    Attributes
-    ----------
-    kind : DriftKind
-        Learning until the baseline is complete; the likelier of jump and trend where the evidence is above the limit.
-    evidence, limit : float
-        Chi-squared of the change with the most evidence, and the limit above which it is an alarm.
-    scatter : float
-        Root mean square ratio of the drift checks' scatter to the scatter by their covariances; at least 1.
-    began_days : float or None
-        For a jump or a trend: time of the last drift check before the change, in days since the calibration.
-    between_days : (float, float) or None
-        Interval of 95 % of that time.
-    change : DetectorEstimate or None
-        The jump, or the trend in mm and rad a day.
-    log_odds : float
-        Natural logarithm of the likelihood ratio of this kind of change to the other kind.
-    """
-
+    # Learning until the baseline is complete; the likelier of jump and trend where the evidence is above the limit
     kind: DriftKind
-    evidence: float = 0.0
+    evidence: float = 0.0  # chi-squared of the change with the most evidence, and the limit above which it is an alarm
     limit: float = LIMIT
+    # Root mean square ratio of the drift checks' scatter to the scatter by their covariances; at least 1
     scatter: float = 1.0
+    # For a jump or a trend: time of the last drift check before the change, in days since the calibration
     began_days: float | None = None
-    between_days: tuple[float, float] | None = None
-    change: DetectorEstimate | None = None
-    log_odds: float = 0.0
+    between_days: tuple[float, float] | None = None  # (float, float) or None: interval of 95 % of that time
+    change: DetectorEstimate | None = None  # the jump, or the trend in mm and rad a day
+    log_odds: float = 0.0  # natural logarithm of the likelihood ratio of this kind of change to the other kind
 
     @property
     def alarm(self) -> bool:
@@ -78,23 +63,13 @@ class DriftChart:
     """Summary of a scanner's drift checks since its calibration.
 
     A chart is a value: `with_look` gives the next one. `state.chart_to_state` converts a chart to values for JSON.
-
-    Attributes
-    ----------
-    pending : tuple of DriftCheckPoint
-        Drift checks that wait for their baseline or group to be complete.
-    baseline : Baseline or None
-        None until the baseline is complete.
-    history : History or None
-        History of the groups, including the baseline's; None until the baseline is complete.
-    newest : tuple of DriftCheckPoint
-        Drift checks of the newest group.
     """
 
-    pending: tuple[DriftCheckPoint, ...] = ()
-    baseline: Baseline | None = None
+    pending: tuple[DriftCheckPoint, ...] = ()  # drift checks that wait for their baseline or group to be complete
+    baseline: Baseline | None = None  # None until the baseline is complete
+    # History of the groups, including the baseline's; None until the baseline is complete
     history: History | None = None
-    newest: tuple[DriftCheckPoint, ...] = ()
+    newest: tuple[DriftCheckPoint, ...] = ()  # drift checks of the newest group
 
     def with_look(self, look: DriftCheckPoint) -> "DriftChart":
         """Return the chart with one drift check more, in the order in which logs were scanned."""

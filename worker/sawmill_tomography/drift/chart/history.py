@@ -16,15 +16,9 @@ Group = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The groups of drift checks in segments, and the scatter of checks and groups.
+    """The groups of drift checks in segments, and the scatter of checks and groups."""
 
-    Attributes
-    ----------
-    segments : tuple of Segment
-        Oldest first.
-    """
-
-    segments: tuple[Segment, ...]
+    segments: tuple[Segment, ...]  # oldest first
     scatter: LookSpread
 
     @classmethod

@@ -32,19 +32,7 @@ def jump_at(
     scatter: LookSpread,
     quiet: FloatArray,
 ) -> Jump:
-    """Measure the jump of one scanner at the end of a segment or soon after.
-
-    Parameters
-    ----------
-    began_days : float
-        Last time of the segment.
-    segments : sequence of Segment ()
-        Oldest first, at least one later than `began_days`.
-    newest : sequence of DriftCheckPoint
-        Drift checks from which the newest group was pooled.
-    scatter, quiet
-        Parameters of `steps_and_trends`.
-    """
+    """Measure the jump of one scanner at the end of a segment or soon after."""
     earlier = [segment for segment in segments if segment.last_days <= began_days]
     later = segments[len(earlier) :]
     mean, covariance = _mean(earlier[:-1] or earlier)

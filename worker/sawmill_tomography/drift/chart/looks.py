@@ -29,22 +29,14 @@ FEWEST_BASELINE_LOOKS = 3
 class DriftCheckPoint:
     """A drift check: a scan's change since the calibration.
 
-    Attributes
-    ----------
-    days : float
-        Time of the scan, in days since the calibration.
-    change : DetectorEstimate
-        Change since the calibration, with this scan's own error. The calibration's error, which all drift checks share,
-        is left out.
-
     Raises
     ------
     ValueError
         If a value is not finite or the covariance is not positive definite.
     """
 
-    days: float
-    change: DetectorEstimate
+    days: float  # time of the scan, in days since the calibration
+    change: DetectorEstimate  # with this scan's own error, without the calibration's, which all drift checks share
 
     def __post_init__(self) -> None:
         (first, cross), (also_cross, second) = self.change.covariance
@@ -57,17 +49,9 @@ class DriftCheckPoint:
 
 @dataclass(frozen=True)
 class PooledDriftCheckPoint(DriftCheckPoint):
-    """Several drift checks pooled into one.
+    """Several drift checks pooled into one."""
 
-    Attributes
-    ----------
-    days, change
-        The checks' mean time, and their generalised least squares estimate.
-    looks, outliers : int
-        Number of pooled checks, and number of outliers among them that were left out.
-    """
-
-    looks: int
+    looks: int  # number of pooled checks, and number of outliers among them that were left out
     outliers: int
 
 
@@ -118,13 +102,7 @@ def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray
 
 
 def pooled(looks: Sequence[DriftCheckPoint]) -> PooledDriftCheckPoint:
-    """Estimate one change from drift checks whose covariances may differ, without outliers.
-
-    Raises
-    ------
-    ValueError
-        If `looks` is empty.
-    """
+    """Estimate one change from drift checks whose covariances may differ, without outliers."""
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
     means = pooled_means(*stacked(look.change for look in looks))
@@ -143,17 +121,11 @@ class Baseline:
     An error that every drift check has alike (a flat field with a slope, a calibration that was off) is in the baseline
     and in each later check: their difference does not contain it. Later changes (of the slope itself, other logs)
     remain.
-
-    Attributes
-    ----------
-    estimate : PooledDriftCheckPoint
-        The estimate with which later drift checks are compared; its error is in every difference.
-    until_days : float
-        Time of the baseline's last drift check, in days since the calibration.
     """
 
+    # The estimate with which later drift checks are compared; its error is in every difference
     estimate: PooledDriftCheckPoint
-    until_days: float
+    until_days: float  # time of the baseline's last drift check, in days since the calibration
 
     @classmethod
     def of(cls, looks: Sequence[DriftCheckPoint]) -> "Baseline":

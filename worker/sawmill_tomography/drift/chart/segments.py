@@ -19,24 +19,13 @@ OF_EACH_SIZE = 8
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Sums over groups of drift checks that follow each other, with P a group's precision, y its mean, t its days.
-
-    Attributes
-    ----------
-    groups : int
-    first_days, last_days : (...) float64
-        Time of the first and of the last group.
-    precision : (..., 3, 2, 2) float64
-        Sums of P, P (t - first_days) and P (t - first_days)^2.
-    weighted : (..., 2, 2) float64
-        Sums of P y and P y (t - first_days).
-    """
+    """Sums over groups of drift checks that follow each other, with P a group's precision, y its mean, t its days."""
 
     groups: int
-    first_days: FloatArray
+    first_days: FloatArray  # time of the first and of the last group
     last_days: FloatArray
-    precision: FloatArray
-    weighted: FloatArray
+    precision: FloatArray  # (..., 3, 2, 2): sums of P, P (t - first_days) and P (t - first_days)^2
+    weighted: FloatArray  # (..., 2, 2): sums of P y and P y (t - first_days)
 
     @classmethod
     def of_group(cls, days: FloatArray, mean: FloatArray, precision: FloatArray) -> Self:

@@ -17,22 +17,12 @@ SHARED = 1.5
 
 @dataclass(frozen=True, eq=False)
 class LookSpread:
-    """Scatter from differences of neighbours (a baseline's checks, then groups): a jump or trend affects few of them.
+    """Scatter from differences of neighbours (checks, then groups): a jump or trend affects few of them."""
 
-    Attributes
-    ----------
-    differences : int
-        Number of differences.
-    squares : (..., 2, 2) float64
-        Sum of z z^T of the whitened differences z, each bounded by what earlier differences have shown (Huber 1964).
-    mean, covariance : (..., 2), (..., 2, 2) float64
-        Mean and covariance of the latest drift check or group.
-    """
-
-    differences: int
-    squares: FloatArray
-    mean: FloatArray
-    covariance: FloatArray
+    differences: int  # number of differences
+    squares: FloatArray  # (..., 2, 2)
+    mean: FloatArray  # (..., 2): mean and covariance of the latest drift check or group
+    covariance: FloatArray  # (..., 2, 2)
 
     @classmethod
     def of_looks(cls, change: FloatArray, covariance: FloatArray) -> "LookSpread":

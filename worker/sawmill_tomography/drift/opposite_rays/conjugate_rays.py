@@ -55,21 +55,8 @@ def conjugate_fit(
 ) -> ConjugateFit:
     """Fit u_c, tau and SDD to the pairs of opposite rays of any object, in both senses of rotation.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float
-        Line integrals of any object that turned as one body, over a full turn.
-    angles_rad : (views,) float64
-        View angles of the scan.
-    start : SourceFrame
-        The calibrated geometry.
-    rotation : Rotation
-        The calibrated sense; it is kept where the scan does not tell the two senses apart.
-
-    Raises
-    ------
-    DriftError
-        If the views are sparse or do not cover a full turn, or the scan does not show u_c, tau and SDD.
+    `sinogram` (views, detector) float: line integrals of any object that turned as one body, over a full turn.
+    `angles_rad` (views,): view angles of the scan.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     check_full_turn(sinogram, angles_rad)

@@ -41,15 +41,9 @@ DISTURBANCES = (
 
 @dataclass(frozen=True, eq=False)
 class Harmonics:
-    """Disturbances as angles, by the angle in the sense of rotation used: delta, and - w / R of the bearing.
+    """Disturbances as angles, by the angle in the sense of rotation used: delta, and - w / R of the bearing."""
 
-    Attributes
-    ----------
-    values : (disturbances, 2) float64
-        Cosine and sine amplitudes, rad.
-    """
-
-    values: FloatArray
+    values: FloatArray  # (disturbances, 2): cosine and sine amplitudes, rad
 
     @classmethod
     def none(cls) -> "Harmonics":
@@ -83,21 +77,12 @@ class Harmonics:
 
 @dataclass(frozen=True, eq=False)
 class DisturbanceEstimate:
-    """A disturbance fitted with the geometry.
-
-    Attributes
-    ----------
-    value : (2,) float64
-        Cosine and sine amplitudes, rad.
-    covariance : (2, 2) float64
-    sensitivity : (unknowns, 2) float64
-        Change of the geometry's free unknowns per rad of either amplitude.
-    """
+    """A disturbance fitted with the geometry."""
 
     disturbance: Disturbance
-    value: FloatArray
-    covariance: FloatArray
-    sensitivity: FloatArray
+    value: FloatArray  # (2,): cosine and sine amplitudes, rad
+    covariance: FloatArray  # (2, 2)
+    sensitivity: FloatArray  # (unknowns, 2): change of the geometry's free unknowns per rad of either amplitude
 
     def evidence(self, source_distance_mm: float) -> float:
         """Compute the log Bayes factor of this disturbance, with the expected amplitude, against no disturbance."""

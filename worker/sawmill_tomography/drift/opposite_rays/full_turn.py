@@ -24,33 +24,16 @@ SAME_ANGLE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FullTurn:
-    """A full turn in the Fourier domain of equidistant views.
+    """A full turn in the Fourier domain of equidistant views."""
 
-    Attributes
-    ----------
-    spectrum : (cells, views // 2 + 1) complex128
-        The constant harmonic and the one of Nyquist's frequency are 0.
-    mean : (cells,) float64
-        The constant harmonic.
-    views : int
-    filled_rad : (views left out,) float64
-        Angles without data, filled from their neighbours.
-    bridged : (cells,) bool
-        Cells without data, filled likewise.
-    left_out : (views, cells) bool
-        Samples without data, filled likewise, at equidistant views of which the first is at `first_rad`.
-    sense : int
-        -1 where the angles are read in the opposite sense to `left_out`.
-    """
-
-    spectrum: ComplexArray
-    mean: FloatArray
+    spectrum: ComplexArray  # (cells, views // 2 + 1) complex128
+    mean: FloatArray  # (cells,): the constant harmonic
     views: int
-    filled_rad: FloatArray
-    bridged: NDArray[np.bool_]
-    left_out: NDArray[np.bool_]
+    filled_rad: FloatArray  # (views left out,): angles without data, filled from their neighbours
+    bridged: NDArray[np.bool_]  # (cells,) bool: cells without data, filled likewise
+    left_out: NDArray[np.bool_]  # (views, cells) bool
     first_rad: float
-    sense: int = 1
+    sense: int = 1  # -1 where the angles are read in the opposite sense to `left_out`
 
     @classmethod
     def of(
@@ -139,16 +122,8 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
     Press et al., Numerical Recipes, 3rd edition, equations 3.3.2 to 3.3.7, the last with cyclic neighbours, and 2.7.5.
     SciPy's spline is equal and no faster; its module takes longer to import than a job of 20 views to calibrate.
 
-    Parameters
-    ----------
-    knots_rad : (knots,) float64
-        At least two, rising, within one turn.
-    values : (knots, columns) float64
-    angles_rad : (angles,) float64
-
-    Returns
-    -------
-    (angles, columns) float64
+    `knots_rad` (knots,): at least two, rising, within one turn. `values` (knots, columns). `angles_rad` (angles,).
+    Returns (angles, columns).
     """
     after = np.roll(np.arange(knots_rad.size), -1)
     steps = np.diff(knots_rad, append=knots_rad[0] + TAU)[:, None]

@@ -21,14 +21,7 @@ MARGIN, FEWEST_BESIDE = 1 / 16, 3
 def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm: float) -> LogMovement:
     """Estimate the jump that explains most of the pairs' differences.
 
-    Parameters
-    ----------
-    solution : Solution
-        End of the fit to the pairs.
-    angles_rad : (views,) float64
-        Angles in the order in which the views were taken, in the fit's sense of rotation.
-    source_distance_mm : float
-        R, the scale of the jump.
+    `angles_rad` (views,): angles in the order in which the views were taken, in the fit's sense of rotation.
     """
     jumps = _Jumps(solution, angles_rad, source_distance_mm)
     beside = max(math.ceil(MARGIN * angles_rad.size), FEWEST_BESIDE)
@@ -67,9 +60,7 @@ class _Jumps:
     def normal_equations(self, tried: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Sum the normal equations of a jump at each view tried, without the part that the geometry explains.
 
-        Returns
-        -------
-        right : (tried, 2), matrix : (tried, 2, 2), products with the geometry's derivatives : (tried, 2, unknowns)
+        `right` (tried, 2), `matrix` (tried, 2, 2), products with the derivatives (tried, 2, unknowns).
         """
         right = self._sums(self._jump_instrument * self._difference, tried)
         own = self._sums(self._jump_instrument[:, None] * self._jump, tried)

@@ -22,20 +22,10 @@ class Derivatives(NamedTuple):
     """Derivatives of half the sums of opposite rays, each (derivatives, pairs, chi) float64.
 
     The first is the derivative by gamma at fixed chi, the second the one by chi; multiples of both may follow.
-
-    Attributes
-    ----------
-    plain : float64
-        Not blurred over chi, where white noise of the views is white.
-    blurred : float64
-        Blurred twice over chi, and 0 where a ray of the pair is not used: this gives the score of least squares of
-        blurred differences.
-    noise, noise_blurred : float64
-        The same derivatives of half the differences, which contain as much noise as half the sums and no signal.
     """
 
-    plain: FloatArray
-    blurred: FloatArray
+    plain: FloatArray  # not blurred over chi, where white noise of the views is white
+    blurred: FloatArray  # blurred twice over chi, and 0 where a ray of the pair is not used
     noise: FloatArray
     noise_blurred: FloatArray
 
@@ -50,21 +40,12 @@ class PairedRays:
     """Differences of opposite rays (pairs, chi), and their derivatives by the unknowns.
 
     The unknowns are (u_c, tau, SDD), optionally followed by further ones.
-
-    Attributes
-    ----------
-    difference : float64
-        Differences, not blurred over chi.
-    weights : (unknowns, derivatives, pairs) float64
-        Weight of each derivative in the slope by an unknown.
-    used : bool
-        True for pairs of which both rays were measured.
     """
 
-    difference: FloatArray
+    difference: FloatArray  # differences, not blurred over chi
     derivatives: Derivatives
-    weights: FloatArray
-    used: NDArray[np.bool_]
+    weights: FloatArray  # (unknowns, derivatives, pairs): weight of each derivative in the slope by an unknown
+    used: NDArray[np.bool_]  # True for pairs of which both rays were measured
 
     def with_unknowns(self, derivatives: Derivatives, chosen: list[int], slopes: FloatArray) -> "PairedRays":
         """Append unknowns whose slopes are the chosen derivatives, each times (chosen, pairs, chi)."""

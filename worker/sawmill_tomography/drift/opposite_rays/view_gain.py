@@ -42,12 +42,8 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
 
     A gain that varies with an even harmonic of the turn is the same in opposite views and stays.
 
-    Parameters
-    ----------
-    sinogram : (views, cells) float64
-        Line integrals at equidistant angles over the full turn.
-    fan_rad : (cells,) float64
-        Fan angle of each cell, ascending through zero.
+    `sinogram` (views, cells): line integrals at equidistant angles over the full turn. `fan_rad` (cells,): fan angle of
+    each cell, ascending through zero.
     """
     gamma, means = _means(fan_rad)
     rays = means @ np.ascontiguousarray(sinogram.T)

@@ -29,20 +29,11 @@ AWAY = 2
 
 
 class RaysBehindMetal(NamedTuple):
-    """Line integrals of which samples are interpolated, and the errors of these.
+    """Line integrals of which samples are interpolated, and the errors of these."""
 
-    Attributes
-    ----------
-    rays : (views, detector) float64
-    of_view : (errors,) int
-        The view of each error.
-    errors : (errors, detector) float64
-        Errors of the rays of that view, each with an amplitude of one standard deviation.
-    """
-
-    rays: FloatArray
-    of_view: NDArray[np.intp]
-    errors: FloatArray
+    rays: FloatArray  # (views, detector)
+    of_view: NDArray[np.intp]  # (errors,) int: the view of each error
+    errors: FloatArray  # (errors, detector)
 
 
 def rays_behind_metal(
@@ -54,15 +45,8 @@ def rays_behind_metal(
 ) -> RaysBehindMetal:
     """Interpolate the samples that see metal.
 
-    Parameters
-    ----------
-    sinogram : (views, detector) float64
-        Line integrals without faulty cells and corrupt views.
-    angles_rad : (views,) float64
-        View angles in the calibrated sense of rotation.
-    start : SourceFrame
-        A geometry near the scan's.
-    metal : (views, detector) bool or None
+    `sinogram` (views, detector): line integrals without faulty cells and corrupt views. `angles_rad` (views,): view
+    angles in the calibrated sense of rotation. `metal` (views, detector) bool or None.
     """
     if metal is None or not metal.any():
         return RaysBehindMetal(sinogram, np.zeros(0, np.intp), np.zeros((0, sinogram.shape[1])))

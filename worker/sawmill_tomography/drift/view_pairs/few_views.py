@@ -71,11 +71,6 @@ def few_view_fit(
 
     Parameters and errors are documented in `view_pair_fit`. Where the pairs show motions during the scan they are used
     alone.
-
-    Raises
-    ------
-    DriftError
-        Also if the log moved, or neither method shows u_c near the calibrated one.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     pairs = view_pair_fit(

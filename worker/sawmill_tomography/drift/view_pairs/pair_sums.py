@@ -38,18 +38,12 @@ SAME = 9
 
 @dataclass(frozen=True, eq=False)
 class ViewPairs:
-    """First and second view of each pair, each (pairs,), and the index of the pair's separation.
-
-    Attributes
-    ----------
-    delta : (separations,) float64
-        Half the angle between two views. Views at even steps have few separations.
-    """
+    """First and second view of each pair, each (pairs,), and the index of the pair's separation."""
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
     separation: NDArray[np.intp]
-    delta: FloatArray
+    delta: FloatArray  # (separations,): half the angle between two views. Views at even steps have few separations
 
     @classmethod
     def of(cls, angles_rad: FloatArray, farthest_rad: float) -> "ViewPairs":
@@ -89,13 +83,7 @@ class PairSums:
         start: FloatArray,
         source_distance_mm: float,
     ) -> "PairSums":
-        """Select all pairs whose line misses the log, with (u_c, tau, SDD) at the start.
-
-        Raises
-        ------
-        DriftError
-            If there are too few pairs.
-        """
+        """Select all pairs whose line misses the log, with (u_c, tau, SDD) at the start."""
         fan, _ = fan_angles(scanner, start)
         pairs = ViewPairs.of(angles_rad, float(np.abs(fan[lines.cells]).max()))
         if pairs.first.size < FEWEST_PAIRED_VIEWS:
@@ -143,10 +131,8 @@ class PairSums:
 
         The effect of gains is the change of the differences by a gain of `GAIN` of each view.
 
-        Parameters
-        ----------
-        patterns : (pairs, patterns) float64
-            Further changes of the differences, each with an amplitude of standard deviation 1.
+        `patterns` (pairs, patterns): further changes of the differences, each with an amplitude of standard deviation
+        1.
         """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)

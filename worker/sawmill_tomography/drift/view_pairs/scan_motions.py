@@ -29,36 +29,18 @@ FOUND = 8.0
 
 
 class MotionSizes(NamedTuple):
-    """Estimated standard deviations of motions, and whether there are any.
+    """Estimated standard deviations of motions, and whether there are any."""
 
-    Attributes
-    ----------
-    shares : (motions,) float64
-        Standard deviations as shares of the largest.
-    found : bool
-        True if motions are far more likely than none.
-    """
-
-    shares: FloatArray
-    found: bool
+    shares: FloatArray  # (motions,): standard deviations as shares of the largest
+    found: bool  # True if motions are far more likely than none
 
 
 class ScanMotions(NamedTuple):
-    """Motions, each with an amplitude of one of its largest standard deviations.
+    """Motions, each with an amplitude of one of its largest standard deviations."""
 
-    Attributes
-    ----------
-    turned_rad : (views, motions) float64
-        Turn of the log beyond the stated angles.
-    moved_mm : (2, views, motions) float64
-        Displacement of the log in the laboratory: across the beam, and along the beam.
-    kinds : tuple of str
-        The kind of each motion; motions of a kind have one size.
-    """
-
-    turned_rad: FloatArray
-    moved_mm: FloatArray
-    kinds: tuple[str, ...]
+    turned_rad: FloatArray  # (views, motions): turn of the log beyond the stated angles
+    moved_mm: FloatArray  # (2, views, motions)
+    kinds: tuple[str, ...]  # the kind of each motion; motions of a kind have one size
 
     def described(self, amplitudes: FloatArray) -> str:
         """Return how far the log moved with these amplitudes, (motions,), and what to check, in one sentence."""
@@ -110,13 +92,8 @@ def motion_sizes(residual: FloatArray, known: FloatArray, motions: FloatArray, k
     Every combination of sizes counts with its likelihood (Harville 1977, Journal of the American Statistical
     Association 72, 320), the noise's variance being unknown: uncertain sizes enlarge the covariance.
 
-    Parameters
-    ----------
-    residual : (differences,) float64
-    known : (differences, columns) float64
-        Orthonormal columns that explain anything: the geometry's slopes and the views' gains.
-    motions : (differences, motions) float64
-        Change of the differences by the motions.
+    `residual` (differences,). `known` (differences, columns): orthonormal columns that explain anything: the geometry's
+    slopes and the views' gains. `motions` (differences, motions): change of the differences by the motions.
     """
     names = list(dict.fromkeys(kinds))
     residual, motions = residual - known @ (known.T @ residual), motions - known @ (known.T @ motions)

@@ -67,30 +67,14 @@ FEWEST_FREE = 2
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PairFit(DetectorFit):
-    """The detector's geometry by pairs of views.
+    """The detector's geometry by pairs of views."""
 
-    Attributes
-    ----------
-    settled : bool
-        True if u_c and tau converged near the calibrated ones.
-    unrest : float
-        Variance of the differences that no gain explains, divided by the variance of the rays' noise.
-    hardened : bool
-        True if `unrest` is above `UNREST`, and line integrals bent by more than `BENT` would explain it.
-    screening : LogScreening
-        Views, cells and samples that may be used.
-    lines : LevelledRays
-        Rays of the views that were compared: all usable views, or `MOST_VIEWS` of them.
-    motion : (motions,) float64 or None
-        Amplitudes of the motions of `ScanMotions.of_scan` if such motions are far more likely than none.
-    """
-
-    settled: bool
-    unrest: float
-    hardened: bool
-    screening: LogScreening
-    lines: LevelledRays
-    motion: FloatArray | None
+    settled: bool  # True if u_c and tau converged near the calibrated ones
+    unrest: float  # variance of the differences that no gain explains, divided by the variance of the rays' noise
+    hardened: bool  # True if `unrest` is above `UNREST`, and line integrals bent by more than `BENT` would explain it
+    screening: LogScreening  # views, cells and samples that may be used
+    lines: LevelledRays  # rays of the views that were compared: all usable views, or `MOST_VIEWS` of them
+    motion: FloatArray | None  # (motions,) or None
 
 
 def view_pair_fit(
@@ -199,23 +183,13 @@ def view_pair_fit(
 
 @dataclass(frozen=True, eq=False)
 class _ComparedViews:
-    """The views that are compared.
-
-    Attributes
-    ----------
-    rays : (views, detector) float64
-        Line integrals without faulty cells.
-    metal, interpolated : (views, detector) bool or None
-        Samples that see metal, and samples that were interpolated.
-    deviations : (views, detector) float64 or None
-        Standard deviations of the line integrals.
-    """
+    """The views that are compared."""
 
     scanner: Scanner
-    rays: FloatArray
-    metal: NDArray[np.bool_] | None
-    deviations: FloatArray | None
-    interpolated: NDArray[np.bool_] | None
+    rays: FloatArray  # (views, detector): line integrals without faulty cells
+    metal: NDArray[np.bool_] | None  # (views, detector) bool or None
+    deviations: FloatArray | None  # (views, detector) or None: standard deviations of the line integrals
+    interpolated: NDArray[np.bool_] | None  # (views, detector) bool or None
 
     def read(self, angles_rad: FloatArray, frame: SourceFrame) -> tuple[RaysBehindMetal, LevelledRays]:
         """Return the rays with those behind metal, as the views at these angles see the log, and all levelled."""
@@ -238,56 +212,27 @@ def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
 
 
 class _MotionEffects(NamedTuple):
-    """Effects of motions on the differences of a scan whose angles were corrected.
+    """Effects of motions on the differences of a scan whose angles were corrected."""
 
-    Attributes
-    ----------
-    changes : (pairs, motions) float64
-        Change of the differences by one standard deviation of the largest motions.
-    kinds : tuple of str
-        The kind of each motion.
-    corrected : (motions,) float64
-        Amplitudes for which the angles were corrected, whose changes are no longer in the differences.
-    """
-
-    changes: FloatArray
-    kinds: tuple[str, ...]
-    corrected: FloatArray
+    changes: FloatArray  # (pairs, motions): change of the differences by one standard deviation of the largest motions
+    kinds: tuple[str, ...]  # the kind of each motion
+    corrected: FloatArray  # (motions,)
 
 
 class _PairSumsFit(NamedTuple):
-    """A fit of u_c and tau in one sense of rotation, (2,), with SDD held.
-
-    Attributes
-    ----------
-    covariance : (2, 2) float64
-    distance_sensitivity : (2,) float64
-        Change of u_c and tau per mm of SDD.
-    unrest : float
-        Variance of the differences that no gain explains, divided by the variance of the rays' noise.
-    encoder_bound_mm : float
-        Largest change of u_c by an encoder's error of `ENCODER_DEG`.
-    largest_pattern : float
-        Largest amplitude of the fitted patterns, in assumed standard deviations; 0 without patterns.
-    settled : bool
-        True if u_c and tau converged inside the reach.
-    amplitudes : (motions,) float64
-        Amplitudes of the motions, empty without motions.
-    sizes : MotionSizes or None
-        Sizes of the motions that the fit allows for.
-    """
+    """A fit of u_c and tau in one sense of rotation, (2,), with SDD held."""
 
     vector: FloatArray
-    covariance: FloatArray
-    distance_sensitivity: FloatArray
+    covariance: FloatArray  # (2, 2)
+    distance_sensitivity: FloatArray  # (2,): change of u_c and tau per mm of SDD
     chi_squared: float
-    unrest: float
+    unrest: float  # variance of the differences that no gain explains, divided by the variance of the rays' noise
     relative_residual: float
-    encoder_bound_mm: float
-    largest_pattern: float
-    settled: bool
-    amplitudes: FloatArray
-    sizes: MotionSizes | None
+    encoder_bound_mm: float  # largest change of u_c by an encoder's error of `ENCODER_DEG`
+    largest_pattern: float  # largest amplitude of the fitted patterns, in assumed standard deviations
+    settled: bool  # True if u_c and tau converged inside the reach
+    amplitudes: FloatArray  # (motions,): amplitudes of the motions, empty without motions
+    sizes: MotionSizes | None  # sizes of the motions that the fit allows for
 
     @property
     def motion(self) -> FloatArray | None:

@@ -34,24 +34,12 @@ Part = tuple[slice, slice]
 
 
 class TwoGrids(NamedTuple):
-    """The pixels of a region, and the several times larger pixels of the whole log.
+    """The pixels of a region, and the several times larger pixels of the whole log."""
 
-    Attributes
-    ----------
-    region : ImageGrid
-        The field with a margin, in the field's own pixels.
-    field : (slice, slice)
-        Part of the region that is the field.
-    whole : ImageGrid
-        Large pixels over all of the log.
-    inside : (slice, slice)
-        The large pixels that the region covers.
-    """
-
-    region: ImageGrid
-    field: Part
-    whole: ImageGrid
-    inside: Part
+    region: ImageGrid  # the field with a margin, in the field's own pixels
+    field: Part  # (slice, slice): part of the region that is the field
+    whole: ImageGrid  # large pixels over all of the log
+    inside: Part  # (slice, slice): the large pixels that the region covers
 
     @property
     def pixels(self) -> int:
@@ -84,24 +72,13 @@ def fitted_size(field: ImageGrid, radius_mm: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CoarseOutside:
-    """The part of the log outside of a region, and its line integrals.
+    """The part of the log outside of a region, and its line integrals."""
 
-    Attributes
-    ----------
-    region, whole : Projector
-        Projectors of both grids.
-    grids : TwoGrids
-    non_negative : bool
-        True if attenuation is at least 0.
-    weight : float or None
-        Weight of total variation, in 1 / attenuation; None until it is chosen.
-    """
-
-    region: Projector
+    region: Projector  # projectors of both grids
     whole: Projector
     grids: TwoGrids
-    non_negative: bool
-    weight: float | None = None
+    non_negative: bool  # True if attenuation is at least 0
+    weight: float | None = None  # weight of total variation, in 1 / attenuation; None until it is chosen
 
     @classmethod
     def of(cls, geometry: FanBeamGeometry, grids: TwoGrids, *, non_negative: bool) -> Self:

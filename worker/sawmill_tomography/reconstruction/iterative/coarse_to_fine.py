@@ -50,17 +50,11 @@ WINDOW = 2
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A level on the way to the minimum: an objective with larger pixels or wider cells, and its iterations.
-
-    Attributes
-    ----------
-    cost : float
-        Cost of an iteration, relative to one of the objective itself.
-    """
+    """A level on the way to the minimum: an objective with larger pixels or wider cells, and its iterations."""
 
     objective: Objective
     iterations: int
-    cost: float
+    cost: float  # cost of an iteration, relative to one of the objective itself
 
 
 def descend_by_levels(
@@ -76,16 +70,8 @@ def descend_by_levels(
 ) -> Minimum:
     """Minimise from a near image (images, n, n), or through larger pixels from the mean along the rays.
 
-    Parameters
-    ----------
-    iterations, tolerance
-        Limits of the last level.
-    usual : int
-        Iterations of the last level after which most logs have converged.
-    coupling : (images - 1,) float64, optional
-        Coupling of neighbouring slices (`CoupledObjective`); by default the images are independent.
-    on_progress : callable, optional
-        Called with the finished share of the work.
+    `coupling` (images - 1,): coupling of neighbouring slices (`CoupledObjective`); by default the images are
+    independent.
     """
     levels = [] if start is not None else coarser_levels(_with_every_ray(objective))
     names = [f"level {n}" for n in range(len(levels))]

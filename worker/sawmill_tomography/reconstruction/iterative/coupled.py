@@ -15,19 +15,10 @@ from sawmill_tomography.reconstruction.iterative.penalised import InverseCurvatu
 
 @dataclass(frozen=True, eq=False)
 class CoupledObjective:
-    """The sum of the slices' objectives, and of the penalty between neighbours.
+    """The sum of the slices' objectives, and of the penalty between neighbours."""
 
-    Attributes
-    ----------
-    slices : Objective
-        Objective of neighbouring slices, in their order, by total variation.
-    coupling : (slices - 1,) float64
-        Weight of a difference between slice k and slice k + 1, relative to one in the plane; 0 where they are not
-        neighbours.
-    """
-
-    slices: Objective
-    coupling: Floats
+    slices: Objective  # objective of neighbouring slices, in their order, by total variation
+    coupling: Floats  # (slices - 1,)
 
     def __call__(self, volumes: Images, _which: Indices) -> tuple[Floats, Images]:
         """Return value (1,) and gradient (1, slices, n, n) of one block (1, slices, n, n)."""

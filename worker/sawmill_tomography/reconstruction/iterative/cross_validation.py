@@ -28,24 +28,11 @@ SEED = 20
 
 @dataclass(frozen=True, eq=False)
 class ValidationErrors:
-    """The errors of the candidates, in r = (A x - y) / noise.
+    """The errors of the candidates, in r = (A x - y) / noise."""
 
-    Attributes
-    ----------
-    in_views : (candidates,) float64
-        Mean over the validation views of the power of r along the detector, each frequency w weighted by |w|^exponent.
-        With the exponent 1 it is the error of the image itself in the directions of those views (Natterer 2001, section
-        2.1), with a larger one mostly the error of its edges. 1 where there is one view only, which is not left out.
-    in_rays : (candidates,) float64
-        Mean of r^2 over the validation rays of the other views: the error of the image in the directions of its own
-        data.
-    images : (folds, candidates, n, n) float32
-        Images made without the validation data of each fold.
-    """
-
-    in_views: Floats
-    in_rays: Floats
-    images: Images
+    in_views: Floats  # (candidates,)
+    in_rays: Floats  # (candidates,)
+    images: Images  # (folds, candidates, n, n) float32: images made without the validation data of each fold
 
 
 def parabola_minimum(candidates: Floats, errors: Floats) -> tuple[float, float]:
@@ -89,15 +76,8 @@ def cross_validate(
 ) -> ValidationErrors:
     """Reconstruct one slice with all candidates, in folds that each leave out different views and rays.
 
-    Parameters
-    ----------
-    objective : Objective
-        Objective with one sinogram, and the weights and the prior of each candidate.
-    noise : float64, broadcasts with (views, detector)
-    starts : (folds, n, n) float32
-        Images made without the validation data of each fold, by `first_images_of_folds` or an earlier cross-validation.
-    on_progress : callable, optional
-        Called with the finished share of the work.
+    `starts` (folds, n, n) float32: images made without the validation data of each fold, by `first_images_of_folds` or
+    an earlier cross-validation.
     """
     projector, count = objective.projector, objective.prior.scale.size
     images_of_folds, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
@@ -123,17 +103,10 @@ def cross_validate(
 
 @dataclass(frozen=True, eq=False)
 class _Fold:
-    """Validation data that are left out together.
+    """Validation data that are left out together."""
 
-    Attributes
-    ----------
-    views : (views,) bool
-    rays : (views, detector) bool
-        Rays of other views.
-    """
-
-    views: NDArray[np.bool_]
-    rays: NDArray[np.bool_]
+    views: NDArray[np.bool_]  # (views,) bool
+    rays: NDArray[np.bool_]  # (views, detector) bool: rays of other views
 
     def training(self, objective: Objective) -> Objective:
         """Return the objective of all other data."""

@@ -47,22 +47,12 @@ class Preconditioner(Protocol):
 
 @dataclass(frozen=True)
 class Minimum:
-    """End of a descent.
+    """End of a descent."""
 
-    Attributes
-    ----------
-    images : (problems, n, n) float32
-    values : (problems,) float64
-        The objective at the images.
-    iterations : (problems,) int64
-    converged : (problems,) bool
-        True if the last iterations gained less than the tolerance, False if the iterations ran out.
-    """
-
-    images: Images
-    values: Floats
-    iterations: Indices
-    converged: NDArray[np.bool_]
+    images: Images  # (problems, n, n) float32
+    values: Floats  # (problems,): the objective at the images
+    iterations: Indices  # (problems,) int64
+    converged: NDArray[np.bool_]  # (problems,) bool
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -120,16 +110,8 @@ def minimise(
     Pixels at the bound whose gradient points outwards stay there, the other pixels take a quasi-Newton step that is
     bent along the bound (Bertsekas 1982, two-metric projection). Each problem has its own history, step length and end.
 
-    Parameters
-    ----------
-    start : (problems, n, n) or (problems, slices, n, n) float32
-        Start images; all slices of a problem share one step length and one end.
-    tolerance : float
-        A problem is done when `window` iterations together lower its objective by less than this share of it.
-    preconditioner : Preconditioner, optional
-        Identity by default.
-    first_scale : float
-        Factor on the preconditioner in the first step, which no change of gradient scales.
+    `start` (problems, n, n) or (problems, slices, n, n) float32: start images; all slices of a problem share one step
+    length and one end.
     """
     problems, shape = len(start), start.shape[1:]
     x = np.maximum(start, np.float32(lower)).reshape(problems, -1)

@@ -37,24 +37,14 @@ LARGE_PIXEL = 4
 
 @dataclass(frozen=True, eq=False)
 class PriorProblem:
-    """The data of one slice or of a block, and the pixels that explain them.
-
-    Attributes
-    ----------
-    lines : (slices, views, detector) float32
-        Line integrals whose air is at 0.
-    noises : float64, broadcasts with lines
-        Standard deviation of each line integral; infinite for one that is left out.
-    is_block : bool
-        True if the input was a block, perhaps of one slice.
-    """
+    """The data of one slice or of a block, and the pixels that explain them."""
 
     projector: Projector
-    lines: Images
-    noises: Floats
+    lines: Images  # (slices, views, detector) float32: line integrals whose air is at 0
+    noises: Floats  # standard deviation of each line integral; infinite for one that is left out
     support: SupportRegion
     non_negative: bool
-    is_block: bool
+    is_block: bool  # True if the input was a block, perhaps of one slice
 
     @classmethod
     def of(
@@ -69,11 +59,6 @@ class PriorProblem:
         """Make the problem of sinograms (views, detector) or (slices, views, detector); noise defaults to the air's.
 
         The support region's size is a multiple of `multiple`.
-
-        Raises
-        ------
-        GeometryError
-            If shapes do not fit, the noise is not positive, or a slice is 0 in every ray.
         """
         lines = projector.block(sinogram)
         check_shown(lines)
@@ -108,52 +93,24 @@ ChoiceT = TypeVar("ChoiceT", bound=Choice)
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """The objective's settings for a block.
+    """The objective's settings for a block."""
 
-    Attributes
-    ----------
-    sigmas : float64, broadcasts with (slices, views, detector)
-        Assumed standard deviation of the data.
-    prior : Prior
-    parameters : mapping of str to (slices,) or (1,) float64
-        Parameters for `Estimate`.
-    coupling : (slices - 1,) float64, optional
-        Coupling of neighbouring slices, where the objective is convex.
-    """
-
-    sigmas: Floats
+    sigmas: Floats  # assumed standard deviation of the data
     prior: Prior
-    parameters: Mapping[str, Floats]
-    coupling: Floats | None = None
+    parameters: Mapping[str, Floats]  # parameters for `Estimate`
+    coupling: Floats | None = None  # (slices - 1,): coupling of neighbouring slices, where the objective is convex
 
 
 @dataclass(frozen=True, eq=False)
 class EdgePreservingMethod(Generic[ChoiceT]):
-    """Parts of the skeleton that a method defines.
+    """Parts of the skeleton that a method defines."""
 
-    Attributes
-    ----------
-    choose : callable or None
-        (projector, sinogram, *, noise, on_progress) to a choice for one slice; None where all parameters are given.
-    settings : callable
-        The settings for a block, from the choice.
-    choosing_cost : float
-        Cost of the choice, in iterations on one slice.
-    usual_iterations : int
-        Iterations after which most logs have converged.
-    convex : bool
-        True if the objective has one minimum, which is found through larger pixels, without continuation.
-    as_published : bool
-        True for no continuation and no preconditioner: the published iterations end long before convergence, and their
-        end is the method's result.
-    """
-
-    choose: Callable[..., ChoiceT] | None
-    settings: Callable[[PriorProblem, ChoiceT | None], Settings]
-    choosing_cost: float
-    usual_iterations: int
+    choose: Callable[..., ChoiceT] | None  # (projector, sinogram, *, noise, on_progress) to a choice for one slice
+    settings: Callable[[PriorProblem, ChoiceT | None], Settings]  # the settings for a block, from the choice
+    choosing_cost: float  # cost of the choice, in iterations on one slice
+    usual_iterations: int  # iterations after which most logs have converged
     convex: bool = False
-    as_published: bool = False
+    as_published: bool = False  # True for no continuation and no preconditioner
 
 
 def reconstruct_with_prior(
@@ -164,15 +121,7 @@ def reconstruct_with_prior(
     tolerance: float,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Choose the open parameters, and descend from a first image to the minimum of the objective.
-
-    Parameters
-    ----------
-    iterations, tolerance
-        The descent ends when its last iterations lower the objective by less than this share, or are used up.
-    on_progress : callable, optional
-        Called with the finished share of the work, after each iteration.
-    """
+    """Choose the open parameters, and descend from a first image to the minimum of the objective."""
     lines, noises, non_negative = problem.lines, problem.noises, problem.non_negative
     # The choice for a single slice gives an image nearer to the minimum than continuation's.
     has_near_image = method.choose is not None and len(lines) == 1

@@ -21,13 +21,7 @@ def mean_along_rays(projector: Projector, lines: Images) -> Images:
 
 
 def typical_attenuation(images: Images) -> Floats:
-    """Return the mass-weighted mean attenuation of each slice, sum x^2 / sum x, (slices,), from `mean_along_rays`.
-
-    Raises
-    ------
-    GeometryError
-        If a slice has no attenuation anywhere.
-    """
+    """Return the mass-weighted mean attenuation of each slice, sum x^2 / sum x, (slices,), from `mean_along_rays`."""
     body = np.maximum(images, 0.0).astype(np.float64)
     mass = body.sum(axis=(1, 2))
     if not (mass > 0.0).all():

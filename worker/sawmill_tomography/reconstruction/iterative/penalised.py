@@ -32,17 +32,11 @@ SEED = 22
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Objective 1/2 sum weights (A x - y)^2 + prior, for several images in parallel.
-
-    Attributes
-    ----------
-    lines, weights : (images, views, detector) float32
-        The weights are 1 / sigma^2; 0 for a ray that is left out. Either may have one sinogram for all images.
-    """
+    """Objective 1/2 sum weights (A x - y)^2 + prior, for several images in parallel."""
 
     projector: Projector
-    lines: Images
-    weights: Images
+    lines: Images  # (images, views, detector) float32: the weights are 1 / sigma^2
+    weights: Images  # (images, views, detector) float32
     prior: Prior
 
     def only(self, index: int) -> "Objective":

@@ -13,20 +13,11 @@ from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, 
 
 @dataclass(frozen=True, eq=False)
 class Prior(ABC):
-    """A penalty with one scale and one strength for each image.
+    """A penalty with one scale and one strength for each image."""
 
-    Attributes
-    ----------
-    scale : (images,) float64
-        Scale of the differences, in the unit of attenuation.
-    strength : (images,) float64
-    corner : (images,) float64
-        Scale of the weak penalty on the corner pixel, which has no difference; in the unit of attenuation.
-    """
-
-    scale: Floats
-    strength: Floats
-    corner: Floats
+    scale: Floats  # (images,): scale of the differences, in the unit of attenuation
+    strength: Floats  # (images,)
+    corner: Floats  # (images,): scale of the weak penalty on the corner pixel, which has no difference
     # The curvature over a difference d is stiffest * (1 + |d|^2 / scale^2)^-power.
     power: ClassVar[float]
     # The stiffness of flat regions as a share of the stiffest, which makes a good preconditioner.

@@ -28,21 +28,11 @@ MARGIN = 2
 
 @dataclass(frozen=True, eq=False)
 class SupportRegion:
-    """The square of pixels that can hold the log; all pixels outside are air.
+    """The square of pixels that can hold the log; all pixels outside are air."""
 
-    Attributes
-    ----------
-    projector : Projector
-        Projector of the support region alone.
-    part : (slice, slice)
-        Part of the full image that is the region.
-    size : int
-        Size of the full image.
-    """
-
-    projector: Projector
-    part: tuple[slice, slice]
-    size: int
+    projector: Projector  # projector of the support region alone
+    part: tuple[slice, slice]  # (slice, slice): part of the full image that is the region
+    size: int  # size of the full image
 
     @classmethod
     def of(
@@ -114,16 +104,7 @@ def descend_from_support(
     The air around the log follows the log within some iterations and changes it little: most of the work needs the
     support region only.
 
-    Parameters
-    ----------
-    start : (images, n, n) float32
-        Start images on the support region; the rest is air.
-    iterations : int
-        Limit of both descents together; the first takes at most SUPPORT_ITERATION_SHARE of the iterations.
-    usual : int
-        Iterations after which most logs have converged.
-    on_progress : callable, optional
-        Called with the finished share of the work.
+    `start` (images, n, n) float32: start images on the support region; the rest is air.
     """
     preconditioner = InverseCurvature if preconditioned else None
     phases = Phases(on_progress, support=1.0 if support.is_small else 0.0, full_grid=FULL_GRID_COST)

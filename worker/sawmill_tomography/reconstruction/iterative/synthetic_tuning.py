@@ -21,19 +21,10 @@ SEED = 23
 
 @dataclass(frozen=True, eq=False)
 class TuningErrors:
-    """The errors of the candidates.
+    """The errors of the candidates."""
 
-    Attributes
-    ----------
-    errors : (candidates,) float64
-        Sum of the logarithms of the squared distances from the reference, for the real scan's image and the synthetic
-        scan's.
-    images : (candidates, 2, n, n) float32
-        Images of the real and of the synthetic scan.
-    """
-
-    errors: Floats
-    images: Images
+    errors: Floats  # (candidates,)
+    images: Images  # (candidates, 2, n, n) float32: images of the real and of the synthetic scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +34,11 @@ class SyntheticTuning:
     The real scan shows which settings give nearly another method's image, with the common errors of both methods. The
     synthetic scan shows which settings reproduce a known image, though of flatter wood than any real log. The
     best settings for the true log mostly lie between the two.
-
-    Attributes
-    ----------
-    reference : (n, n) float32
-        Another method's image of the scanned log: the truth of the synthetic scan.
-    lines : (2, views, detector) float32
-        Line integrals of the real scan and of the synthetic one, which has its own noise.
     """
 
     projector: Projector
-    reference: Image
-    lines: Images
+    reference: Image  # (n, n) float32: another method's image of the scanned log: the truth of the synthetic scan
+    lines: Images  # (2, views, detector) float32
     non_negative: bool
 
     @classmethod
@@ -71,13 +55,8 @@ class SyntheticTuning:
     ) -> TuningErrors:
         """Reconstruct both scans with each candidate, in parallel.
 
-        Parameters
-        ----------
-        weights : (candidates, views, detector) float32
-        prior : Prior
-            Prior of as many images.
-        start : (2, n, n) float32, optional
-            Start images; by default the reference.
+        `weights` (candidates, views, detector) float32. `start` (2, n, n) float32: start images; by default the
+        reference.
         """
         if start is None:
             start = np.stack([self.reference, self.reference])

@@ -13,6 +13,7 @@ from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
 from sawmill_contracts.drifts import DriftResult, TurnDisturbance
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
+from sawmill_tomography.calibration.log_radius import refuse_log_beyond_source
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.drift.change import (
     DISTANCE_NOT_SEEN,
@@ -34,7 +35,6 @@ from sawmill_tomography.drift.change import (
 )
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
-from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
 from sawmill_tomography.sinograms.present_rows import rows_of_all
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import LogMessage

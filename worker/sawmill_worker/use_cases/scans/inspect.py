@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -25,7 +26,7 @@ from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
-from sawmill_formats.input.own.file_kind import OwnKind, own_kind
+from sawmill_formats.input.own.scan import OwnKind, own_kind
 from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
@@ -45,7 +46,7 @@ MOST_PARTS = 2_000
 # Most bytes of the projections that are read for a picture.
 MOST_READ_BYTES = 2**28
 PNG = "PNG"
-NO_SCAN: Mapping[OwnKind | str, tuple[str, str]] = {
+NO_SCAN: Mapping[str | None, tuple[str, str]] = {
     OwnKind.VOLUME: (
         "volume-file",
         "it is a reconstructed volume and no scan; docs/look-up/formats.md names the programs that show it",
@@ -53,10 +54,12 @@ NO_SCAN: Mapping[OwnKind | str, tuple[str, str]] = {
     OwnKind.CALIBRATION: ("calibration-file", "it is a calibration and no scan"),
     PNG: ("picture-file", "it is a picture and no scan"),
 }
-GIVEN_ELSEWHERE: Mapping[OwnKind | str, str] = {
+GIVEN_ELSEWHERE: Mapping[str | None, str] = {
     OwnKind.CALIBRATION: "give it as --calibration",
     PNG: "a phantom's drawing is given as --phantom, with --phantom-width-mm",
 }
+
+Fields = dict[str, Any]  # fields of an `InspectionResult`
 
 
 @dataclass(frozen=True)
@@ -80,22 +83,6 @@ class InspectionInput:
     """Folder for a picture of the scan; None: none is drawn, and no projection is read."""
 
 
-@dataclass
-class _Found:
-    """Results of an inspection so far."""
-
-    format: str | None = None
-    reading: InspectedReading | None = None
-    missing: tuple[MissingPart, ...] = ()
-    refusal: Failure | None = None
-
-    @property
-    def verdict(self) -> FileVerdict:
-        if self.refusal is not None:
-            return FileVerdict.REFUSED
-        return FileVerdict.INCOMPLETE if any(part.needed for part in self.missing) else FileVerdict.READY
-
-
 def inspect_file(source: InspectionInput) -> InspectionResult:
     """Inspect a file's headers and the data that reading would begin with.
 
@@ -107,36 +94,26 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     OSError
         The file cannot be opened.
     """
-    file, size_bytes = str(source.path), _size(source.path)
+    result = InspectionResult(
+        file=str(source.path), size_bytes=_size(source.path), verdict=FileVerdict.REFUSED, parts=[]
+    )
     try:
         if not source.uploaded:  # an upload is inspected in a process that may end
             read_apart(source.path, source.flats, source.darks, follow_links=source.follow_links)
         format_ = None if source.path.is_file() and is_picture(source.path) else recognise(source.path)
     except UnreadableScan as error:
-        refused = InspectionResult(
-            file=file,
-            size_bytes=size_bytes,
-            verdict=FileVerdict.REFUSED,
-            parts=[],
-            refusal=_failure(error.code, str(error)),
-        )
-        return _of_calibration_json(source, refused) if error.code == "unknown-format" else refused
+        result = result.model_copy(update={"refusal": _failure(error.code, str(error))})
+        return _of_calibration_json(source, result) if error.code == "unknown-format" else result
     kind = own_kind(source.path)
     parts, ended = _listed(source.path, format_, follow_links=source.follow_links)
-    result = _read(source, kind) if format_ else _no_scan(source, PNG)
-    return InspectionResult(
-        file=file,
-        size_bytes=size_bytes,
-        format=result.format or (format_.name if format_ else PNG),
-        own_kind=kind,
-        verdict=result.verdict,
-        parts=parts[:MOST_PARTS],
-        parts_left_out=max(0, len(parts) - MOST_PARTS),
-        listing_ended=ended,
-        reading=result.reading,
-        missing=list(result.missing),
-        refusal=result.refusal,
-    )
+    no_scan = kind if format_ else PNG
+    read: Fields = {"refusal": _no_scan(source, no_scan)} if no_scan in NO_SCAN else _read(source, kind)
+    if "refusal" not in read:
+        needed = any(part.needed for part in read["missing"])
+        read["verdict"] = FileVerdict.INCOMPLETE if needed else FileVerdict.READY
+    of_file = {"format": format_.name if format_ else PNG, "own_kind": kind, "listing_ended": ended}
+    listed = {"parts": parts[:MOST_PARTS], "parts_left_out": max(0, len(parts) - MOST_PARTS)}
+    return result.model_copy(update={**of_file, **listed, **read})
 
 
 def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> InspectionResult:
@@ -147,7 +124,7 @@ def _of_calibration_json(source: InspectionInput, refused: InspectionResult) -> 
         return refused
     with suppress(ValidationError):  # another program may have written the id
         refused = refused.model_copy(update={"calibration_id": TypeAdapter(Identifier).validate_python(identifier)})
-    refusal = _no_scan(source, OwnKind.CALIBRATION).refusal
+    refusal = _no_scan(source, OwnKind.CALIBRATION)
     return refused.model_copy(update={"own_kind": OwnKind.CALIBRATION, "refusal": refusal})
 
 
@@ -171,9 +148,8 @@ def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[
     return parts, None
 
 
-def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
-    if kind is not None and kind in NO_SCAN:
-        return _no_scan(source, kind)
+def _read(source: InspectionInput, kind: OwnKind | None) -> Fields:
+    """Return the result's fields on what reading would begin with, or on why the file is not read."""
     try:
         opened = reading_contents(
             source.path,
@@ -192,13 +168,13 @@ def _read(source: InspectionInput, kind: OwnKind | None) -> _Found:
         return _refused_or_missing(error, source)
 
 
-def _no_scan(source: InspectionInput, kind: OwnKind | str) -> _Found:
+def _no_scan(source: InspectionInput, kind: str | None) -> Failure:
     (code, what), given_elsewhere = NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind)
-    sentence = what if source.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}"
-    return _Found(refusal=_failure(code, sentence))
+    return _failure(code, what if source.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}")
 
 
-def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> _Found:
+def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> Fields:
+    """Return an error as a missing part where an option supplies it, else as a refusal."""
     supplied_by: dict[str, tuple[str, str, str | None]] = {
         "dataset-ambiguous": ("which array holds the projections", "--dataset", "dataset"),
         "external-storage": ("what other files hold", "--follow-links", None),
@@ -206,26 +182,25 @@ def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> _Foun
     }
     what, flag, field = supplied_by.get(error.code, ("", "", None))
     if not what or (source.uploaded and field is None):
-        return _Found(refusal=_failure(error.code, str(error)))
-    return _Found(missing=(MissingPart(what=what, flag=flag, field=field, why=str(error)),))
+        return {"refusal": _failure(error.code, str(error))}
+    return {"missing": [MissingPart(what=what, flag=flag, field=field, why=str(error))]}
 
 
-def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind | None) -> _Found:
+def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind | None) -> Fields:
+    scan, read = None, Fields()
     try:
         scan = _canonical(contents, source)
-        result = _Found()
     except UnreadableScan as error:
-        scan, result = None, _refused_or_missing(error, source)
-    if source.pictures is not None and result.refusal is None:
+        read = _refused_or_missing(error, source)
+    if source.pictures is not None and "refusal" not in read:
         try:
             _draw(contents.projections, source.pictures)
         except UnreadableScan as error:
-            result.refusal = _failure(error.code, str(error))
-    result.format = contents.format
-    result.reading = _reading(contents, source, scan)
-    missing = (*result.missing, *_missing(contents, result.reading, kind, uploaded=source.uploaded))
-    result.missing = tuple(sorted(missing, key=lambda part: not part.needed))
-    return result
+            read["refusal"] = _failure(error.code, str(error))
+    reading = _reading(contents, source, scan)
+    missing = (*read.get("missing", ()), *_missing(contents, reading, kind, uploaded=source.uploaded))
+    in_order = sorted(missing, key=lambda part: not part.needed)
+    return {**read, "format": contents.format, "reading": reading, "missing": in_order}
 
 
 def _draw(projections: Projections, folder: Path) -> None:

@@ -23,12 +23,5 @@ def counted_radius_mm(stated_mm: float | None, seen: Phantom) -> float:
     """Return the radius of the disc around the COR in which ray errors are counted.
 
     docs/look-up/conventions.md#ray-error defines it.
-
-    Parameters
-    ----------
-    stated_mm : float or None
-        Radius of the largest log, where it is given.
-    seen : Phantom
-        The phantom at its position in the scanner. Its scan says little about places that it never reached.
     """
     return min(LARGEST_ASSUMED_LOG_RADIUS_MM, seen.radius_mm) if stated_mm is None else stated_mm

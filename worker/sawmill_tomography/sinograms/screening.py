@@ -12,28 +12,17 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
-from sawmill_tomography.sinograms.corrupt_views import usable_views
 from sawmill_tomography.sinograms.faulty_cells import faulty_cells
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 
 @dataclass(frozen=True)
 class Screening:
-    """The usable parts of a sinogram.
+    """The usable parts of a sinogram."""
 
-    Attributes
-    ----------
-    cells : (cells,) bool
-        Usable cells.
-    views : (views,) bool
-        Usable views.
-    hidden : (views, cells) bool or None
-        Samples that see something else than the phantom; None where there are none.
-    """
-
-    cells: NDArray[np.bool_]
-    views: NDArray[np.bool_]
-    hidden: NDArray[np.bool_] | None = None
+    cells: NDArray[np.bool_]  # (cells,) bool: usable cells
+    views: NDArray[np.bool_]  # (views,) bool: usable views
+    hidden: NDArray[np.bool_] | None = None  # (views, cells) bool or None
 
     @cached_property
     def weights(self) -> FloatArray | None:
@@ -77,3 +66,21 @@ def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
     # A phantom has no structure of single cells, and loses little with a sound cell next to a hot cell.
     median = np.median(np.ascontiguousarray(sinogram.T), axis=1)
     return faulty_cells(sinogram, median, recheck=False, most_faulty=1.0)
+
+
+# A view is corrupt when this share of its samples is outside the range of the median view, or when its own range is
+# less than this share of that range: a view that was never filled varies as the cells' gains do, by some 0.15.
+VIEW_SHARE, FLAT_SHARE = 0.01, 0.05
+FEWEST_VIEWS = 3
+
+
+def usable_views(sinogram: FloatArray) -> NDArray[np.bool_]:
+    """Find the views (views,) of a sinogram (views, detector) that are not corrupt; all where hardly one is not."""
+    # Hot cells occur in every view: the highest hundredth of the samples is left out for them.
+    quantiles = np.quantile(sinogram, [0.02, 0.99], axis=1)
+    low, high = np.median(quantiles, axis=1).tolist()
+    span = high - low
+    outside = ((sinogram < low - 0.3 * span) | (sinogram > high + span)).mean(axis=1)
+    flat = np.ptp(quantiles, axis=0) < FLAT_SHARE * span
+    usable: NDArray[np.bool_] = (outside <= np.median(outside) + VIEW_SHARE) & ~flat
+    return usable if usable.sum() >= FEWEST_VIEWS else np.ones_like(usable)

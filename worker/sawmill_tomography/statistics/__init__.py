@@ -1,1 +1,0 @@
-"""Statistics for several packages of the science."""
