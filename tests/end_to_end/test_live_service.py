@@ -92,16 +92,9 @@ IN_ORDER = sorted(
 )
 
 
-# Two that a mill asks every day. The examples themselves have been reconstructed by now, and
-# tests/service/test_examples.py sends the other requests without a network and workers.
-BY_DAY = {"ask_calibration", "upload_scan"}
-
-
-@pytest.mark.parametrize(
-    "path",
-    [path if path.stem in BY_DAY else pytest.param(path, marks=pytest.mark.nightly) for path in IN_ORDER],
-    ids=lambda path: path.stem,
-)
+# By day the whole job of other tests asks for these, and tests/service/test_examples.py sends every request.
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
 @pytest.mark.usefixtures("to_decide")
 def test_the_console_can_try_every_operation(seeded, path):
     example = json.loads(path.read_text())
@@ -218,26 +211,6 @@ def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(li
     assert live.client.get(f"/v1/scans/{scan['id']}/preview").status_code == 409
     left = [path for path in live.data.rglob("*") if scan["id"] in str(path) or scan["job_id"] in str(path)]
     assert {path.name for path in left if path.is_file()} <= {"original"}
-
-
-def test_an_empty_upload_is_refused(live, scanner_id):
-    answer = live.client.post("/v1/scans", params={"scanner_id": scanner_id, "data": "counts"}, content=b"")
-    if answer.is_success:
-        assert live.wait(answer.json()["job_id"])["failure"]["code"] == "empty-file"
-    else:
-        assert answer.headers["content-type"] == "application/problem+json"
-
-
-def test_what_waits_for_a_broken_upload_fails_with_its_reason(live, scanner_id):
-    scan = live.upload(b"this is no scan", scanner_id=scanner_id, data="counts", phantom_id="l-shape")
-    asked = live.client.post("/v1/calibrations", json={"scan_id": scan["id"]})
-    live.wait(scan["job_id"])
-    if asked.is_success:
-        job = live.wait(asked.json()["job_id"])
-        assert (job["state"], job["failure"]["kind"]) == ("failed", "input")
-        assert "none of HDF5" in job["failure"]["detail"]
-    else:
-        assert asked.status_code == 409  # the scan had been read by then
 
 
 class Clock:
