@@ -71,10 +71,10 @@ def test_the_bound_holds_what_wood_that_is_not_as_drawn_costs(body):
     assert plain < len(SEEDS) - 1
 
 
-@pytest.mark.parametrize(("size", "seed"), first_by_day(1, [(190, 1270), (154, 1271), (137, 1272)]))
-def test_a_coarse_picture_is_reported_and_its_pixels_are_the_size_s_uncertainty(size, seed):
+@pytest.mark.parametrize("size", first_by_day(1, [190, 154, 137]))
+def test_a_coarse_picture_is_reported_and_its_pixels_are_the_size_s_uncertainty(size):
     drawn = trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="picture")
-    error, found = calibrated(L_SHAPE, drawn, seed)
+    error, found = calibrated(L_SHAPE, drawn, 1270)
     predicted = found.findings.error_bars.predicted_ray_error
     assert error <= predicted.upper_95_mm + 2.0 * found.findings.scale.ray_error_mm
     assert found.judgement.verdict != "pass"
