@@ -164,13 +164,6 @@ def test_a_failure_is_reported_in_its_own_way(store, runner, queue, behaviour, k
     assert leftovers(store) == []
 
 
-def test_a_passing_failure_is_tried_three_times(store, runner, queue):
-    job = queue("end-by-sigkill")
-    assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
-    assert store.jobs.get(job.id).failure.code == "attempt-died"
-    assert leftovers(store) == []
-
-
 def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, queue):
     job = queue("work-on-and-die")
     states = [runner.run_next() for _ in range(6)]
@@ -280,14 +273,6 @@ def test_checkpoints_that_are_not_there_are_passed_over_and_what_stands_there_is
     assert "scan.h5 is due" in failure.detail
 
 
-def test_a_full_disk_is_waited_out(store, runner, queue):
-    job = queue("fill-the-disk")
-    assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED] * 4
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses) == ("storage-full", 0)
-    assert leftovers(store) == []
-
-
 class FullDisk(Jobs):
     """Jobs on a disk that is full when the first of these are to be written."""
 
@@ -384,12 +369,6 @@ def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
     wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     store.jobs.request_cancel(job.id)
     assert outcome.result(timeout=60) is JobState.CANCELLED
-
-
-def test_what_passes_does_not_come_back(store, runner, queue):
-    job = queue("stumble")
-    assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
-    assert store.scans.get(job.subject_id).remarks[0].startswith("attempt 2")
 
 
 def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, queue, in_background, wait_for, is_running):
