@@ -4,13 +4,9 @@ import json
 import re
 
 import pytest
+from results import SCANNER_SPEC as SPEC
 
 from sawmill_service.http.problems import Problem
-
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
 
 JSON = {"Content-Type": "application/json"}
 

@@ -5,7 +5,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from results import calibration_result
+from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
@@ -45,26 +45,12 @@ def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_b
     assert [english.bytes(value) for value in (0, 1023, 1536, 2**42)] == ["0 B", "1,023 B", "1.5 KiB", "4.0 TiB"]
 
 
-COMPARED = {
-    "calibration_id": "active",
-    "ray_change_mm": 0.05,
-    "angle_change_deg": 0.0,
-    "cor_column_change_mm": 0.0,
-    "source_distance_change_mm": 0.0,
-    "tilt_change_deg": 0.0,
-    "tolerance_mm": 0.5,
-    "within_tolerance": True,
-    "reason": "the rays are where they were",
-}
-MOVED = {"ray_change_mm": 0.9, "within_tolerance": False}
-
-
 @pytest.mark.parametrize(
     ("changes", "active", "badges"),
     [
-        ({"comparison": COMPARED}, False, [("good", "Yes"), ("good", "Yes"), ("good", "No")]),
-        ({"comparison": COMPARED | MOVED}, False, [("good", "Yes"), ("good", "Yes"), ("watch", "Look at it")]),
-        ({"comparison": COMPARED | MOVED}, True, [("good", "Yes"), ("good", "Yes"), ("idle", "Accepted")]),
+        ({"comparison": comparison()}, False, [("good", "Yes"), ("good", "Yes"), ("good", "No")]),
+        ({"comparison": comparison(0.9)}, False, [("good", "Yes"), ("good", "Yes"), ("watch", "Look at it")]),
+        ({"comparison": comparison(0.9)}, True, [("good", "Yes"), ("good", "Yes"), ("idle", "Accepted")]),
         (
             {"predicted_ray_error_mm": None, "scale_uncertainty_percent": None},
             False,

@@ -5,15 +5,12 @@ from typing import Annotated
 import pytest
 from fastapi import Depends, FastAPI, Query
 from openapi_spec_validator import validate
+from results import SCANNER_SPEC as SPEC
 
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_service.http.problems import Problem, install
 from sawmill_service.http.queries import check_query
 
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
 # Of a path's parameters.
 ANY = defaultdict(lambda: "example", index="0")
 

@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 from pydantic import SecretStr, ValidationError
+from results import SCANNER_SPEC as SPEC
 
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
@@ -18,11 +19,6 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.settings import ServiceSettings
 from sawmill_vocabulary import DataKind
-
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
 
 
 @pytest.fixture

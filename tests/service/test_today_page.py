@@ -1,6 +1,7 @@
 import re
 
 import pytest
+from results import comparison
 from sqlalchemy import event
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -12,20 +13,6 @@ from sawmill_store.examples import SCANNER_NAMES
 from sawmill_vocabulary import DataKind
 
 FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom in rows <0:4>")
-
-
-def comparison(*, within: bool = True, moved_mm: float = 0.05) -> dict:
-    return {
-        "calibration_id": "example",
-        "ray_change_mm": moved_mm,
-        "angle_change_deg": 0.1,
-        "cor_column_change_mm": -1.25,
-        "source_distance_change_mm": 2.5,
-        "tilt_change_deg": 0.05,
-        "tolerance_mm": 0.5,
-        "within_tolerance": within,
-        "reason": f"the rays moved by {moved_mm} mm <RMS>",
-    }
 
 
 @pytest.fixture
@@ -89,7 +76,7 @@ def headline(client) -> str:
 
 
 def test_what_comes_next_is_what_the_sentence_says(seeded, newest, store):
-    nearly = newest(comparison=comparison(moved_mm=0.43))
+    nearly = newest(comparison=comparison(0.43))
     row = rows(seeded)["example"]
     assert "Accept its newest calibration." in row
     assert button(row) == (f"/calibrate?calibration={nearly}", "Review")
@@ -121,9 +108,9 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
         seeded.post(f"/v1/calibrations/{identifier}/discard", json={"reason": "the scan was disturbed"})
 
     untouched = step()
-    first = newest(comparison=comparison(within=False, moved_mm=1.31))
+    first = newest(comparison=comparison(1.31))
     with_first = step()
-    second = newest(comparison=comparison(within=False, moved_mm=1.02))
+    second = newest(comparison=comparison(1.02))
     with_second = step()
     old = newest(verdict="fail", reasons=["the residual is too large"])
     discard(old)
