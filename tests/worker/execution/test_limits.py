@@ -5,6 +5,7 @@ import os
 import signal
 
 import pytest
+from tiers import fresh_by_night
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
@@ -18,12 +19,6 @@ from sawmill_vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
 
-both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
-fresh_by_night = pytest.mark.parametrize(
-    "settings",
-    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
-    indirect=True,
-)
 
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
@@ -107,7 +102,7 @@ def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, setting
         assert words in failure.detail
 
 
-@both_ways
+@fresh_by_night
 def test_every_attempt_has_limits_by_default(store, start, queue):
     job = queue("tell-limits")
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED

@@ -16,6 +16,7 @@ from machine_faults import database_away
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
+from tiers import both_ways, fresh_by_night
 from write_lock import write_lock
 
 from sawmill_contracts import job_kinds
@@ -32,13 +33,6 @@ from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
 
 pytestmark = pytest.mark.slow
-
-both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
-fresh_by_night = pytest.mark.parametrize(
-    "settings",
-    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
-    indirect=True,
-)
 
 
 def leftovers(store):
@@ -393,7 +387,7 @@ def test_a_deaf_process_is_killed(store, runner, queue, in_background, wait_for)
     assert outcome.result(timeout=60) is JobState.CANCELLED
 
 
-@both_ways
+@fresh_by_night
 def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_background, wait_for, is_running):
     job = queue("talk")
     outcome = in_background(runner.run_next)
@@ -479,7 +473,7 @@ def test_a_spare_that_died_is_replaced(runner, starter, queue, process_id, wait_
     assert runner.run_next() is JobState.SUCCEEDED
 
 
-@both_ways
+@fresh_by_night
 def test_a_spare_that_does_not_get_ready_is_replaced(store, start, attempts, settings, queue):
     starter = TroubledStarter(attempts(settings), {1: ASLEEP})
     runner = start(starter=starter, start_timeout_s=1.0)
