@@ -58,10 +58,8 @@ def pytest_configure() -> None:
 TOGETHER = "test_live_service.py"
 # Of half a minute each, alone on a machine, and what shares a service with them.
 LONG = {
-    "test_a_calibration_is_done_while_a_long_reconstruction_runs",
     "test_an_accepted_job_waits_for_room_and_the_worker_stays",
     "test_every_kind_of_job_does_its_work_with_its_own_files_alone",
-    "test_from_a_stack_of_counts_to_a_theta_and_a_log",
     "test_from_an_empty_folder_to_the_accepted_calibration",
     "test_jobs_under_kills_are_each_done_once_and_right",
     "test_schemathesis_finds_nothing",
@@ -75,7 +73,6 @@ LONG = {
     "test_the_shell_program_does_the_whole_job",
     "test_what_compose_starts_does_a_mill_s_work",
     "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
-    "test_workers_that_are_stopped_lose_nothing",
 }
 
 

@@ -136,6 +136,7 @@ def do_the_whole_job(command, stack, folder, service, **environment) -> str:
     return printed
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_the_python_program_does_the_whole_job(tmp_path, embedded, client, stack):
     (readme,) = (path.read_text() for path in client.glob("*.dist-info/METADATA"))

@@ -7,18 +7,14 @@ import os
 import signal
 import subprocess
 import sys
-import zipfile
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import scipy.io
-import tifffile
 from example_requests import add_what_is_decided, with_file
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
-from tiers import first_by_day
 
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.backups.checking import check_backup
@@ -92,16 +88,9 @@ IN_ORDER = sorted(
 )
 
 
-# Two that a mill asks every day. The examples themselves have been reconstructed by now, and
-# tests/service/test_examples.py sends the other requests without a network and workers.
-BY_DAY = {"ask_calibration", "upload_scan"}
-
-
-@pytest.mark.parametrize(
-    "path",
-    [path if path.stem in BY_DAY else pytest.param(path, marks=pytest.mark.nightly) for path in IN_ORDER],
-    ids=lambda path: path.stem,
-)
+# By day the whole job of other tests asks for these, and tests/service/test_examples.py sends every request.
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
 @pytest.mark.usefixtures("to_decide")
 def test_the_console_can_try_every_operation(seeded, path):
     example = json.loads(path.read_text())
@@ -131,12 +120,6 @@ def npy_that_lies() -> bytes:
     return honest.replace(b"(12, 1, 512), }        ", b"(9999999, 99, 512), }  ")
 
 
-def pickled() -> bytes:
-    buffer = io.BytesIO()
-    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    return buffer.getvalue()
-
-
 def hdf5(fill) -> bytes:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
@@ -148,54 +131,17 @@ def external_storage(file: h5py.File) -> None:
     file.create_dataset("data", (VIEWS, 1, CELLS), "f4", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
 
 
-def vast(file: h5py.File) -> None:
-    file.create_dataset("data", (2**20, 2**10, CELLS), "f4", chunks=(1, 1, CELLS))
-
-
-def zip_of(name: str, content: bytes) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr(name, content)
-    return buffer.getvalue()
-
-
-def mat(**arrays: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    scipy.io.savemat(buffer, arrays)
-    return buffer.getvalue()
-
-
-def tiff(array: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    tifffile.imwrite(buffer, array)
-    return buffer.getvalue()
-
-
 def good() -> np.ndarray:
     return np.random.default_rng(8).uniform(0.0, 1.0, (VIEWS, 1, CELLS)).astype(np.float32)
 
 
-def with_a_hole() -> np.ndarray:
-    holed = good()
-    holed[3, 0, 7] = np.nan
-    return holed
-
-
 ANGLES = {"angles_deg": "0:30"}
+# One of each kind; tests/formats/input has the others, without a service.
 BROKEN = {
     "text": (b"this is no scan", ANGLES),
-    "truncated-hdf5": (hdf5(lambda file: file.create_dataset("data", data=good()))[:-4000], ANGLES),
     "external-storage": (hdf5(external_storage), ANGLES),
-    "vast-hdf5": (hdf5(vast), ANGLES),
     "npy-that-lies": (npy_that_lies(), ANGLES),
-    "pickled": (pickled(), ANGLES),
     "without-angles": (npy(good()), {}),
-    "not-a-number": (npy(with_a_hole()), ANGLES),
-    "another-detector": (npy(good()[..., :500]), ANGLES),
-    "counts-without-flats": (npy(good()), {**ANGLES, "data": "counts"}),
-    "climbing-zip": (zip_of("../../climbed.tif", tiff(good()[0])), ANGLES),
-    "truncated-mat": (mat(sinogram=good()[:, 0])[:500], ANGLES),
-    "truncated-tiff": (tiff(good())[:1000], ANGLES),
 }
 
 
@@ -204,7 +150,7 @@ def scanner_id(live):
     return live.create_scanner()
 
 
-@pytest.mark.parametrize("name", first_by_day(3, BROKEN))
+@pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(live, scanner_id, name):
     content, spec = BROKEN[name]
     scan = live.upload(content, **{"scanner_id": scanner_id, "data": "line-integrals", **spec})
@@ -218,26 +164,6 @@ def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(li
     assert live.client.get(f"/v1/scans/{scan['id']}/preview").status_code == 409
     left = [path for path in live.data.rglob("*") if scan["id"] in str(path) or scan["job_id"] in str(path)]
     assert {path.name for path in left if path.is_file()} <= {"original"}
-
-
-def test_an_empty_upload_is_refused(live, scanner_id):
-    answer = live.client.post("/v1/scans", params={"scanner_id": scanner_id, "data": "counts"}, content=b"")
-    if answer.is_success:
-        assert live.wait(answer.json()["job_id"])["failure"]["code"] == "empty-file"
-    else:
-        assert answer.headers["content-type"] == "application/problem+json"
-
-
-def test_what_waits_for_a_broken_upload_fails_with_its_reason(live, scanner_id):
-    scan = live.upload(b"this is no scan", scanner_id=scanner_id, data="counts", phantom_id="l-shape")
-    asked = live.client.post("/v1/calibrations", json={"scan_id": scan["id"]})
-    live.wait(scan["job_id"])
-    if asked.is_success:
-        job = live.wait(asked.json()["job_id"])
-        assert (job["state"], job["failure"]["kind"]) == ("failed", "input")
-        assert "none of HDF5" in job["failure"]["detail"]
-    else:
-        assert asked.status_code == 409  # the scan had been read by then
 
 
 class Clock:

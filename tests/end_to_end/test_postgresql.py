@@ -66,7 +66,7 @@ def test_a_calibration_outlives_a_late_a_paused_and_a_killed_server(
         found = CalibrationSucceeded.model_validate(service.get(f"/v1/calibrations/{asked['id']}").json())
     assert (ended["state"], ended["losses"]) == ("succeeded", 0)
     truth = mill_scan.theta.source_frame(mill_scan.scanner.source_to_cor_mm)
-    # The limit of the same job without disturbance (test_whole_job.py).
+    # The limit of the same job without disturbance.
     assert ray_error(mill_scan.scanner, truth, found.source_frame).rms_mm < 0.05
 
 

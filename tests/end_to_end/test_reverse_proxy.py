@@ -39,8 +39,6 @@ SHORTENED = {
     "nginx": {"client_header_timeout 10s": "client_header_timeout 2s", "body_timeout 60s": "body_timeout 5s"},
     "caddy": {"read_header 10s": "read_header 2s", "read_body 1h": "read_body 5s"},
 }
-# What Debian's nginx does with a bare proxy_pass: no header shows that it was there.
-BARE_SITE = "server {{ listen 127.0.0.1:{port}; location / {{ proxy_pass http://127.0.0.1:{backend}; }} }}"
 
 
 def program(name: str) -> str:
@@ -290,17 +288,6 @@ def wait_for(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         time.sleep(0.05)
-
-
-def test_a_service_that_knows_of_no_proxy_is_not_open_through_one(mill):
-    program("nginx")
-    site = BARE_SITE.format(port=mill.port, backend=mill.backend)
-    with mill.serving(), mill.nginx(site), mill.client("http") as client:
-        assert httpx.get(f"http://127.0.0.1:{mill.backend}/v1/scanners", trust_env=False).status_code == 200
-        answer = client.get("/v1/scanners")
-        assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
-        assert "came through a proxy (HTTP/1.0)" in answer.json()["detail"]
-        assert client.get("/health/live").status_code == 200
 
 
 def test_behind_a_proxy_it_does_not_start_without_a_key(mill):

@@ -5,7 +5,6 @@ import pytest
 from sawmill_contracts.reconstructions import DECLARATION as RECONSTRUCTION
 from sawmill_contracts.reconstructions import ReconstructionAsked
 
-ROWS, VIEWS = 4, 12  # of the example scan
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 
 
@@ -25,11 +24,6 @@ def test_what_a_scan_that_has_been_read_lacks_is_refused_at_once(seeded, store, 
     assert (answer.status_code, answer.json()["code"]) == (422, code)
     assert answer.json()["detail"].startswith(sentence)
     assert len(store.jobs.page(limit=200).items) == before
-
-
-def test_all_that_a_scan_has_may_be_asked_for(seeded):
-    asked = {"scan_id": "example", "rows": f"0:{ROWS}", "views": VIEWS}
-    assert seeded.post("/v1/calibrations", json=asked).status_code == 202
 
 
 @pytest.mark.parametrize("radius_mm", [859.46, 1e5])

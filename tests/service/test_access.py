@@ -72,14 +72,6 @@ def test_nothing_else_opens(guarded, brought):
     assert TOKEN not in answer.text
 
 
-def test_a_browser_that_knows_the_password_obeys_no_other_site(guarded):
-    guarded.headers = {"Authorization": basic("operator", TOKEN)}
-    for foreign in ({"Origin": "http://evil.example"}, {"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
-        assert guarded.post("/operator/activate/example", headers=foreign).json()["code"] == "other-site"
-    ours = {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}
-    assert guarded.post("/operator/activate/example", headers=ours).status_code == 303
-
-
 def test_the_token_may_come_from_a_file(tmp_path):
     (tmp_path / "token").write_text(f"{TOKEN}\n")
     settings = ServiceSettings(token_file=tmp_path / "token")

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from results import SCANNER_SPEC as SPEC
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
@@ -12,10 +13,6 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
 DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
 SCHEDULE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 

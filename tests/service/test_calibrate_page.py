@@ -283,11 +283,6 @@ def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store,
     assert "Nothing needs to be done" not in page
 
 
-def test_another_site_s_address_is_not_gone_to(seeded):
-    answer = seeded.post("/operator/activate/example", data={"next": "//elsewhere.example"})
-    assert answer.headers["Location"] == "/"
-
-
 def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, worker, started):
     worker.finish_scan()
     worker.finish_calibration()
@@ -315,9 +310,3 @@ def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, w
     calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
     assert (calibration.scan_id, calibration.phantom_id) == ("example", "example-spare")
     assert woken == [calibration.job_id]
-
-
-def test_a_wrong_phantom_of_such_a_scan_is_asked_again(seeded):
-    page = seeded.post("/calibrate", data={"scan_id": "example", "phantom_id": "No Phantom"})
-    assert page.status_code == 422
-    assert "phantom_id" in shown(page)

@@ -279,15 +279,6 @@ def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(stor
     assert asyncio.run(story()) == [event.number for event in store.events.following(begins_at)] != []
 
 
-def test_both_streams_take_the_last_id_in_one_way(seeded):
-    paths = seeded.app.openapi()["paths"]
-    every, job = (
-        [given for given in paths[path]["get"]["parameters"] if given["name"] == "Last-Event-ID"]
-        for path in ("/v1/events", "/v1/jobs/{job_id}/events")
-    )
-    assert every == job != []
-
-
 @pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
 def test_a_stream_ends_with_its_key(seeded, store, follow):
     seeded.app.state.stream_times = StreamTimes(access_s=0.02)
@@ -296,11 +287,6 @@ def test_a_stream_ends_with_its_key(seeded, store, follow):
     heard = follow(lambda: store.keys.revoke(key.id), **bearer)
     assert heard[-1]["event"] == "closing"
     assert seeded.get("/v1/events", headers=bearer).status_code == 401
-
-
-def test_a_stream_may_be_asked_for_some_seconds(seeded):
-    heard = blocks(seeded.get("/v1/events?duration_s=0.05").text)
-    assert [block["event"] for block in heard] == ["alive", "closing"]
 
 
 @pytest.mark.parametrize("wrong", ["-1", "x"])

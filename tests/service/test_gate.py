@@ -1,6 +1,7 @@
 from inspect import iscoroutinefunction
 
 import pytest
+from results import SCANNER_SPEC as SPEC
 
 from sawmill_service import dependencies
 from sawmill_service.access import check_scope
@@ -10,11 +11,6 @@ from sawmill_service.http.bodies.sent_json import check_body
 from sawmill_service.http.queries import check_query
 from sawmill_service.http.route_rules import check_method
 from sawmill_service.settings import ServiceSettings
-
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:8000", "localhost:9", "LOCALHOST", "[::1]:8000", "[::1]"])

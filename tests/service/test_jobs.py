@@ -61,32 +61,6 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
     assert seen[-2][1]["failure"]["code"] == "phantom-not-seen"
 
 
-def test_the_stream_of_an_ended_job_ends_at_once(seeded):
-    answer = seeded.get("/v1/jobs/example/events")
-    assert answer.headers["Content-Type"].startswith("text/event-stream")
-    assert [name for name, _ in events(answer.text)] == ["job", "end"]
-
-
-def test_a_stream_says_that_the_service_stops(seeded, job_id):
-    threading.Timer(0.3, seeded.app.state.stopping.begin).start()
-    answer = seeded.get(f"/v1/jobs/{job_id}/events", timeout=60)
-    assert events(answer.text)[-1] == ("closing", "queued")
-    assert answer.text.rstrip().endswith("retry: 1000"), "the client connects again, to the next service"
-
-
-def test_a_stream_outlives_a_database_that_does_not_answer(seeded, store, job_id):
-    def go_away_and_come_back() -> None:
-        with database_away(store.database) as met:
-            assert met.wait(60)
-        store.jobs.request_cancel(job_id)
-
-    going = threading.Thread(target=go_away_and_come_back)
-    seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", lambda _: going.ident or going.start()))
-    going.join()
-    assert [name for name, _ in seen] == ["job", "job", "end"]
-    assert seen[-1] == ("end", "cancelled")
-
-
 def test_the_stream_of_no_job_is_a_problem(seeded):
     answer = seeded.get("/v1/jobs/nothing/events")
     assert (answer.status_code, answer.json()["code"]) == (404, "job-not-found")

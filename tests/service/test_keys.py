@@ -223,14 +223,6 @@ def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_
     assert "use-not-kept" in {line["event"] for line in log_lines()}
 
 
-def test_a_time_beyond_the_calendar_is_refused(keyed):
-    keyed.with_key(Scope.ADMIN)
-    ask = {"name": "for ever", "scope": "read", "expires_at": "9999-12-31T23:59:59-14:00"}
-    answer = keyed.post("/v1/keys", json=ask)
-    assert answer.status_code == 422
-    assert "beyond what calendars hold" in answer.json()["detail"]
-
-
 def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
     keyed.with_key(Scope.READ)
     assert keyed.get("/v1/scanners/").status_code == 404

@@ -5,7 +5,6 @@ import ctypes
 import gc
 from collections.abc import Coroutine, Iterator
 from contextlib import AsyncExitStack
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -116,44 +115,6 @@ def answering(app, key: str, make) -> tuple[Drawn, dict]:
 
 async def _receive() -> dict:
     return await asyncio.Future()
-
-
-def test_another_caller_is_answered_while_forty_answers_of_one_are_not_read(store, settings):
-    """Nobody reads the forty: they hold half of the budget, until the limit of time that a reader has is over."""
-    app = create_app(settings.model_copy(update={"drawing_memory_bytes": 64 * MIB}), store, print)
-
-    async def answered() -> None:
-        read, drawn = asyncio.Event(), list[str]()
-
-        def draw(caller: str) -> Response:
-            drawn.append(caller)
-            return Response(b"x" * 20 * MIB)
-
-        async def ask(caller: str, reading: asyncio.Event) -> int:
-            answer, scope = answering(app, caller, partial(draw, caller))
-            sent = 0
-
-            async def send(message: dict) -> None:
-                nonlocal sent
-                await reading.wait()
-                sent += len(message.get("body", b""))
-                assert len(message.get("body", b"")) <= 64 * 1024
-
-            await answer(scope, _receive, send)
-            return sent
-
-        forty = [asyncio.create_task(ask("192.0.2.1", read)) for _ in range(40)]
-        await asyncio.sleep(0)
-        at_once = asyncio.Event()
-        at_once.set()
-        assert await ask("192.0.2.2", at_once) == 20 * MIB
-        # Each takes 36 MiB while it is drawn, and 20 MiB until it is read.
-        assert sorted(drawn) == ["192.0.2.1", "192.0.2.2"]
-        assert not any(task.done() for task in forty)
-        read.set()
-        assert await asyncio.gather(*forty) == [20 * MIB] * 40
-
-    asyncio.run(answered())
 
 
 def test_an_answer_that_nobody_reads_gives_its_memory_back(store, settings):

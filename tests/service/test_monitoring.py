@@ -94,12 +94,6 @@ def test_every_name_label_and_value_is_of_a_scrape(known):
         assert grouped <= {label for name, _ in selectors for label in known[name]}, expression
 
 
-def test_the_reader_of_expressions_misses_no_name():
-    selectors, grouped = parsed('sum by (a, b) (rate(x_total{c="d", e=~"f|g"}[5m])) > 2 * on (h) y unless max(z)')
-    assert selectors == [("x_total", [("c", "=", "d"), ("e", "=~", "f|g")]), ("y", []), ("z", [])]
-    assert grouped == {"a", "b", "h"}
-
-
 def test_every_rule_says_how_grave_it_is_and_what_to_do(known):
     assert len({rule["alert"] for rule in rules()}) == len(rules())
     for rule in rules():

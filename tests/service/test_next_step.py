@@ -5,6 +5,7 @@ import re
 from html import unescape
 
 import pytest
+from results import comparison
 
 from sawmill_contracts.reasons import CodedReason
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
@@ -23,25 +24,14 @@ def reasons_of(*reasons):
     return {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
 
 
-def comparison(moved_mm=0.05, reason=None):
-    return {
-        "calibration_id": "example",
-        "ray_change_mm": moved_mm,
-        "angle_change_deg": 0.1,
-        "cor_column_change_mm": -1.25,
-        "source_distance_change_mm": 2.5,
-        "tilt_change_deg": 0.05,
-        "tolerance_mm": 0.5,
-        "within_tolerance": moved_mm < 0.5,
-        "reason": str(reason or "within"),
-        "coded_reason": reason and CodedReason.of(reason),
-    }
+def compared(moved_mm, reason):
+    return comparison(moved_mm, reason=str(reason), coded_reason=CodedReason.of(reason))
 
 
 # The newest calibration, a drift check after it, and the button of the step.
 STATES = {
     "good": ({"comparison": comparison()}, None, "accept"),
-    "moved": ({"comparison": comparison(0.66, MOVED), **reasons_of(MOVED)}, None, "scan-again"),
+    "moved": ({"comparison": compared(0.66, MOVED), **reasons_of(MOVED)}, None, "scan-again"),
     "slipped": ({"comparison": comparison(), **reasons_of(SLIP)}, None, "scan-again"),
     "imprecise": ({"verdict": "watch", **reasons_of(IMPRECISE), "comparison": comparison()}, None, "scan-again"),
     "wrong": ({"verdict": "fail", **reasons_of(IMPRECISE)}, None, "scan-again"),

@@ -9,7 +9,6 @@ from contract_changes import version_tuple
 from documented import check_documented
 
 from sawmill_contracts.kinds import asked_kinds
-from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.contracts.old_names import out_of_use
 from sawmill_service.http.document.old_names import OLD_ROUTES
 from sawmill_vocabulary.version import VERSION
@@ -113,7 +112,3 @@ def test_an_old_name_works_for_a_version_and_goes_with_the_one_that_was_named(na
     since, now, gone = map(version_tuple, (mark.since, VERSION, mark.gone_in))
     assert gone[:2] > since[:2], f"{name} must work for a version"
     assert since <= now < gone, f"take {name} out: it goes with {mark.gone_in}"
-
-
-def test_it_is_found_by_its_mark():
-    assert dict(out_of_use(ReconstructionAsk)).keys() == {"uncertainty"}

@@ -32,13 +32,6 @@ def test_invented_methods_are_counted_as_one(client):
     assert methods == {"GET": 1, "other": 2}
 
 
-def test_jobs_are_counted_by_state(seeded):
-    seeded.post("/v1/calibrations", json={"scan_id": "example"})
-    counted = samples(seeded)
-    assert counted["sawmill_jobs", "queued"] == 1
-    assert counted["sawmill_jobs", "running"] == 0
-
-
 def test_a_service_with_nothing_to_do_is_ready(client):
     assert client.get("/health/live").text == "alive"
     assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}

@@ -5,13 +5,14 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from results import calibration_result
+from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
 from sawmill_service.pages.frame.formats import Formats
 from sawmill_service.pages.frame.languages import locale_of, preferred_language
 from sawmill_service.pages.frame.page_frame import templates
+from sawmill_service.pages.frame.verdicts import shown_questions
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 
@@ -42,6 +43,34 @@ def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_b
     assert english.mm(None) == english.mm(float("nan")) == english.bytes(None) == "not known"
     assert english.mm(-1e30) == "-1E30\N{NO-BREAK SPACE}mm"
     assert [english.bytes(value) for value in (0, 1023, 1536, 2**42)] == ["0 B", "1,023 B", "1.5 KiB", "4.0 TiB"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "active", "badges"),
+    [
+        ({"comparison": comparison()}, False, [("good", "Yes"), ("good", "Yes"), ("good", "No")]),
+        ({"comparison": comparison(0.9)}, False, [("good", "Yes"), ("good", "Yes"), ("watch", "Look at it")]),
+        ({"comparison": comparison(0.9)}, True, [("good", "Yes"), ("good", "Yes"), ("idle", "Accepted")]),
+        (
+            {"predicted_ray_error_mm": None, "scale_uncertainty_percent": None},
+            False,
+            [("idle", "Not known")] * 3,
+        ),
+        (
+            {"rays_verdict": "fail", "scale_uncertainty_percent": 1.2},
+            False,
+            [("bad", "No"), ("watch", "Look at it"), ("idle", "Not known")],
+        ),
+    ],
+)
+def test_each_answer_of_the_three_questions_has_its_colour_and_word(changes, active, badges):
+    limits = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
+    answer = calibration_result(**{"limits": limits, "rays_verdict": "pass"} | changes)
+    text = gettext.NullTranslations()
+    ask = shown_questions(text, Formats(locale_of("en"), text))
+    questions = ask(CalibrationResult.model_validate(answer), None, active)
+    assert [(question.tone, question.word) for question in questions] == badges
+    assert questions[2].question == "Did anything move?"
 
 
 def test_ages_and_moments_take_times_and_their_text():

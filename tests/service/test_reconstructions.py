@@ -8,8 +8,6 @@ from PIL import Image
 
 from sawmill_contracts.reconstructions import ReconstructionAsked
 
-VOLUME = "/v1/reconstructions/example/volume.h5"
-
 
 def test_a_reconstruction_takes_the_active_calibration(seeded, worker, woken):
     accepted = seeded.post("/v1/reconstructions", json={"scan_id": "example"})
@@ -90,13 +88,6 @@ def test_slices_and_windows_are_distinguished(seeded):
     answers = [seeded.get(f"/v1/reconstructions/example/{url}") for url in urls]
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.headers["ETag"] for answer in answers}) == len(urls)
-
-
-def test_a_slice_that_the_client_holds_is_not_drawn(seeded):
-    path = "/v1/reconstructions/example/slices/0.png"
-    tag = seeded.get(path).headers["ETag"]
-    assert seeded.get(path, headers={"If-None-Match": f'"other", W/{tag}'}).status_code == 304
-    assert seeded.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -199,14 +190,6 @@ def test_an_option_of_another_method_is_a_problem(seeded):
     assert "alpha belongs to method tikhonov, not auto" in answer.json()["detail"]
 
 
-def test_pictures_that_the_client_holds_are_not_drawn(seeded):
-    for name in ("mosaic.png?count=2", "side.png?along=y"):
-        path = f"/v1/reconstructions/example/{name}"
-        tag = seeded.get(path).headers["ETag"]
-        assert seeded.get(path, headers={"If-None-Match": tag}).status_code == 304
-        assert seeded.get(f"{path}&window_high=2", headers={"If-None-Match": tag}).status_code == 200
-
-
 def test_a_volume_without_side_views_reports_what_to_do(seeded, store):
     with h5py.File(store.files.volume("example"), "r+") as file:
         del file["entry/side_view"]
@@ -234,67 +217,6 @@ def test_a_field_or_rows_that_cannot_be_are_reported(seeded, options, reported):
 def test_rows_that_are_averaged_have_no_step(seeded):
     answer = seeded.post("/v1/calibrations", json={"scan_id": "example", "rows": "0:9:2"})
     assert "rows that are averaged must be A:B, without a step, not '0:9:2'" in answer.json()["detail"]
-
-
-def test_the_volume_can_be_fetched_in_ranges(seeded):
-    whole = seeded.get(VOLUME)
-    assert whole.headers["Accept-Ranges"] == "bytes"
-    half = len(whole.content) // 2
-    parts = [seeded.get(VOLUME, headers={"Range": f"bytes={span}"}) for span in (f"0-{half - 1}", f"{half}-")]
-    assert [part.status_code for part in parts] == [206, 206]
-    assert b"".join(part.content for part in parts) == whole.content
-    assert parts[0].headers["Content-Range"] == f"bytes 0-{half - 1}/{len(whole.content)}"
-
-
-def test_the_size_can_be_asked_for_alone(seeded):
-    answer = seeded.request("HEAD", VOLUME)
-    assert (answer.content, int(answer.headers["Content-Length"])) == (b"", len(seeded.get(VOLUME).content))
-
-
-@pytest.mark.parametrize(
-    ("span", "status"),
-    [
-        ("bytes=999999999-", 416),
-        ("bytes=-0", 416),
-        ("bytes=abc", 400),
-        ("bytes=-", 400),
-        ("bytes=5-2", 400),
-        ("bytes=0-1,x", 400),
-        ("bytes=" + "9" * 5000 + "-", 400),
-        ("bytes=0-" + "9" * 5000, 400),
-        ("bytes=-" + "9" * 5000, 400),
-    ],
-    ids=lambda value: str(value)[:20],
-)
-def test_a_range_that_cannot_be_is_a_problem(seeded, span, status):
-    answer = seeded.get(VOLUME, headers={"Range": span})
-    assert (answer.status_code, answer.headers["Content-Type"]) == (status, "application/problem+json")
-
-
-@pytest.mark.parametrize(("span", "length"), [("bytes=-7", 7), ("bytes=3-3", 1)])
-def test_ends_and_single_bytes_are_ranges(seeded, span, length):
-    answer = seeded.get(VOLUME, headers={"Range": span})
-    assert (answer.status_code, len(answer.content)) == (206, length)
-
-
-@pytest.mark.parametrize("method", ["GET", "HEAD"])
-def test_a_volume_that_the_client_holds_is_not_sent(seeded, method):
-    tag = seeded.get(VOLUME).headers["ETag"]
-    answer = seeded.request(method, VOLUME, headers={"If-None-Match": tag, "Range": "bytes=0-9"})
-    assert (answer.status_code, answer.content, answer.headers["ETag"]) == (304, b"", tag)
-
-
-def test_a_range_of_the_file_that_the_client_began_with_goes_on(seeded):
-    whole = seeded.get(VOLUME)
-    answer = seeded.get(VOLUME, headers={"Range": "bytes=10-19", "If-Range": whole.headers["ETag"]})
-    assert (answer.status_code, answer.content) == (206, whole.content[10:20])
-    beyond = seeded.get(VOLUME, headers={"Range": "bytes=999999999-", "If-Range": whole.headers["ETag"]})
-    assert (beyond.status_code, beyond.headers["Content-Type"]) == (416, "application/problem+json")
-
-
-def test_a_range_of_an_older_file_is_answered_with_the_whole(seeded):
-    answer = seeded.get(VOLUME, headers={"Range": "bytes=0-9", "If-Range": '"older"'})
-    assert (answer.status_code, len(answer.content) > 10) == (200, True)
 
 
 def test_a_volume_that_was_removed_by_hand_is_a_problem(seeded, store):

@@ -2,15 +2,12 @@
 
 import gzip
 from base64 import b64encode
-from datetime import timedelta
 
 import pytest
 
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import RepeatRow
-from sawmill_platform.keys.repeats import KEPT
-from sawmill_service.app import create_app
 
 ASK = {"scan_id": "example", "seed": 4}
 SCANNER = {
@@ -178,22 +175,3 @@ def test_keys_of_different_callers_are_different_keys(seeded, store):
         ids |= set(answers)
     assert len(ids) == 2
     assert len(store.jobs.page(kind=job_kinds.CALIBRATE).items) == 5
-
-
-def test_after_its_time_a_key_is_new(seeded, store):
-    first = seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"]
-    with store.database.write() as session:
-        for row in session.query(RepeatRow):
-            row.created_at -= KEPT - timedelta(minutes=1)
-    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] == first
-    with store.database.write() as session:
-        for row in session.query(RepeatRow):
-            row.created_at -= timedelta(minutes=1)
-    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] != first
-
-
-def test_a_job_is_woken_only_when_it_is_there_for_others(seeded, store, settings):
-    seen = []
-    seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
-    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
-    assert seen == ["queued"]

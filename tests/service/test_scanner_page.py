@@ -16,7 +16,6 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.pages.charts.charts import MOST_MARKS, days_of, range_of, span_of, thinned
 from sawmill_service.pages.charts.drift_chart import DRIFT, drift_chart
-from sawmill_service.pages.scanners.schedule_form import plain
 from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
@@ -342,12 +341,6 @@ def test_times_of_a_zone_that_this_machine_does_not_know_are_shown_in_utc(seeded
     assert re.search(r">[^<>]*05:30[^<>]*</time> <span class=\"soft\">\(UTC\)</span>", page)
 
 
-def test_a_wrong_zone_is_said_in_finnish(seeded):
-    typed = {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"}
-    page = seeded.post("/scanners/example-spare/schedules", data=typed, headers={"Accept-Language": "fi"}).text
-    assert "tietokannan nimi, esimerkiksi Europe/Helsinki tai UTC, ei ”Helsinki”" in page
-
-
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [
@@ -366,11 +359,6 @@ def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence
     assert sentence in page.text
     assert ("not “Helsinki”" in page.text) == (typed.get("time_zone") == "Helsinki")
     assert all(value in page.text for name, value in typed.items() if name != "days")
-
-
-def test_cron_becomes_words_where_a_choice_could_have_made_it():
-    assert plain("30 5 * * 1-6") == ("Monday to Saturday", "05:30")
-    assert plain("*/5 * * * *") is None
 
 
 def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):

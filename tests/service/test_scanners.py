@@ -1,9 +1,5 @@
 import pytest
-
-SPEC = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
+from results import SCANNER_SPEC as SPEC
 
 
 def test_a_scanner_lives_from_creation_to_deletion(client):

@@ -72,14 +72,6 @@ def test_the_side_view_is_the_densest_along_an_axis(seeded, volume):
     np.testing.assert_array_equal(loaded(seeded.get(f"{LOG}/side.npy?along=y")), volume.max(axis=2))
 
 
-def test_an_array_that_the_client_holds_is_not_read(seeded):
-    tags = [seeded.get(f"{LOG}/{name}").headers["ETag"] for name in ("slices/0.npy", "slices/0.npy?max_size=16")]
-    assert len(set(tags)) == 2
-    assert seeded.get(f"{LOG}/slices/0.npy", headers={"If-None-Match": tags[0]}).status_code == 304
-    # Larger than the slice: the same answer.
-    assert seeded.get(f"{LOG}/slices/0.npy?max_size=4096", headers={"If-None-Match": tags[0]}).status_code == 304
-
-
 def test_a_volume_is_read_back_from_the_files_of_other_programs(seeded, volume, tmp_path):
     for suffix in ("tif", "nrrd"):
         answer = seeded.get(f"{LOG}/volume.{suffix}")

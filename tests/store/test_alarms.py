@@ -96,21 +96,6 @@ def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store,
     assert events_of(store) == [("opened", "scanner-quiet"), ("closed", "scanner-quiet")]
 
 
-@pytest.mark.usefixtures("ready_scan")
-def test_logs_do_not_stand_in_for_a_phantom(store, limited, log, upload, finish, clock):
-    limited(phantom_scan_every_days=14, quiet_after_hours=400)
-    clock.advance(days=13)
-    log()
-    finish(store)
-    assert store.alarms.check() == []
-    clock.advance(days=1)
-    ((_, alarm),) = store.alarms.check()
-    assert (alarm.what, alarm.last_at, alarm.limit_hours) == ("no-phantom-scan", START, 336.0)
-    upload(store)
-    finish(store)
-    assert [what for what, _ in store.alarms.check()] == ["alarm-closed"]
-
-
 def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scanned(
     store, phantom, upload, finish, refuse, clock
 ):

@@ -90,18 +90,6 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock)
     ]
 
 
-@pytest.mark.usefixtures("calibrated")
-def test_a_calibration_is_entered_with_what_it_says_and_measured(store, scanner):
-    activated, made, added = store.history.page(scanner.id).items
-    assert (added.kind, added.what) == ("settings", "scanner-created")
-    assert (made.kind, made.who, made.key_id, made.link) == ("calibration", "anna", "0a", "/v1/calibrations/first")
-    assert made.why.startswith("In 95 of 100 cases the rays are off by less than 0.040 mm")
-    assert made.measured == store.measurements.page(scanner.id).items[0]
-    assert (activated.kind, activated.who, activated.why) == ("activation", "ben", "checked by hand")
-    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "first") == activated
-    assert store.history.newest(scanner.id, HistoryKind.ACTIVATION, "second") is None
-
-
 @pytest.mark.dialect
 @pytest.mark.usefixtures("calibrated")
 def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, ready_scan, finish, clock):

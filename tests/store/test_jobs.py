@@ -10,7 +10,7 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec, ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
-from sawmill_platform.errors import Conflict, FolderUnavailable, LeaseLost, NotFound
+from sawmill_platform.errors import FolderUnavailable, LeaseLost, NotFound
 from sawmill_platform.jobs.retries import Retries
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
@@ -256,15 +256,6 @@ def test_other_failures_are_final(store, ready_scan, kind):
     assert store.jobs.fail(claim(store), failure) is JobState.FAILED
     calibration = store.calibrations.get(asked.id)
     assert (calibration.state, calibration.failure) == ("failed", failure)
-
-
-def test_a_queued_job_is_cancelled_at_once(store, upload):
-    scan = upload(store)
-    assert store.jobs.request_cancel(scan.job_id).state is JobState.CANCELLED
-    assert store.jobs.claim("test") is None
-    assert store.scans.get(scan.id).state is ScanState.REFUSED
-    with pytest.raises(Conflict, match="has cancelled already"):
-        store.jobs.request_cancel(scan.job_id)
 
 
 @pytest.mark.dialect

@@ -1,7 +1,5 @@
 """Checkpoints of a job: taken from the attempt that holds it, there for the next one, gone when the job ends."""
 
-from datetime import UTC, datetime
-
 import pytest
 from results import answer_of, reading
 
@@ -11,7 +9,6 @@ from sawmill_platform.files.file_store import checkpoints_of
 from sawmill_platform.jobs.retries import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
-FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
 AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
 
@@ -44,19 +41,6 @@ def test_progress_that_is_kept_resets_the_losses(store, upload):
         assert store.jobs.fail(claim, KILLED, retries=AT_ONCE) is JobState.QUEUED
 
 
-def test_an_outage_after_progress_is_the_first_one_again(store, upload):
-    upload(store)
-    for _ in range(3):
-        before = datetime.now(UTC)
-        claim, output = begin(store, "some")
-        store.jobs.keep(claim, output, ["search"])
-        store.jobs.fail(claim, FULL)
-        waited_s = (store.jobs.get(claim.job_id).not_before - before).total_seconds()
-        assert 3.0 < waited_s < 8.0, "the first wait, 5 s and a quarter of it at random"
-        with store.database.write() as session:
-            session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
-
-
 @pytest.mark.dialect
 def test_a_late_attempt_keeps_nothing(store, upload):
     upload(store)
@@ -70,14 +54,6 @@ def test_a_late_attempt_keeps_nothing(store, upload):
     with pytest.raises(LeaseLost, match="attempt 1 no longer holds"):
         store.jobs.keep(late, late_output, ["search"])
     assert kept(store, newer) == "newer"
-
-
-def test_a_checkpoint_that_was_taken_already_is_no_trouble(store, upload):
-    upload(store)
-    claim, output = begin(store, "once")
-    store.jobs.keep(claim, output, ["search"])
-    store.jobs.keep(claim, output, ["search"])
-    assert kept(store, claim) == "once"
 
 
 @pytest.mark.parametrize("name", ["../search", "a/b", ".hidden", ""])

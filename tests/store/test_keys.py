@@ -25,12 +25,6 @@ def opens(store, key):
     return store.keys.good(hash_of(key.secret)) is not None
 
 
-def test_each_scope_may_do_what_those_before_it_may():
-    order = [Scope.READ, Scope.SUBMIT, Scope.ACTIVATE, Scope.ADMIN]
-    allowed = {(held, needed) for held in order for needed in order if held.covers(needed)}
-    assert allowed == {(held, needed) for i, held in enumerate(order) for needed in order[: i + 1]}
-
-
 def test_a_secret_is_shown_once_and_stored_as_a_hash(store):
     key = store.keys.create(ASK)
     assert key.secret.startswith(PREFIX)

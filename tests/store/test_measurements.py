@@ -5,22 +5,18 @@ import math
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from results import calibration_result, drift_result
-from sqlalchemy import JSON, column, insert, table, text
+from results import calibration_result
+from sqlalchemy import insert
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_platform.database.database import Database
-from sawmill_platform.database.engines import make_engine
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.measurements import MOST_READ
-from sawmill_store.store import Store
 from sawmill_store.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
-FAILURE = '{"kind": "input", "code": "phantom-not-seen", "detail": "no phantom"}'
 COMPARISON = {
     "calibration_id": "first",
     "ray_change_mm": 0.75,
@@ -131,81 +127,3 @@ def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_
     assert max(gaps) <= 2 * many // 500 * step, "each part of the time has one"
     some, number = store.measurements.movements_of(scanner.id, start + 1000 * step, start + 2000 * step)
     assert (len(some), number) == (2000, 2000)
-
-
-# Of the version before: less than an answer of today has.
-OLD_COMPARISON = {name: value for name, value in COMPARISON.items() if name != "scale_change_percent"}
-OLD = {
-    name: value
-    for name, value in calibration_result(comparison=OLD_COMPARISON).items()
-    if name not in {"rays_verdict", "status", "scale_uncertainty_percent", "adjustments"}
-}
-
-
-@pytest.mark.slow
-def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
-    database = Database(make_engine(empty_url))
-    database.upgrade("0003")
-    with database.write() as session:
-        for number, state in enumerate(("succeeded", "succeeded", "failed")):
-            _insert_old(session, number, state)
-    database.engine.dispose()
-    (settings.data_folder / "calibrations" / "old-0").mkdir(parents=True)
-    store = Store.open(settings.model_copy(update={"database_url": empty_url}))
-    check, calibration = store.measurements.page("old").items
-    history = store.history.page("old").items
-    store.close()
-    assert (calibration.kind, calibration.subject_id, calibration.at) == ("calibration", "old-0", BEFORE)
-    assert (calibration.against_id, calibration.ray_change_mm, calibration.within_tolerance) == ("first", 0.75, False)
-    unknown = (calibration.ray_change_tolerance_mm, calibration.scale_change_percent, calibration.rays_verdict)
-    assert unknown == (None, None, None)
-    assert (calibration.tilt_deg, calibration.ray_error_rms_mm) == (pytest.approx(math.degrees(-0.083)), 0.02)
-    assert (check.kind, check.against_id, check.ray_change_tolerance_mm, check.verdict) == ("drift", "old-0", 0.5, None)
-    assert check.at == BEFORE + timedelta(hours=1)
-    deviations = (calibration.cor_column_standard_deviation_mm, calibration.tilt_standard_deviation_deg)
-    assert deviations == (0.1, pytest.approx(math.degrees(0.1)))
-    assert [(entry.what, entry.subject_id, entry.at) for entry in history] == [
-        ("failed", "old-2", BEFORE + timedelta(hours=2)),
-        ("succeeded", "old-1", BEFORE + timedelta(hours=1)),
-        ("calibration-activated", "old-0", BEFORE + timedelta(minutes=1)),
-        ("succeeded", "old-0", BEFORE),
-    ]
-    failed, checked, activated, made = history
-    assert (failed.why, failed.who, checked.measured, made.measured) == ("no phantom", None, check, calibration)
-    assert (activated.who, activated.why) == (None, "by hand")
-    assert "the rays moved" in made.why
-
-
-def _insert_old(session, number, state):
-    """The first is a calibration, the second a drift check against it, the third a calibration that failed."""
-    at = BEFORE + timedelta(hours=number)
-    if number == 0:
-        session.execute(text("INSERT INTO scanners (id, created_at, spec) VALUES ('old', :at, '{}')"), {"at": at})
-        session.execute(
-            text(
-                "INSERT INTO phantoms (id, created_at, name, built_in, state)"
-                " VALUES ('old', :at, 'L-shape', false, 'ready')"
-            ),
-            {"at": at},
-        )
-    kind, plural = ("drift", "drifts") if number == 1 else ("calibrate", "calibrations")
-    session.execute(
-        text(
-            "INSERT INTO jobs"
-            " (id, created_at, kind, state, subject_id, attempt, cancel_requested, finished_at, failure)"
-            " VALUES (:id, :at, :kind, :state, :id, 1, false, :at, :failure)"
-        ),
-        {"id": f"old-{number}", "at": at, "kind": kind, "state": state, "failure": FAILURE if number == 2 else None},
-    )
-    own = {"calibration_id": "old-0"} if number == 1 else {"phantom_id": "old", "activate": False}
-    result = {0: OLD, 1: drift_result(), 2: None}[number]
-    values = {"id": f"old-{number}", "created_at": at, "scanner_id": "old", "scan_id": "old", "job_id": f"old-{number}"}
-    values |= {"options": {}, "result": result} | own
-    columns = [
-        column(name, JSON(none_as_null=True)) if name in {"options", "result"} else column(name) for name in values
-    ]
-    session.execute(table(plural, *columns).insert().values(values))
-    if number == 0:
-        activated = "INSERT INTO activations (scanner_id, calibration_id, activated_at, reason)"
-        at_once = {"at": at + timedelta(minutes=1)}
-        session.execute(text(f"{activated} VALUES ('old', 'old-0', :at, 'by hand')"), at_once)

@@ -119,28 +119,6 @@ def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, 
     assert waiting(outbox, webhook) == [second]
 
 
-def test_the_last_failure_pauses_a_webhook_and_says_so_and_nothing_is_lost(store, outbox):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
-    watching = store.webhooks.create(WebhookAsk(url=URL, events=["webhook-paused"]))
-    [number] = happen(store, mill_events.ALARM_OPENED)
-    deliver(outbox, webhook, failed(None))
-    assert waiting(outbox, webhook) == []
-    stands = store.webhooks.get(webhook.id)
-    assert (stands.state, stands.enabled, stands.waiting) == ("paused", False, 1)
-    [said] = outbox.pending(watching.id, 10**6).events
-    assert (said.what, said.subject_id, said.detail) == (
-        "webhook-paused",
-        webhook.id,
-        {"reason": "it answered 500", "failures": 1},
-    )
-    assert store.webhooks.deliveries(webhook.id).items[0].state == "failed"
-    store.webhooks.enable(webhook.id, enabled=True)
-    assert waiting(outbox, webhook) == [number]
-    assert store.webhooks.get(webhook.id).state == "active"
-    store.webhooks.enable(webhook.id, enabled=False)
-    assert store.webhooks.get(webhook.id).state == "disabled"
-
-
 def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbox):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     first, second, third = happen(store, *[mill_events.ALARM_OPENED] * 3)
@@ -175,29 +153,6 @@ def test_a_change_counts_from_the_next_event_on(store, outbox):
         change(webhook.id)
         assert outbox.note(pending, pending.events[0], DELIVERED) is False
         assert name == "delete" or store.webhooks.get(webhook.id).after == pending.events[0].number
-
-
-def test_a_new_secret_and_the_one_before_sign_for_the_grace(store, outbox, clock):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
-    happen(store, mill_events.ALARM_OPENED)
-    new = store.webhooks.rotate(webhook.id, grace_s=3600)
-    assert outbox.pending(webhook.id, 10**6).secrets == (new.secret, webhook.secret)
-    clock.advance(seconds=3600)
-    assert outbox.pending(webhook.id, 10**6).secrets == (new.secret,)
-    assert new.secret not in repr(new)
-    assert [entry for entry in store.audit.all() if new.secret in str(entry)] == []
-    assert new.secret not in str(store.events.following(0))
-
-
-def test_an_id_is_the_same_in_every_attempt_and_another_for_whatever_else(store, outbox):
-    webhook, other = (store.webhooks.create(WebhookAsk(url=URL)) for _ in range(2))
-    happen(store, *[mill_events.ALARM_OPENED] * 2)
-    first, second = outbox.pending(webhook.id, 10**6).events
-    put_back = first.model_copy(update={"at": first.at + timedelta(days=1)})
-    ids = [message_id(webhook.id, first), message_id(webhook.id, second), message_id(other.id, first)]
-    assert len({*ids, message_id(webhook.id, put_back)}) == 4
-    assert ids[0] == message_id(webhook.id, store.outbox().pending(webhook.id, 10**6).events[0])
-    assert all("." not in each for each in ids)
 
 
 @pytest.mark.dialect

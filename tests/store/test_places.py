@@ -7,7 +7,6 @@ from results import CONSTANTS, answer_of, plan_result
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
@@ -16,7 +15,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.errors import QueueFull
 from sawmill_platform.jobs.job_store import Retries
-from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
+from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_store.tables import ScheduleRow
@@ -26,7 +25,6 @@ NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
 )
 SOMEBODY = Actor("somebody without a key")
-LINE_1, LINE_2 = Actor("line 1", key_id="1"), Actor("line 2", key_id="2")
 
 
 @pytest.fixture
@@ -44,29 +42,6 @@ def plan(store, scanner):
     return ask
 
 
-@pytest.mark.dialect
-def test_one_key_has_its_own_number_of_places_and_all_together_theirs(store, plan):
-    with acting_as(LINE_1):
-        for views in range(20, 24):
-            plan(views)
-        sentence = r"4 jobs wait, and 4 of one key may \(SAWMILL_MAX_QUEUED_JOBS_PER_KEY\), here of 'line 1': try again"
-        with pytest.raises(QueueFull, match=sentence):
-            plan(24)
-    with acting_as(LINE_2):
-        plan(30)
-    with acting_as(SOMEBODY):
-        plan(31)
-    for actor in (SOMEBODY, LINE_2):
-        with (
-            acting_as(actor),
-            pytest.raises(QueueFull, match=r"6 jobs wait, and 6 may in all \(SAWMILL_MAX_QUEUED_JOBS\)"),
-        ):
-            plan(32)
-    assert store.places.waiting() == Waiting(6, 4, "line 1")
-    assert len(store.plans.page().items) == 6
-    assert len(store.events.following(0)) == 7  # the scanner, and a job each: nothing of those that were refused
-
-
 def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_back(store, plan):
     with acting_as(SOMEBODY):
         for views in range(20, 26):
@@ -78,22 +53,6 @@ def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_bac
         assert store.places.waiting().in_all == 7  # its delay is a wait like any other
         with pytest.raises(QueueFull, match="7 jobs wait, and 6 may"):
             plan(27)
-
-
-def test_nothing_of_a_refused_file_stays(store, plan, upload):
-    with acting_as(SOMEBODY):
-        for views in range(20, 26):
-            plan(views)
-        before = sorted(path for path in store.files.folder.rglob("*") if path.is_file())
-        received = [store.files.receive([b"file"], max_bytes=10) for _ in range(2)]
-        with pytest.raises(QueueFull):
-            upload(store, received=received[0])
-        with pytest.raises(QueueFull):
-            store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), received[1])
-        with pytest.raises(QueueFull):
-            store.places.check()
-    assert sorted(path for path in store.files.folder.rglob("*") if path.is_file()) == before
-    assert store.scans.page().items == []
 
 
 def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):

@@ -3,7 +3,7 @@ import pytest
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_vocabulary import Theta
 
@@ -17,15 +17,6 @@ def traced_later(store):
     return store.phantoms.accept_picture(PhantomPicture(name="cross", width_mm=400.0), received)
 
 
-def test_a_plan_is_queued_and_has_its_answer_when_its_job_is_done(store, scanner, finish):
-    asked = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=20), given={"phantom_id": "l-shape"})
-    assert (asked.state, asked.result, asked.options.theta) == ("queued", None, NOMINAL)
-    finish(store)
-    done = store.plans.get(asked.id)
-    assert done.state == "succeeded"
-    assert done.result.predicted_ray_error_mm.rms == 0.02
-
-
 def test_without_a_theta_the_active_calibration_s_is_taken(store, scanner, ready_scan, finish):
     with pytest.raises(Conflict, match="has no active calibration whose theta could be taken: give theta"):
         store.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
@@ -33,14 +24,6 @@ def test_without_a_theta_the_active_calibration_s_is_taken(store, scanner, ready
     finish(store)
     asked = store.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
     assert asked.options.theta == store.calibrations.get(calibration.id).theta
-
-
-def test_a_plan_waits_for_its_phantom_to_be_traced(store, scanner, finish):
-    phantom = traced_later(store)
-    asked = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": phantom.id})
-    assert store.jobs.get(finish(store).job_id).subject_id == phantom.id
-    finish(store)
-    assert store.plans.get(asked.id).state == "succeeded"
 
 
 def test_a_refused_phantom_and_unknown_ones_are_reported(store, scanner):
@@ -54,16 +37,3 @@ def test_a_refused_phantom_and_unknown_ones_are_reported(store, scanner):
         store.plans.accept(ask, given={"phantom_id": "cube"})
     with pytest.raises(NotFound, match="there is no scanner 'line-9'"):
         store.plans.accept(PlanAsk(scanner_id="line-9", theta=NOMINAL), given={"phantom_id": "l-shape"})
-
-
-def test_plans_are_listed_by_phantom_and_stand_in_nobody_s_way(store, scanner):
-    phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
-    asked = [
-        store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": name})
-        for name in ("l-shape", phantom.id, "l-shape")
-    ]
-    assert [plan.id for plan in store.plans.page().items] == [plan.id for plan in reversed(asked)]
-    assert [plan.id for plan in store.plans.page(phantom_id=phantom.id).items] == [asked[1].id]
-    store.phantoms.delete(phantom.id)
-    store.scanners.delete(scanner.id)
-    assert store.jobs.get(asked[1].job_id).state is JobState.QUEUED

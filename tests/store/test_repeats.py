@@ -11,9 +11,7 @@ from results import CONSTANTS
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.database.database import after_commit
-from sawmill_platform.errors import Conflict, Invalid
+from sawmill_platform.errors import Conflict
 from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
@@ -51,21 +49,6 @@ def test_of_forty_at_once_one_is_made_and_all_get_it(store):
     assert scanners(store) == [first[0].id]
 
 
-@pytest.mark.dialect
-def test_a_refusal_leaves_no_trace_and_the_key_free(store):
-    afterwards = []
-
-    def refused():
-        store.scanners.create(SPEC, scanner_id="line-3")
-        after_commit(lambda: afterwards.append("woken"))
-        return store.scanners.create(SPEC, scanner_id="line-3")
-
-    with pytest.raises(Conflict, match="already"):
-        store.repeats.once(ASKED, refused, kept_as)
-    assert (scanners(store), afterwards, store.repeats.find(ASKED)) == ([], [], None)
-    assert made(store).id in scanners(store)
-
-
 def test_what_is_refused_within_and_got_over_leaves_the_rest(store):
     def some():
         first = store.scanners.create(SPEC, scanner_id="line-3")
@@ -76,15 +59,6 @@ def test_what_is_refused_within_and_got_over_leaves_the_rest(store):
 
     store.repeats.once(ASKED, some, kept_as)
     assert scanners(store) == ["line-3"]
-
-
-def test_the_key_of_another_request_or_file_is_refused(store):
-    made(store)
-    for other in (KeyedRequest("somebody", "once", "1" * 64), KeyedRequest("somebody", "once", "0" * 64, "2" * 64)):
-        with pytest.raises(Invalid, match="Idempotency-Key 'once' is that of another request"):
-            made(store, other)
-    made(store, KeyedRequest("somebody else", "once", "1" * 64))
-    assert len(scanners(store)) == 2
 
 
 @pytest.mark.dialect
@@ -132,15 +106,3 @@ def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
     assert others == []
     assert len(store.jobs.page().items) == 1
     assert store.files.upload(store.jobs.page().items[0].kind, scan.id).read_bytes() == b"scan"
-
-
-def test_a_secret_is_made_once(store):
-    def create():
-        return store.keys.create(KeyAsk(name="line 2", scope=Scope.READ))
-
-    answers = [
-        store.repeats.once(ASKED, create, lambda key: KeptAnswer(201, {}, f'{{"id": "{key.id}"}}', whole=False))
-        for _ in range(2)
-    ]
-    assert answers[1] == KeptAnswer(201, {}, f'{{"id": "{answers[0].id}"}}', whole=False)
-    assert len(store.keys.all().keys) == 1

@@ -5,36 +5,8 @@ from datetime import timedelta
 
 import pytest
 
-from sawmill_contracts import job_kinds
-from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.database import newest_revision
 from sawmill_store.store import Store
-
-
-def test_the_line_begins_with_whose_turn_is_next_and_names_who_asked(store, upload):
-    with acting_as(Actor("line 2")):
-        first = upload(store).job_id
-    second = upload(store).job_id
-    line = store.jobs.waiting_in_line()
-    assert [(job.id, job.queue_position) for job in line] == [(first, 0), (second, 1)]
-    assert line[0].asked_by == "line 2"
-    assert store.jobs.waiting_in_line(kind=job_kinds.CALIBRATE) == []
-    assert len(store.jobs.waiting_in_line(limit=1)) == 1
-
-
-def test_jobs_that_have_ended_are_listed_however_they_did(store, upload, finish):
-    done, dropped, waiting = (upload(store).job_id for _ in range(3))
-    finish(store)
-    store.jobs.request_cancel(dropped)
-    ended = store.jobs.ended_page()
-    assert [(job.id, job.state) for job in ended.items] == [
-        (dropped, JobState.CANCELLED),
-        (done, JobState.SUCCEEDED),
-    ]
-    assert waiting not in {job.id for job in ended.items}
-    older = store.jobs.ended_page(limit=1)
-    assert [job.id for job in store.jobs.ended_page(after=older.next).items] == [done]
 
 
 @pytest.mark.dialect

@@ -10,7 +10,6 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
-from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_store.tables import ScheduleRow
@@ -27,24 +26,6 @@ def store(clocked_store):
 @pytest.fixture
 def schedule(store, scanner):
     return store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *"))
-
-
-@pytest.mark.parametrize("cron", ["", "* * * *", "* * * * * *", "61 * * * *", "0 0 30 2 *", "@daily"])
-def test_a_wrong_expression_is_refused_in_a_sentence(store, scanner, cron):
-    with pytest.raises(Invalid, match="cron must be five fields"):
-        store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron=cron))
-
-
-def test_a_schedule_reads_back_and_can_be_changed_and_removed(store, scanner, schedule):
-    assert store.schedules.get(schedule.id) == schedule
-    assert schedule.next_due_at == START.replace(minute=30)
-    disabled = store.schedules.update(schedule.id, ScheduleSpec(scanner_id=scanner.id, cron="0 6 * * *", enabled=False))
-    assert (disabled.next_due_at, disabled.cron) == (None, "0 6 * * *")
-    with pytest.raises(Conflict, match="is used by 1 schedules"):
-        store.scanners.delete(scanner.id)
-    store.schedules.delete(schedule.id)
-    with pytest.raises(NotFound):
-        store.schedules.get(schedule.id)
 
 
 def test_nothing_runs_before_its_time_or_while_disabled(store, scanner, schedule, clock):
@@ -71,17 +52,6 @@ def test_a_due_schedule_queues_the_newest_phantom_scan_once(store, schedule, clo
     store.schedules.delete(schedule.id)
     asked = store.calibrations.get(run.calibration_id)
     assert (asked.schedule_id, store.jobs.get(asked.job_id).priority) == (schedule.id, Priority.BATCH)
-
-
-@pytest.mark.usefixtures("schedule")
-def test_log_scans_and_unread_scans_are_passed_over(store, scanner, clock, ready_scan, upload):
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-    clock.advance(minutes=1)
-    store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
-    upload(store)
-    clock.advance(minutes=30)
-    (run,) = store.schedules.run_due()
-    assert store.calibrations.get(run.calibration_id).scan_id == ready_scan.id
 
 
 @pytest.mark.usefixtures("ready_scan")

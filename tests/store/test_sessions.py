@@ -3,8 +3,6 @@
 import pytest
 from sqlalchemy import func, select, text
 
-from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.keys.key_store import hash_of
@@ -54,13 +52,6 @@ def test_a_session_in_use_is_written_once_an_hour(store, clock):
     assert store.sessions.find(secret).expires_at == first + RENEWAL_STEP
 
 
-def test_a_lasting_session_has_no_end_of_its_own(store, clock):
-    secret = store.sessions.open(OPENER, lasting=True)
-    clock.advance(days=1000)
-    store.sessions.renew(store.sessions.find(secret))
-    assert store.sessions.find(secret).expires_at is None
-
-
 @pytest.mark.dialect
 def test_a_link_is_used_once_within_ten_minutes(store, clock):
     key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ, display=True))
@@ -87,15 +78,3 @@ def test_a_login_removes_the_sessions_that_have_ended(store, clock):
     clock.advance(hours=12)
     store.sessions.open(OPENER, lasting=False)
     assert [store.sessions.find(secret) is not None for secret in displays] == [True, False, False]
-
-
-def test_who_logged_in_and_out_is_in_the_audit(store):
-    with acting_as(Actor("anna", key_id="k1", address="192.0.2.7")):
-        secret = store.sessions.open(OPENER, lasting=False)
-        store.sessions.end(secret)
-        store.sessions.end(secret)  # again changes nothing
-    assert store.sessions.find(secret) is None
-    came, went = store.audit.all()
-    assert (came.action, came.who, came.subject_id, came.address) == (event_kinds.LOGGED_IN, "anna", "k1", "192.0.2.7")
-    assert (went.action, went.who, went.subject_id) == (event_kinds.LOGGED_OUT, "anna", "k1")
-    assert secret not in f"{came}{went}"

@@ -9,7 +9,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
-from sawmill_platform.errors import Conflict, Damaged, NotFound, StorageFull
+from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
 from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads, WrongOffset
@@ -89,19 +89,6 @@ def test_an_upload_whose_sum_was_not_ended_is_completed_by_an_empty_part(store):
         store.uploads.received(upload.id)
     send(store, upload, 10, 10)
     assert store.uploads.get(upload.id).state is UploadState.COMPLETE
-
-
-def test_a_file_that_is_another_one_than_declared_goes(store):
-    upload = create(store, sha256="0" * 64)
-    part = store.uploads.begin_part(upload.id, 0)
-    part.take(AsSent(), CONTENT, commits=True)
-    part.finish(AsSent())
-    with pytest.raises(Damaged, match="send it again"):
-        part.complete()
-    part.close()
-    with pytest.raises(NotFound):
-        store.uploads.get(upload.id)
-    assert not store.files.unfinished(upload.id).exists()
 
 
 def test_a_deleted_upload_takes_no_more(store):

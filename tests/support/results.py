@@ -12,6 +12,7 @@ from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
+SCANNER_SPEC = {"name": "Line 2", "constants": CONSTANTS}
 THETA = {
     "initial_angle_rad": 2.55,
     "detector_to_cor_mm": 714.7,
@@ -36,6 +37,21 @@ SEARCH = {
     "converged": True,
     "message": "converged",
 }
+
+
+def comparison(moved_mm: float = 0.05, **changes: Any) -> dict[str, Any]:
+    """Compare with the calibration `example`, which allows 0.5 mm."""
+    return {
+        "calibration_id": "example",
+        "ray_change_mm": moved_mm,
+        "angle_change_deg": 0.1,
+        "cor_column_change_mm": -1.25,
+        "source_distance_change_mm": 2.5,
+        "tilt_change_deg": 0.05,
+        "tolerance_mm": 0.5,
+        "within_tolerance": moved_mm < 0.5,
+        "reason": f"the rays moved by {moved_mm} mm <RMS>",
+    } | changes
 
 
 def reading(**changes: Any) -> dict[str, Any]:

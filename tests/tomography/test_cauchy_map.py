@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
@@ -39,6 +40,20 @@ def scan():
         return simulate_sinogram(LOG, projector.geometry, noise=noise, seed=seed)
 
     return make
+
+
+def test_the_preset_paper_is_the_published_objective_and_has_no_bound(projector, scan):
+    """1/2 |(A x - y) / 0.3|^2 + 3/2 sum log(1 + |d|^2 / 0.01^2), the corner's scale 0.1; at most 150 iterations."""
+    a = projector()
+    lines = 20.0 * scan(a)  # in the unit of that log, whose wood is about 0.4
+    found = cauchy_map(a, lines, preset="paper")
+    x = found.image.astype(float)
+    squares = np.diff(x, axis=0)[:, :-1] ** 2 + np.diff(x, axis=1)[:-1] ** 2
+    prior = np.log1p(squares / 0.01**2).sum() + np.log1p((x[-1, -1] / 0.1) ** 2)
+    data = 0.5 * (((a.forward(found.image) - lines) / 0.3) ** 2).sum()
+    assert found.objective[0] == pytest.approx(data + 1.5 * prior, rel=1e-4)
+    assert found.iterations[0] <= 150
+    assert x.min() < -0.01
 
 
 @pytest.mark.parametrize(("views", "binned", "most"), [(20, 1, 0.145), (45, 2, 0.114)])

@@ -345,6 +345,20 @@ def test_the_calibration_s_own_errors_count(full_turn, frame):
     assert perhaps.deviation**2 == pytest.approx(surely.deviation**2 + [1.0, 1e-4, 4.0])
 
 
+def test_an_error_that_u_c_and_the_held_distance_share_cancels(full_turn, frame):
+    """A calibration that is wrong by 2 mm of SDD, and by what this does to u_c and tau, measures no drift."""
+    fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
+    slope = np.array([0.4, -0.003])
+    held = replace(fit, distance_held=True, distance_sensitivity=slope)
+    error = 2.0 * np.array([0.0, 0.0, 1.0, *slope])
+    shared, opposite = (
+        drift_change(MILL, frame, np.outer(signs * error, signs * error), held).deviation ** 2
+        for signs in (np.ones(5), np.array([1.0, 1.0, -1.0, 1.0, 1.0]))
+    )
+    np.testing.assert_allclose(shared[:2], fit.deviation[:2] ** 2, rtol=1e-6)
+    np.testing.assert_allclose(opposite[:2], fit.deviation[:2] ** 2 + (4.0 * slope) ** 2, rtol=1e-6)
+
+
 def test_a_distance_that_has_not_surely_changed_is_held(full_turn, frame):
     fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
     assert not fit.distance_held

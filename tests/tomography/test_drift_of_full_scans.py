@@ -3,7 +3,7 @@
 import pytest
 from production_logs import checked, production
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("one_thread")]
 
 
 def test_a_wrong_turn_of_many_views_costs_no_certainty():

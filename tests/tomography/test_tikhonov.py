@@ -95,6 +95,15 @@ def test_the_discrepancy_principle_explains_the_data_to_their_noise(projector):
     assert curve["alphas"][0] < found.parameters["alpha"][0] < curve["alphas"][-1]
 
 
+def test_the_discrepancy_principle_keeps_at_least_cross_validation_s_weight(projector):
+    """Noise that is given far too small, as by a wrong geometry: explaining the data to it would ruin the image."""
+    a = projector(32, 24)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.05, seed=1209)
+    by_gcv = tikhonov(a, sinogram, rule=AlphaRule.GCV).parameters["alpha"][0]
+    by_discrepancy = tikhonov(a, sinogram, rule=AlphaRule.DISCREPANCY, noise=1e-4).parameters["alpha"][0]
+    assert by_discrepancy == pytest.approx(by_gcv, rel=0.1)
+
+
 def test_cross_validation_finds_what_the_dense_matrix_finds(projector, dense):
     a = projector(16, 12)
     sinogram = simulate_sinogram(LOG, a.geometry, noise=0.05, seed=1204)

@@ -89,14 +89,6 @@ def test_single_precision_angles_agree_with_their_double_precision_source(nxtomo
     assert len(read_scan(nxtomo(store_single), counts=True, angles_deg=AngleList(tuple(exact))).angles_rad) == 6
 
 
-def test_soft_links_inside_the_file_are_followed(nxtomo, stack):
-    def relink(entry):
-        entry.move("instrument/detector/data", "real_data")
-        entry["instrument/detector/data"] = h5py.SoftLink("/scan_1/real_data")
-
-    np.testing.assert_array_equal(read_scan(nxtomo(relink), counts=True).projections, stack)
-
-
 def test_one_of_several_entries_is_chosen_by_dataset(nxtomo, stack):
     path = nxtomo(lambda entry: entry.file.copy(entry, "scan_2"))
     with pytest.raises(UnreadableScan, match=r"several NXtomo entries \(/scan_1, /scan_2\)") as refusal:
@@ -203,12 +195,6 @@ def test_npy_of_any_real_type_and_order(tmp_path, rng, dtype, order):
     scan = read_scan(tmp_path / "scan.npy", counts=False, angles_deg=STEPS)
     np.testing.assert_array_equal(scan.projections, values)
     assert scan.projections.dtype == np.float32
-
-
-def test_two_dimensional_data_become_one_row(tmp_path, stack):
-    np.save(tmp_path / "sinogram.npy", stack[:, 0])
-    scan = read_scan(tmp_path / "sinogram.npy", counts=False, angles_deg=STEPS)
-    np.testing.assert_array_equal(scan.projections, stack[:, :1])
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])

@@ -29,7 +29,8 @@ def test_a_length_is_read_in_its_unit(unit, factor):
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_DEGREES))
 def test_an_angle_is_read_in_its_unit(unit, factor):
-    np.testing.assert_allclose(units.to_degrees(np.array([0.5, -2.0]), unit), [0.5 * factor, -2.0 * factor])
+    for written in (unit, unit.upper(), f" {unit.title()} "):
+        np.testing.assert_allclose(units.to_degrees(np.array([0.5, -2.0]), written), [0.5 * factor, -2.0 * factor])
 
 
 def test_every_unit_is_tried():

@@ -4,6 +4,7 @@ import mill_states
 import pytest
 from page_checks import LARGEST_PAGE_BYTES, axe_findings, overflowing, page_bytes, shot, small_targets
 from playwright.sync_api import Page
+from tiers import first_by_day
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
@@ -58,8 +59,9 @@ def misfits(page: Page, name: str, width: int, colours: str) -> list[str]:
     return [f"{page.url} at {width} px: {each}" for each in found]
 
 
-@pytest.mark.parametrize(("widths", "colours", "language", "rules"), LOOKS, ids=["light", "dark"])
-def test_pages_fit_and_are_accessible(site, widths, colours, language, rules):
+@pytest.mark.parametrize("look", first_by_day(1, LOOKS), ids=["light", "dark"])
+def test_pages_fit_and_are_accessible(site, look):
+    widths, colours, language, rules = look
     errors: list[str] = []
     page = site.open(f"/look?language={language}&theme={colours}&next=/login")
     page.on("pageerror", lambda error: errors.append(f"{page.url}: {error}"))

@@ -204,6 +204,7 @@ def test_a_picture_comes_first_and_the_values_when_the_slider_rests(site, logs):
     assert float(exact["value"].removesuffix(" 1/mm")) == pytest.approx(logs["example"][20, 3, 28], rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_the_window_holds_for_the_picture_while_the_values_are_on_their_way(site, logs):
     page = site.open("/logs/example?slice=10")
     shows(page, 10)
@@ -223,6 +224,7 @@ def test_the_window_holds_for_the_picture_while_the_values_are_on_their_way(site
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("logs")
 def test_a_slice_that_was_seen_is_not_fetched_again(site):
     page = site.open("/logs/example?slice=10")
@@ -244,6 +246,7 @@ def test_a_slice_that_was_seen_is_not_fetched_again(site):
     assert page.evaluate(TRANSFERRED) == []
 
 
+@pytest.mark.nightly
 def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store):
     put_volume(store, "example", asymmetric(120), row_pitch_mm=10.0, first_slice_mm=0.0)
     page = site.open("/logs/example?slice=60&low=0&high=20")
@@ -272,6 +275,7 @@ def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store
     assert [re.search(r"(\d+)\.npy", url)[1] for url in site.requested if ".npy" in url] == [last]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
 def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
     page = site.open("/login")
@@ -397,6 +401,7 @@ def test_two_logs_move_together_by_height(site, logs):
     assert bars[1]["x"] - bars[0]["x"] == pytest.approx(bars[0]["width"] * 2 / 30, abs=2)
 
 
+@pytest.mark.nightly
 def test_a_log_is_waited_for_and_then_looked_at_with_a_finger(site, store, worker):
     log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
     page = site.open(f"/logs/{log.id}", viewport={"width": 390, "height": 844}, has_touch=True)

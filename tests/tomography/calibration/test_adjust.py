@@ -143,7 +143,10 @@ WORSE = {"hot cells": 1.0, "blur": 1.5}
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_found_reported_and_mended_unless_its_remedy_is_switched_off(clean, moments, angles, name):
+@pytest.mark.parametrize("switched_off", first_by_day(1, [False, True]), ids=["mended", "left alone"])
+def test_a_fault_is_found_reported_and_mended_unless_its_remedy_is_switched_off(
+    clean, moments, angles, name, switched_off
+):
     fault, reported, remedies = FAULTS[name]
     faulty = clean.copy()
     fault(faulty, moments=moments, rng=np.random.default_rng(1200))
@@ -154,6 +157,8 @@ def test_a_fault_is_found_reported_and_mended_unless_its_remedy_is_switched_off(
     assert error < LIMIT_MM
     assert any(reported in sentence for sentence in found.adjustments)
     assert (found.judgement.status, found.judgement.verdict) == ("calibrated", "pass")
+    if not switched_off:
+        return
     try:
         plain, left_alone = off_mm(faulty, angles, *remedies)
     except CalibrationError:

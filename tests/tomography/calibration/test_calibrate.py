@@ -9,7 +9,6 @@ from tiers import first_by_day
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import refine
-from sawmill_tomography.calibration.search.search import search
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import (
@@ -336,13 +335,6 @@ def test_the_bounds_choose_between_theta_and_its_twin(scan, theta, scanner, full
     np.testing.assert_allclose(to_vector(free.theta_twin), to_vector(bounded.theta), atol=0.05)
 
 
-def test_a_theta_outside_the_bounds_is_to_be_watched(scan, full_turn):
-    bounds = ThetaBounds(detector_to_cor_mm=(705.0, 710.0), source_shift_mm=(100.0, 500.0))
-    found = calibrate(scan(L_SHAPE, full_turn(60), seed=1123, bounds=bounds))
-    assert found.judgement.verdict == "watch"
-    assert any("Theta lies outside the scanner's bounds" in reason for reason in found.judgement.reasons)
-
-
 def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_turn):
     frame = theta.source_frame(scanner.source_to_cor_mm)
     start = wrap_angle(theta.initial_angle_rad - frame.psi_rad)
@@ -350,31 +342,6 @@ def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_tur
         found = calibrate(scan(L_SHAPE, full_turn(20), seed=seed, theta=replace(theta, initial_angle_rad=start)))
         for angle in (found.frame.psi_rad, found.theta.initial_angle_rad, found.theta_twin.initial_angle_rad):
             assert 0.0 <= angle < TAU
-
-
-def test_too_much_noise_is_reported_and_does_not_pass(scan, full_turn):
-    found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.2))
-    assert found.findings.error_bars.predicted_ray_error.rms_mm > 0.1
-    assert found.judgement.verdict in {"watch", "fail"}
-    assert "Use more views, more rows or a longer exposure" in found.judgement.reasons[0]
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        Phantom("rectangle", RECTANGLE_WITH_HOLE.shapes[:1]),
-        Phantom("square", (Polygon(((-100.0, -100.0), (100.0, -100.0), (100.0, 100.0), (-100.0, 100.0))),)),
-    ],
-    ids=lambda body: body.name,
-)
-def test_a_symmetric_phantom_leaves_an_ambiguity_that_is_reported(scan, full_turn, body):
-    found = calibrate(scan(body, full_turn(40), seed=1129))
-    assert found.judgement.verdict != "pass"
-    assert found.judgement.status in {"ambiguous-handedness", "not-converged"}
-    assert any(
-        "The scan does not tell" in reason and "Use a phantom without symmetry" in reason
-        for reason in found.judgement.reasons
-    )
 
 
 def test_the_residual_and_the_model_make_up_the_scan(scan, full_turn):
@@ -393,20 +360,6 @@ def test_progress_counts_the_generations(scan, full_turn):
     assert found.search.generations in {len(heard), len(heard) + 1}
     values = [value for _, _, value in heard]
     assert values == sorted(values, reverse=True)
-
-
-def test_the_search_ends_the_fits_that_cannot_win(scan, full_turn):
-    steps = []
-    found = search(scan(L_SHAPE, full_turn(20), seed=1133), 7, on_step=lambda: steps.append(None))
-    assert len(found.fits) == 4
-    # A step for each guess and for each iteration of ten fits and more, of which two are of the right hypothesis.
-    assert len(steps) < 80
-
-
-def test_the_seconds_add_up(scan, full_turn):
-    seconds = calibrate(scan(L_SHAPE, full_turn(20), seed=1132)).timing
-    assert seconds.total == pytest.approx(seconds.search + seconds.refine + seconds.uncertainty)
-    assert seconds.total > 0.0
 
 
 def code_of(task):

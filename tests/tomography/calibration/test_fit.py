@@ -66,15 +66,6 @@ def test_the_covariance_is_that_of_least_squares(cells, true, full_turn):
     np.testing.assert_allclose(fit.covariance.values / size, expected / size, atol=1e-3)
 
 
-def test_a_model_of_single_rays_fits_data_made_with_single_rays(scanner, cells, true, full_turn):
-    sinogram = analytic.project(L_SHAPE, cells, true, full_turn(15), rays_per_cell=1)
-    start = SourceFrame.from_vector(to_vector(true) + np.array([0.01, 2.0, 2.0, 1.0, 0.01]))
-    averaged = refine(L_SHAPE, SinogramData(sinogram, full_turn(15), cells), start)
-    alike = refine(L_SHAPE, SinogramData(sinogram, full_turn(15), cells, 1), start)
-    assert alike.residual_rms < averaged.residual_rms
-    assert ray_error(scanner, true, averaged.frame).rms_mm < 0.05
-
-
 @pytest.mark.parametrize(
     "change",
     [[0, 0, 0, 5000.0, 0], [0, -800.0, 0, 0, 0], [0, 0, -900.0, 0, 0], [0, 0, 0, 0, 1.5]],
@@ -84,29 +75,3 @@ def test_a_start_that_explains_nothing_has_no_fit(cells, true, full_turn, change
     sinogram = analytic.project(L_SHAPE, cells, true, full_turn(10))
     start = SourceFrame.from_vector(to_vector(true) + change)
     assert refine(L_SHAPE, SinogramData(sinogram, full_turn(10), cells), start) is None
-
-
-def test_a_start_is_not_taken_for_an_answer(cells, true, full_turn):
-    sinogram = analytic.project(L_SHAPE, cells, true, full_turn(10))
-    start = SourceFrame.from_vector(to_vector(true) + np.array([0.05, 15.0, -20.0, 10.0, 0.05]))
-    fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(10), cells), start, max_iterations=1)
-    assert not fit.converged
-    assert fit.iterations == 1
-
-
-def test_a_hopeless_fit_ends_with_its_first_slow_step(cells, true, full_turn):
-    data = SinogramData(analytic.project(L_SHAPE, cells, true, full_turn(20)), full_turn(20), cells)
-    # The wrong side of the phantom: its minimum leaves a seventh of the sinogram, and is reached slowly.
-    wrong = L_SHAPE.mirrored()
-    assert refine(wrong, data, true, max_iterations=20, hopeless=10.0).iterations == 20
-    ended = refine(wrong, data, true, max_iterations=20, hopeless=0.01)
-    assert not ended.converged
-    assert ended.iterations < 5
-
-
-def test_some_views_keep_their_angles_and_weights(cells, full_turn):
-    sinogram, weights = np.arange(2.0 * 20 * 768).reshape(2, 20, 768)
-    some = SinogramData(sinogram, full_turn(20), cells, weights=weights).every(7)
-    np.testing.assert_array_equal(some.sinogram, sinogram[[0, 7, 14]])
-    np.testing.assert_array_equal(some.weights, weights[[0, 7, 14]])
-    np.testing.assert_array_equal(some.angles_rad, full_turn(20)[[0, 7, 14]])

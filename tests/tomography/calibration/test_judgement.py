@@ -106,10 +106,6 @@ def test_the_status_is_the_worst_there_is_and_only_a_calibrated_one_passes(chang
     assert (found.verdict == "pass") == (status == "calibrated")
 
 
-def test_a_good_fit_passes_without_a_reason(verdict_of):
-    assert verdict_of() == ("pass", ())
-
-
 @pytest.mark.parametrize(
     ("rms", "upper_95", "verdict"),
     [(0.05, 0.1, "pass"), (0.05, 0.101, "watch"), (0.1, 0.25, "watch"), (0.101, 0.25, "fail"), (0.5, 0.9, "fail")],
@@ -282,13 +278,6 @@ def test_the_worst_comes_first(verdict_of):
     )
     assert found == "fail"
     assert [word in reason for word, reason in zip(("allowed", "bounds", "nearer"), reasons, strict=True)] == [True] * 3
-
-
-def test_a_phantom_that_looks_the_same_turned_is_watched(verdict_of):
-    found, reasons = verdict_of(turned=TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0009))
-    assert found == "watch"
-    assert "looks the same turned by 180 degrees" in reasons[0]
-    assert verdict_of(turned=TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0011))[0] == "pass"
 
 
 def test_an_unresolved_source_shift_is_reported_and_still_passes(verdict_of):

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.search.misfit import CoarseMisfit, coarse_data, search_box
-from sawmill_tomography.geometry.geometry import GeometryError, Scanner, ThetaBounds, angle_difference
+from sawmill_tomography.calibration.search.misfit import CoarseMisfit, search_box
+from sawmill_tomography.geometry.geometry import ThetaBounds, angle_difference
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
@@ -20,21 +20,6 @@ def frame(theta, scanner):
 
 def start_of(frame):
     return np.array([frame.source_distance_mm, math.log(frame.magnification), frame.cor_column_mm, frame.tilt_rad])
-
-
-def test_coarse_data_keep_their_own_angles_and_their_mean(scanner, full_turn):
-    sinogram = np.random.default_rng(1601).standard_normal((360, 768))
-    coarse, angles, cells = coarse_data(scanner, sinogram, full_turn(360))
-    np.testing.assert_array_equal(angles, full_turn(360)[::9])
-    np.testing.assert_allclose(coarse, sinogram[::9].reshape(40, 64, 12).mean(axis=2), atol=1e-12)
-    assert (cells.count, cells.width_mm) == (64, pytest.approx(12 * scanner.detector_pitch_mm))
-
-
-def test_few_views_and_cells_are_all_kept(full_turn):
-    sinogram = np.random.default_rng(1602).standard_normal((17, 50))
-    coarse, angles, cells = coarse_data(Scanner(800.0, 50, 20.0), sinogram, full_turn(17))
-    np.testing.assert_array_equal(coarse, sinogram)
-    assert (angles.size, cells.count) == (17, 50)
 
 
 @pytest.mark.parametrize("handedness", list(Handedness))
@@ -53,13 +38,6 @@ def test_the_truth_correlates_fully_under_its_own_hypothesis_alone(scanner, fram
     assert min(candidate.misfit for candidate in candidates.values()) > 5.0 * truth.misfit
 
 
-def test_where_the_source_stands_in_the_phantom_there_is_no_candidate(scanner, full_turn):
-    cells = DetectorCells.of(scanner, binned=12)
-    misfit = CoarseMisfit(BOTH, tuple(Rotation), np.ones((20, 64)), full_turn(20), cells)
-    assert misfit(np.array([150.0, 0.5, 0.0, 0.0])) == {}
-    assert misfit.evaluations == 1
-
-
 def test_the_box_holds_every_frame_that_the_bounds_allow(scanner, random_thetas):
     box = search_box(scanner, ThetaBounds(), L_SHAPE)
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
@@ -73,9 +51,3 @@ def test_the_box_holds_every_frame_that_the_bounds_allow(scanner, random_thetas)
             start = start_of(frame)
             assert ((start >= box[:, 0] - slack) & (start <= box[:, 1] + slack)).all()
     assert inside > 100
-
-
-def test_bounds_that_no_scanner_of_this_detector_can_be_in_are_refused():
-    bounds = ThetaBounds(source_shift_mm=(-10.0, 10.0), detector_shift_mm=(400.0, 500.0), detector_tilt=(-0.1, 0.1))
-    with pytest.raises(GeometryError, match="no geometry inside the bounds puts the centre of rotation"):
-        search_box(Scanner(859.46, 64, 1.5), bounds, L_SHAPE)

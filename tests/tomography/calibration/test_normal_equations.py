@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
@@ -132,43 +131,6 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
     size = np.sqrt(np.einsum("pkm,km,pkm->p", every, grams.weights, every)) + 1e-300
     found = ViewGrams(model, of_wood=True).system(columns).normal
     assert (np.abs(found - normal) <= 1e-12 * np.outer(size, size)).all()
-
-
-@pytest.mark.parametrize("terms", [[Term.PSI], [Term.OFFSET], [Term.GAIN, Term.OFFSET]])
-def test_what_is_taken_out_of_each_view_is_taken_out_of_all_its_rows(terms):
-    model, precision = scan(counts=False, effects=True), 3.0
-    grams, rows = ViewGrams(model, of_wood=True), derivatives(model)[: len(Term)]
-    wave = np.cos(model.data.angles_rad)
-    columns = [Column.of(Term.R), Column.of(Term.PSI), Column(((Term.T_X, wave), (Term.T_Y, -wave)))]
-    grams.project_out(terms, precision)
-    weighted = rows * grams.weights
-    inner = np.einsum("pkm,qkm->kpq", weighted[terms], rows[terms]) + precision * np.eye(len(terms))
-    share = np.einsum("tkm,pkm,kpq->tqk", weighted, rows[terms], np.linalg.inv(inner))
-    left = weighted - np.einsum("tqk,qkm->tkm", share, weighted[terms])
-
-    def of_columns(of_terms):
-        moves = (of_terms[Term.T_X] - of_terms[Term.T_Y]) * wave[:, None]
-        return np.stack([of_terms[Term.R], of_terms[Term.PSI], moves])
-
-    sums = of_columns(left).sum(axis=1)
-    expected = np.einsum("pkm,qkm->pq", of_columns(left), of_columns(rows)) - (sums * grams.stripe_shares) @ sums.T
-    assert grams.system(columns).normal == pytest.approx(expected, rel=1e-9)
-
-
-def test_inner_products_do_not_depend_on_the_number_of_threads():
-    model = scan(counts=True, effects=True, views=50)
-    found = []
-    for threads in (1, numba.config.NUMBA_NUM_THREADS):
-        before = numba.get_num_threads()
-        numba.set_num_threads(threads)
-        grams = ViewGrams(model)
-        numba.set_num_threads(before)
-        found.append(
-            np.concatenate(
-                [grams.grams.ravel(), grams.scores.ravel(), grams.system([Column.of(Term.R)]).normal.ravel()]
-            )
-        )
-    assert (found[0] == found[1]).all()
 
 
 def test_the_densities_of_patches_are_eliminated_with_their_prior():

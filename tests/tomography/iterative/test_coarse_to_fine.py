@@ -11,7 +11,7 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
-from sawmill_tomography.reconstruction.iterative.coarse_to_fine import coarser, descend_by_levels, finer
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels
 from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
@@ -73,44 +73,3 @@ def test_pixels_that_only_left_out_rays_cross_are_as_their_surroundings(objectiv
     inside, around = hole > 0.5, binary_dilation(hole > 0.0, iterations=6) & (hole == 0.0)
     for image in found.images:
         assert image[inside].mean() == pytest.approx(image[around].mean(), rel=0.2)
-
-
-def test_a_level_costs_as_much_for_an_image_of_its_pixels(objective):
-    level = coarser(objective)
-    assert level.projector.grid.size == SIZE // 2
-    assert level.lines.shape == (2, 20, 128)
-    large = LOG.rasterise(SIZE // 2, 300.0).astype(np.float32)
-    small = np.repeat(np.repeat(large, 2, 0), 2, 1)
-    which = np.arange(2)
-    (wide, _), (fine, _) = (
-        one.prior.add(np.stack([image] * 2), which, np.zeros((2, *image.shape), np.float32))
-        for one, image in ((level, large), (objective, small))
-    )
-    np.testing.assert_allclose(wide, fine, rtol=0.1)
-
-
-def test_pairs_of_cells_weigh_what_both_do_and_none_where_both_are_left_out(objective):
-    weights = objective.weights.copy()
-    weights[0, 3, 10:12] = 0.0
-    weights[0, 4, 20] = 0.0
-    level = coarser(Objective(objective.projector, objective.lines, weights, objective.prior))
-    assert level.weights[0, 3, 5] == level.lines[0, 3, 5] == 0.0
-    assert level.lines[0, 4, 10] == pytest.approx(objective.lines[0, 4, 21])
-    np.testing.assert_allclose(level.weights.sum(), weights.sum(), rtol=1e-6)
-    odd = objective.projector.geometry
-    odd = FanBeamGeometry(Scanner(860.0, 255, 3.2), odd.theta, odd.angles_rad)
-    alone = Objective(
-        Projector(odd, objective.projector.grid), objective.lines[..., 1:], weights[..., 1:], objective.prior
-    )
-    assert coarser(alone).lines.shape == (2, 20, 255)
-
-
-def test_a_plane_stays_a_plane_with_smaller_pixels():
-    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij")
-    plane = (2.0 * x - y)[None].astype(np.float32)
-    fine = finer(plane)
-    assert fine.shape == (1, 12, 12)
-    inner = fine[0, 1:-1, 1:-1]
-    np.testing.assert_allclose(np.diff(inner, axis=0), 1.0, atol=1e-5)
-    np.testing.assert_allclose(np.diff(inner, axis=1), -0.5, atol=1e-5)
-    assert fine.mean() == pytest.approx(plane.mean(), abs=1e-5)

@@ -11,7 +11,7 @@ from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_tomography.reconstruction.iterative.coupled import CoupledObjective
 from sawmill_tomography.reconstruction.iterative.penalised import Objective
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
-from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation import TotalVariation, total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import CouplingChoice, choose_coupling
 
 SIZE, SLICES = 48, 6
@@ -93,6 +93,30 @@ def test_a_weight_that_stays_is_that_of_the_choice(projector, lines):
     assert len(reported) > 20
     assert reported == sorted(reported)
     assert reported[-1] <= 1.0
+
+
+def test_a_weight_chosen_without_neighbours_falls_where_slices_are_coupled(projector, lines):
+    """Of 0.4 between neighbours, three quarters of the weight of a slice alone remain."""
+    noise = np.full((1, 1), 0.04 * np.sqrt(np.mean(lines**2)))
+    alone, coupled = (
+        total_variation(projector, lines[:2], coupling=coupling).parameters["weight"] for coupling in (0.0, 0.4)
+    )
+    np.testing.assert_allclose(coupled, 0.75 * alone, rtol=1e-6)
+    chosen = [
+        TotalVariation(coupling=coupling).chosen(projector, lines[0], noise=noise, on_progress=lambda _share: None)
+        for coupling in ("none", "0.4")
+    ]
+    assert chosen[1].weight == pytest.approx(0.75 * chosen[0].weight)
+
+
+def test_slices_beside_a_gap_are_not_coupled_across_it(projector, lines):
+    method = TotalVariation(weight=200.0, coupling="0.5")
+    settings = {"noise": np.full((1, 1, 1), 0.05), "on_progress": lambda _share: None}
+    found = method.reconstruct(projector, lines[:4], numbers=np.array([3, 4, 7, 8]), **settings)
+    apart = total_variation(projector, lines[:4], weight=200.0, noise=0.05, coupling=[0.5, 0.0, 0.5])
+    np.testing.assert_array_equal(found.image, apart.image)
+    joined = method.reconstruct(projector, lines[:4], numbers=np.arange(4), **settings)
+    assert np.abs(joined.image - found.image).max() > 0.0
 
 
 def test_slices_apart_have_nothing_to_choose(projector, lines):

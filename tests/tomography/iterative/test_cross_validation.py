@@ -11,7 +11,6 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import (
     FOLDS,
     cross_validate,
     first_images_of_folds,
-    parabola_minimum,
 )
 from sawmill_tomography.reconstruction.iterative.penalised import Objective
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
@@ -22,8 +21,6 @@ SIZE, NOISE = 32, 0.05
 LOG = Phantom("log", (Disc((0.0, 10.0), 130.0, 0.015), Disc((20.0, -10.0), 50.0, 0.006)))
 # The data weigh as much as they should, and hardly at all.
 STRENGTHS = np.array([30.0, 1e5])
-# A scanner that is nearly one of parallel rays.
-FAR = FanBeamGeometry(Scanner(1e6, 128, 4.0), Theta(0.4, 1.0, 0.0, 0.0, 0.0), np.arange(40) * np.pi / 20.0)
 
 
 def projector_of(views, irregular_turn):
@@ -77,23 +74,6 @@ def test_each_fold_is_independent_of_its_validation_views(irregular_turn):
     np.testing.assert_array_equal(unmoved[:FOLDS].sum(axis=0), 1)
 
 
-def test_with_the_exponent_one_the_power_is_that_of_the_image():
-    projector = Projector(FAR, ImageGrid(SIZE, 400.0))
-    rng = np.random.default_rng(1403)
-    ratios = []
-    for _ in range(4):
-        image = np.zeros((SIZE, SIZE), np.float32)
-        low, high = sorted(rng.choice(np.arange(6, 26), 2, replace=False))
-        image[low:high, 8:20] = rng.uniform(0.5, 2.0)
-        lines = projector.forward(image)[None]
-        objective = Objective(projector, lines, np.ones_like(lines), objective_of(projector).prior.only(0))
-        # Without an iteration the image stays empty, and its residual is all of the data.
-        found = validated(objective, np.zeros((FOLDS, SIZE, SIZE), np.float32), iterations=0)
-        ratios.append(found.in_views[0] / np.square(image).sum())
-    # The pixels' sharp edges have frequencies beyond the cells', narrow bars more of them.
-    np.testing.assert_allclose(ratios, np.mean(ratios), rtol=0.1)
-
-
 @pytest.mark.parametrize("views", [1, 2, 4])
 def test_few_views_are_left_out_one_by_one_and_a_single_one_is_not(views, irregular_turn):
     objective = objective_of(projector_of(views, irregular_turn))
@@ -103,11 +83,3 @@ def test_few_views_are_left_out_one_by_one_and_a_single_one_is_not(views, irregu
         np.testing.assert_array_equal(found.in_views, 1.0)
     assert np.isfinite(found.in_views).all()
     assert np.isfinite(found.in_rays).all()
-
-
-def test_the_minimum_of_a_parabola_in_the_logarithm_is_found():
-    candidates = np.geomspace(0.5, 8.0, 5)
-    errors = 0.3 + 0.7 * np.log(candidates / 1.7) ** 2
-    assert parabola_minimum(candidates, errors) == pytest.approx((1.7, 0.3))
-    assert parabola_minimum(candidates, -candidates) == (8.0, -8.0)
-    assert parabola_minimum(candidates, candidates) == (0.5, 0.5)

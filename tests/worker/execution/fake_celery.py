@@ -1,6 +1,5 @@
 """The real Celery application over tasks without science, for `celery -A fake_celery worker`."""
 
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,4 @@ from sawmill_worker.program import MILL
 
 settings = ExecutionSettings()
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
-if "ATTEMPT_OF_FAKE_CELERY" in os.environ:
-    command = [os.environ["ATTEMPT_OF_FAKE_CELERY"]]
 app = serve(make_celery(settings), settings, StorageSettings(), replace(MILL, attempt_command=command))

@@ -81,15 +81,6 @@ def stumble(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
-def outlast(attempt: Attempt) -> dict[str, Any]:
-    """Talk until a worker has been stopped, then stumble once."""
-    if attempt.job.attempt == 1:
-        return talk(attempt)
-    if attempt.job.attempt == 2:
-        raise JobFailure(FailureKind.PASSING, "busy", "something was busy")
-    return succeed(attempt)
-
-
 def work_on_and_die(attempt: Attempt) -> dict[str, Any]:
     """One step further than the last attempt that was killed, until five are done."""
     kept = attempt.given.kept / "steps"
@@ -379,7 +370,6 @@ BEHAVIOURS = {
         refuse,
         quote_a_nul,
         stumble,
-        outlast,
         wait_for_leave,
         work_on_and_die,
         keep_and_succeed,
@@ -428,9 +418,7 @@ def first_word(file: Path) -> str:
         return beginning.read(64).rstrip(b"\0").decode(errors="replace")
 
 
-def needs_of(attempt: Attempt) -> Needs:
-    if attempt.job.kind is job_kinds.INGEST and first_word(attempt.given.file) == "never-begin":
-        time.sleep(600)
+def needs_of(_: Attempt) -> Needs:
     return Needs(0, 0)
 
 

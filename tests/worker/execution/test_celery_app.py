@@ -105,6 +105,7 @@ def test_wake_ups_start_jobs_and_what_waited_for_them_and_do_not_decide_which_is
     assert [store.jobs.get(job.id).attempt for job in (first, second, *jobs)] == [1] * 5
 
 
+@pytest.mark.nightly
 def test_short_jobs_have_a_queue_and_where_wanted_a_worker_of_their_own(
     store, storage, on_redis, wake, queue, wait_for
 ):
@@ -146,6 +147,7 @@ def test_a_stopping_celery_worker_gives_its_job_back(
     assert "Traceback" not in log.read_text()
 
 
+@pytest.mark.nightly
 def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on_redis, queue, wait_for, tmp_path):
     port = free_port()
     late = on_redis.model_copy(update={"broker_url": f"redis://127.0.0.1:{port}/0", "sweep_s": 0.5})
@@ -159,19 +161,6 @@ def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on
         wait_for(lambda: "Connection to broker lost" in log.read_text())
         worker.terminate()
         worker.wait(timeout=60)
-
-
-def test_a_worker_that_cannot_start_attempts_goes_on(
-    store, storage, on_redis, wake, queue, wait_for, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("ATTEMPT_OF_FAKE_CELERY", "false")
-    job, log = queue("succeed"), tmp_path / "log"
-    with log.open("w") as stderr, celery_worker(storage, on_redis, stderr=stderr, stdout=stderr) as worker:
-        for times in (1, 2):
-            wake(job.id)
-            wait_for(lambda times=times: log.read_text().count("attempt-not-started") == times)
-        assert worker.poll() is None
-    assert store.jobs.get(job.id).attempt == 0
 
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, wait_for):

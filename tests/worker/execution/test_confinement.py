@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from missing_parts import skip_without
 from results import RESULTS, THETA, answer_of
+from tiers import both_ways
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
@@ -26,8 +27,6 @@ from sawmill_store.mill_files import SCAN_FILE
 from sawmill_vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
-
-both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
 
 
 @pytest.fixture

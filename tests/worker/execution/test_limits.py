@@ -5,6 +5,7 @@ import os
 import signal
 
 import pytest
+from tiers import fresh_by_night
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.geometry import ScannerConstants
@@ -12,18 +13,12 @@ from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.failures import died
-from sawmill_platform.attempts.limits import DATA_BYTES, limits_of
+from sawmill_platform.attempts.limits import DATA_BYTES, FILE_BYTES, limits_of
 from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
 
-both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
-fresh_by_night = pytest.mark.parametrize(
-    "settings",
-    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
-    indirect=True,
-)
 
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
@@ -107,7 +102,7 @@ def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, setting
         assert words in failure.detail
 
 
-@both_ways
+@fresh_by_night
 def test_every_attempt_has_limits_by_default(store, start, queue):
     job = queue("tell-limits")
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED
@@ -132,3 +127,10 @@ def test_memory_is_what_the_sizes_need_and_room_for_threads(cores, needed, overr
     needs = {"memory_bytes": needed, "file_bytes": 0}
     limits = limits_of(job_kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores)
     assert limits.data_bytes == limit
+
+
+def test_a_file_may_be_as_large_as_the_job_needs_and_the_time_counts_every_core():
+    needs = {"memory_bytes": 0, "memory_limit_bytes": None}
+    one, many = (limits_of(job_kinds.RECONSTRUCT, **needs, file_bytes=0, on_cores=cores) for cores in (1, 12))
+    assert (one.file_bytes, many.processor_s) == (FILE_BYTES, 12 * one.processor_s)
+    assert limits_of(job_kinds.RECONSTRUCT, **needs, file_bytes=9 * 2**30).file_bytes == 9 * 2**30

@@ -164,14 +164,6 @@ def test_a_file_whose_reader_loops_fails_once_and_the_next_one_does_not_wait(sto
 
 
 @pytest.mark.slow
-def test_an_attempt_that_does_not_begin_is_a_loss(store, start, queue):
-    job = queue("never-begin")
-    assert start(stall_s=0.6).run_next() is JobState.QUEUED
-    assert "sent nothing for 0.6" in store.jobs.get(job.id).waiting_for.detail
-    assert (store.jobs.get(job.id).losses, fates(store, job)) == (1, [event_kinds.LOST])
-
-
-@pytest.mark.slow
 def test_a_job_that_hung_once_is_done(store, start, queue):
     job = queue("hang-once")
     runner = start(stall_s=1)
@@ -188,23 +180,6 @@ def test_a_stopped_process_is_ended(store, start, queue, is_running, in_backgrou
     assert outcome.result(timeout=60) is JobState.QUEUED
     assert store.jobs.get(job.id).waiting_for.code == "attempt-stalled"
     assert not is_running(stopped)
-
-
-@pytest.mark.slow
-def test_slow_progress_is_progress(store, start, queue):
-    job = queue("creep")
-    assert start(stall_s=2).run_next() is JobState.SUCCEEDED
-    assert store.jobs.get(job.id).losses == 0
-
-
-@pytest.mark.slow
-def test_a_job_beyond_its_time_fails_once(store, start, queue):
-    job = queue("talk")
-    assert start(time_limit_s=1).run_next() is JobState.FAILED
-    failure = store.jobs.get(job.id).failure
-    assert (failure.kind, failure.code) == (FailureKind.INPUT, "too-long")
-    assert failure.detail == "the job needs more than the 1 seconds that it may take: give a smaller file"
-    assert fates(store, job) == [event_kinds.FAILED]
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from machine_faults import database_away
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
+from tiers import both_ways, fresh_by_night
 from write_lock import write_lock
 
 from sawmill_contracts import job_kinds
@@ -32,13 +33,6 @@ from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
 
 pytestmark = pytest.mark.slow
-
-both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
-fresh_by_night = pytest.mark.parametrize(
-    "settings",
-    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
-    indirect=True,
-)
 
 
 def leftovers(store):
@@ -164,13 +158,6 @@ def test_a_failure_is_reported_in_its_own_way(store, runner, queue, behaviour, k
     assert leftovers(store) == []
 
 
-def test_a_passing_failure_is_tried_three_times(store, runner, queue):
-    job = queue("end-by-sigkill")
-    assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
-    assert store.jobs.get(job.id).failure.code == "attempt-died"
-    assert leftovers(store) == []
-
-
 def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, queue):
     job = queue("work-on-and-die")
     states = [runner.run_next() for _ in range(6)]
@@ -280,14 +267,6 @@ def test_checkpoints_that_are_not_there_are_passed_over_and_what_stands_there_is
     assert "scan.h5 is due" in failure.detail
 
 
-def test_a_full_disk_is_waited_out(store, runner, queue):
-    job = queue("fill-the-disk")
-    assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED] * 4
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses) == ("storage-full", 0)
-    assert leftovers(store) == []
-
-
 class FullDisk(Jobs):
     """Jobs on a disk that is full when the first of these are to be written."""
 
@@ -386,12 +365,6 @@ def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
     assert outcome.result(timeout=60) is JobState.CANCELLED
 
 
-def test_what_passes_does_not_come_back(store, runner, queue):
-    job = queue("stumble")
-    assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
-    assert store.scans.get(job.subject_id).remarks[0].startswith("attempt 2")
-
-
 def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, queue, in_background, wait_for, is_running):
     job = queue("talk")
     outcome = in_background(runner.run_next)
@@ -414,7 +387,7 @@ def test_a_deaf_process_is_killed(store, runner, queue, in_background, wait_for)
     assert outcome.result(timeout=60) is JobState.CANCELLED
 
 
-@both_ways
+@fresh_by_night
 def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_background, wait_for, is_running):
     job = queue("talk")
     outcome = in_background(runner.run_next)
@@ -500,7 +473,7 @@ def test_a_spare_that_died_is_replaced(runner, starter, queue, process_id, wait_
     assert runner.run_next() is JobState.SUCCEEDED
 
 
-@both_ways
+@fresh_by_night
 def test_a_spare_that_does_not_get_ready_is_replaced(store, start, attempts, settings, queue):
     starter = TroubledStarter(attempts(settings), {1: ASLEEP})
     runner = start(starter=starter, start_timeout_s=1.0)

@@ -114,18 +114,6 @@ def test_a_busy_worker_reports_that_it_works_and_leaving_ends_everything_and_giv
     assert processes_of(storage.data_folder) == []
 
 
-def test_workers_that_are_stopped_lose_nothing(store, storage, settings, queue, wait_for):
-    job = queue("outlast")
-    at_once = settings.model_copy(update={"stop_grace_s": 0.1, "max_attempts": 2})
-    with WorkerSupervisor(storage, at_once, command=WORKER):
-        wait_for(lambda: store.jobs.get(job.id).progress is not None)
-    assert store.jobs.get(job.id).state is JobState.QUEUED
-    with WorkerSupervisor(storage, at_once, command=WORKER):
-        wait_for(lambda: store.jobs.get(job.id).state.ended)
-    ended = store.jobs.get(job.id)
-    assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 3, 1)
-
-
 def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
     program = (
         "import sys, time; from sawmill_platform.workers.supervise import WorkerSupervisor;"

@@ -248,6 +248,7 @@ def read_back(store, calibration_id):
     return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
 
 
+@pytest.mark.nightly
 def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
     store, settings, stop, attempts, tmp_path
 ):

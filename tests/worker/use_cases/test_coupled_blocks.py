@@ -101,9 +101,11 @@ def test_slices_that_have_no_neighbours_are_by_themselves(given, rows):
 
 def test_an_empty_slice_separates_those_beside_it(given):
     broken = made(of_rows(given, [row for row in range(ROWS) if row != 10]), weight=150.0, coupling="0.5")
+    below, above = (made(of_rows(given, rows), weight=150.0, coupling="0.5") for rows in (range(10), range(11, ROWS)))
     assert not broken.data[10].any()
-    assert broken.data[9].any()
-    assert broken.data[11].any()
+    apart = below.data + above.data
+    # A block has one end of its descent: the same minimum is reached to its tolerance.
+    assert np.linalg.norm(broken.data[9:12] - apart[9:12]) < 0.003 * np.linalg.norm(apart[9:12])
 
 
 def test_one_row_alone_is_as_without_coupling(given):

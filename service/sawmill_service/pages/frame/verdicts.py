@@ -19,8 +19,8 @@ _WORDS = {
     Answer.ACCEPTED: ("idle", marked("Accepted")),
 }
 
-# Words for the third question where they differ: its good answer is No.
-_MOVED_WORDS = {Answer.YES: marked("No"), Answer.NO: marked("Yes")}
+# The word of the third question's good answer; it has no bad one.
+_NOTHING_MOVED = marked("No")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def _shown_movement(moved: AnythingMoved, text: gettext.NullTranslations, format
     """Return the third question, whose good answer is No."""
     sentence = moved.reason.in_words(formats.reader).headline
     shown = _shown(text, moved.question, moved.answer, sentence, moved.moved_mm, moved.limit_mm, formats.mm)
-    return replace(shown, word=text.gettext(_MOVED_WORDS[moved.answer])) if moved.answer in _MOVED_WORDS else shown
+    return replace(shown, word=text.gettext(_NOTHING_MOVED)) if moved.answer is Answer.YES else shown
 
 
 def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:
