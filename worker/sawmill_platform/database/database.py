@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, inspect, text
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from sawmill_platform.database.clock import Clock, SharedClock, set_if_new
 from sawmill_platform.database.outages import Door, WriterQueue, trouble_translated
 from sawmill_platform.database.spare_room import SpareRoom
 from sawmill_platform.database.tables import Base
-from sawmill_platform.errors import Damaged, StorageMisconfigured, disk_outage_reported
+from sawmill_platform.errors import StorageMisconfigured, disk_outage_reported
 from sawmill_vocabulary.version import VERSION
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
@@ -189,31 +188,26 @@ class Database:
 
     @contextmanager
     def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
-        """Begin a transaction that fills a database without tables and brings it up to date; the block ends it.
+        """Begin a transaction that fills tables of a revision and brings them up to date; the block ends it.
 
         Parameters
         ----------
-        revision
-            Revision of the tables into which `fill` writes rows.
+        fill
+            Function that writes rows into the tables of the revision, which are made if there are none.
 
         Raises
         ------
         StorageFull, StorageUnavailable
-            The database cannot write, or has tables.
-        Damaged
-            A migration cannot read a row.
+            The database cannot write.
         """
-        with self._setting_up() as connection:
-            if has_tables(connection):
-                raise StorageMisconfigured("the database has tables already: give an empty one")
-            with _any_time(connection):
-                _migrate(connection, revision)
-                fill(connection)
-                if revision != newest_revision():
-                    _bring_up_to_date(connection, revision)
-                with Session(connection) as session:
-                    yield session
-                    session.flush()
+        with self._setting_up() as connection, _any_time(connection):
+            _migrate(connection, revision)
+            fill(connection)
+            if revision != newest_revision():
+                _migrate(connection, "head")
+            with Session(connection) as session:
+                yield session
+                session.flush()
 
     @contextmanager
     def _setting_up(self) -> Iterator[Connection]:
@@ -232,6 +226,10 @@ class Database:
         """
         with self.write() as session:
             set_if_new(session)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self.engine.dispose()
 
 
 def newest_revision() -> str:
@@ -318,15 +316,6 @@ def _migrate(connection: Connection, revision: str) -> None:
         command.upgrade(config, revision)
     if _notes_product_version(connection):
         connection.execute(text("UPDATE alembic_version SET product_version = :version"), {"version": VERSION})
-
-
-def _bring_up_to_date(connection: Connection, revision: str) -> None:
-    """Migrate rows that no program has read yet."""
-    try:
-        _migrate(connection, "head")
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, IntegrityError) as error:
-        reason = f"{type(error).__name__} {error}"
-        raise Damaged(f"the rows of revision {revision} cannot be brought up to date: {reason}") from error
 
 
 def _any_time(connection: Connection) -> AbstractContextManager[None]:
