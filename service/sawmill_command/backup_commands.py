@@ -65,7 +65,6 @@ def restore(
     import sawmill_store.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
     from sawmill_platform.backups.backup import Backup
     from sawmill_platform.backups.restoring import restore as restore_backup
-    from sawmill_platform.workers.sole_service import refuse_second, sole_service
 
     if check:
         with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
@@ -78,9 +77,7 @@ def restore(
         return
     settings = storage_settings(data)
     with _reported("Nothing was restored"), showing_progress("restore") as on_progress:
-        refuse_second(settings)
-        with sole_service(settings):
-            done = restore_backup(backup, settings, on_progress)
+        done = restore_backup(backup, settings, on_progress)
     what = "What an earlier restore had read" if done is None else _described(done)
     say(f"{what} is in {settings.data_folder}: the service may start.")
 
@@ -90,11 +87,10 @@ def copy_to_postgresql(data: Data = None) -> None:
     """Copy the rows of a stopped service from SQLite, in its data folder, into the empty database of the settings."""
     import sawmill_store.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
     from sawmill_platform.backups import rows_to_postgresql
-    from sawmill_platform.workers.sole_service import sole_service
 
     target = storage_settings(data)
     source = target.model_copy(update={"database_url": None, "database_password_file": None})
-    with _reported("Nothing was copied"), sole_service(source):
+    with _reported("Nothing was copied"):
         rows = rows_to_postgresql.copy_rows(source, target)
     say(f"{rows} rows were copied: the service may start on PostgreSQL. The file of SQLite is as it was.")
 

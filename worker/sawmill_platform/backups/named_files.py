@@ -15,19 +15,7 @@ from sawmill_platform.files.named_folders import NamedFolder, unused_uploads
 
 
 class Named(NamedTuple):
-    """A path that rows name.
-
-    Attributes
-    ----------
-    path : str
-        Path of a file or a folder in the data folder.
-    needed : bool
-        True if the path must exist; otherwise it may exist.
-    most_bytes : int or None
-        Number of bytes that rows know of the file; None: the whole file.
-    file : str
-        Name of the file that must be in the folder; empty: the path is a file itself.
-    """
+    """A path that rows name, whether it must exist, the bytes that count (None: all), and the file within."""
 
     path: str
     needed: bool
@@ -36,15 +24,7 @@ class Named(NamedTuple):
 
 
 def named_by(connection: Connection, folders: Iterable[NamedFolder], tables: Collection[str]) -> list[Named]:
-    """Read the paths that rows name in a transaction, in the order of the paths.
-
-    Parameters
-    ----------
-    folders
-        Folders in which rows name files.
-    tables
-        Names of the tables that exist: a database may be older than this software.
-    """
+    """Read the paths that rows name, in the order of the paths; a database may lack tables of this version."""
     named = [Named(EXAMPLES, needed=False)]
     for folder in folders:
         ids, needed = folder.ids(lambda: datetime.now(UTC)), folder.file is not None
@@ -74,15 +54,7 @@ def find_named(folder: Path, named: list[Named]) -> tuple[dict[str, int | None],
 
 
 def lost_files(database: Database, folders: Sequence[NamedFolder], folder: Path) -> list[str]:
-    """Find the paths in the data folder of files that rows name and that are missing.
-
-    Raises
-    ------
-    StorageUnavailable
-        The database does not answer.
-    OSError
-        The data folder cannot be read.
-    """
+    """Find the paths in the data folder of files that rows name and that are missing."""
     lost = _lost(database, folders, folder)
     # A row is deleted before its files: a file that is missing for this reason has no row in the second pass.
     return sorted(lost & _lost(database, folders, folder)) if lost else []

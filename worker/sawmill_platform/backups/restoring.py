@@ -29,6 +29,7 @@ from sawmill_platform.files.whole_files import flush, flushed_file_system
 from sawmill_platform.jobs.job_store import requeue
 from sawmill_platform.ledger.events import record, record_restored
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.sole_service import refuse_second, sole_service
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
 
@@ -54,13 +55,14 @@ def restore(backup_folder: Path, settings: StorageSettings, on_progress: Progres
     Damaged
         The backup is not as it was written: nothing is restored.
     StorageFull, StorageUnavailable, OSError
-        The data folder or the database cannot be written to: nothing is restored.
+        The data folder is served, or it or the database cannot be written to: nothing is restored.
     """
+    refuse_second(settings)
     backup = _checked(backup_folder, settings)
     is_complete = _check_empty(settings)
     folder = settings.data_folder.absolute()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with alone_with(folder / RESTORING, "restore into"):
+    with sole_service(settings), alone_with(folder / RESTORING, "restore into"):
         flush(folder)
         if not is_complete:
             _clear(folder, settings)

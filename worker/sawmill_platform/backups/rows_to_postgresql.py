@@ -14,6 +14,7 @@ from sawmill_platform.database.tables import ClockRow, UtcDateTime
 from sawmill_platform.errors import BackupRefused
 from sawmill_platform.files.file_store import refuse_half_restored
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.sole_service import sole_service
 
 _BATCH = 500
 
@@ -31,14 +32,15 @@ def copy_rows(source: StorageSettings, target: StorageSettings) -> int:
     BackupRefused
         There are no rows on SQLite, the target is no PostgreSQL, or it is not empty.
     StorageMisconfigured, StorageUnavailable
-        A database cannot be used, or the rows are of a later version.
+        The service runs, a database cannot be used, or the rows are of a later version.
     """
-    refuse_half_restored(source.data_folder)
     if target.is_one_file:
         raise BackupRefused("set SAWMILL_DATABASE_URL to an empty PostgreSQL database")
     if not source.is_made:
         raise BackupRefused(f"there is no file of SQLite in {str(source.data_folder)!r}: give its folder with --data")
+    refuse_half_restored(source.data_folder)
     with (
+        sole_service(source),
         closing(Database(make_engine(source.url))) as old,
         closing(Database(make_engine(target.url, target.database_password_file))) as new,
         old.snapshot() as rows,

@@ -176,30 +176,13 @@ class Database:
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
-        """Begin a transaction that reads as `read` does, however long each statement takes.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer.
-        """
+        """Begin a transaction that reads as `read` does, however long each statement takes."""
         with trouble_translated(), self._reader.connect() as connection, _any_time(connection):
             yield connection
 
     @contextmanager
     def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
-        """Begin a transaction that fills tables of a revision and brings them up to date; the block ends it.
-
-        Parameters
-        ----------
-        fill
-            Function that writes rows into the tables of the revision, which are made if there are none.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
-        """
+        """Begin a transaction that makes tables of a revision, fills them and brings them up to date."""
         with self._setting_up() as connection, _any_time(connection):
             _migrate(connection, revision)
             fill(connection)
@@ -217,13 +200,7 @@ class Database:
             yield connection
 
     def start_clock(self) -> None:
-        """Write the machine's time if this is the first process since its start; the tables must be up to date.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
-        """
+        """Write the machine's time if this is the first process since its start; the tables must be up to date."""
         with self.write() as session:
             set_if_new(session)
 
@@ -260,13 +237,7 @@ def revision_of(connection: Connection) -> str | None:
 
 
 def known_revision(connection: Connection) -> str | None:
-    """Return the number as `revision_of` does, for code that reads or changes the tables.
-
-    Raises
-    ------
-    StorageMisconfigured
-        The tables are of a later version of the program, or of a state between two releases.
-    """
+    """Return the number as `revision_of` does; raise `StorageMisconfigured` for tables that are not known."""
     reason = why_unreadable(connection)
     if reason is not None:
         raise StorageMisconfigured(reason)
@@ -331,15 +302,7 @@ def lock_for_setup(connection: Connection | Session) -> None:
 
 
 def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bool:
-    """Prevent other transactions from naming or removing a subject's files until the write transaction ends.
-
-    On SQLite any write transaction does so.
-
-    Returns
-    -------
-    bool
-        False: another transaction holds the lock, and the caller did not want to wait.
-    """
+    """Lock a subject's files until the write transaction ends; return whether it is locked. SQLite needs no lock."""
     if session.get_bind().dialect.name != "postgresql":
         return True
     key = {"files": _FILES_LOCK, "subject": subject_id}
