@@ -9,10 +9,11 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, inspect, text
+from sqlalchemy import JSON, Column, Connection, DateTime, MetaData, Table, inspect, text
+from sqlalchemy.types import TypeEngine
 
 from sawmill_platform.backups.backup import open_plain
-from sawmill_platform.database.tables import Base
+from sawmill_platform.database.tables import Base, UtcDateTime
 from sawmill_platform.errors import Damaged, StorageUnavailable
 
 SQLITE_FILE = "sawmill.db"
@@ -28,34 +29,43 @@ def write_database(connection: Connection, folder: Path) -> None:
             with closing(sqlite3.connect(folder / SQLITE_FILE)) as copy:
                 driver.backup(copy)
             return
-        for table, columns in tables_of(connection).items():
-            names = ",".join(f'"{name}"' for name in columns)
-            with (folder / f"{table}.csv").open("xb") as file:
+        for table in tables_of(connection):
+            names = ",".join(f'"{column.name}"' for column in table.columns)
+            with (folder / f"{table.name}.csv").open("xb") as file:
                 file.write(f"{names}\n".encode())
-                with driver.cursor() as cursor, cursor.copy(f"COPY {table} ({names}) TO STDOUT (FORMAT csv)") as rows:
+                with (
+                    driver.cursor() as cursor,
+                    cursor.copy(f"COPY {table.name} ({names}) TO STDOUT (FORMAT csv)") as rows,
+                ):
                     file.writelines(rows)
 
 
 def read_tables(connection: Connection, folder: Path) -> None:
     """Write the rows of a copy into empty PostgreSQL tables of the copy's revision."""
     driver: Any = connection.connection.dbapi_connection
-    for table, columns in tables_of(connection).items():
-        path = folder / f"{table}.csv"
+    for table in tables_of(connection):
+        path = folder / f"{table.name}.csv"
         with open_plain(path) as file, _driver_trouble_translated(connection):
             names = file.readline().decode(errors="replace").rstrip("\n")
-            if sorted(names.split(",")) != sorted(f'"{name}"' for name in columns):
+            if sorted(names.split(",")) != sorted(f'"{column.name}"' for column in table.columns):
                 raise Damaged(f"{path} has other columns than the table has at the revision that the backup names")
-            with driver.cursor() as cursor, cursor.copy(f"COPY {table} ({names}) FROM STDIN (FORMAT csv)") as rows:
+            with driver.cursor() as cursor, cursor.copy(f"COPY {table.name} ({names}) FROM STDIN (FORMAT csv)") as rows:
                 while block := file.read(_BLOCK_BYTES):
                     rows.write(block)
 
 
-def tables_of(connection: Connection) -> dict[str, list[str]]:
-    """Return the columns of our tables that exist, referenced tables first."""
+def tables_of(connection: Connection) -> list[Table]:
+    """Return our tables that exist, with the columns of their revision, referenced tables first."""
     inspector = inspect(connection)
     columns = inspector.get_multi_columns()
     names = [name for name, _ in inspector.get_sorted_table_and_fkc_names() if name in Base.metadata.tables]
-    return {name: [column["name"] for column in columns[None, name]] for name in names if name is not None}
+
+    def table(name: str) -> Table:
+        return Table(
+            name, MetaData(), *(Column(each["name"], _as_stored(each["type"])) for each in columns[None, name])
+        )
+
+    return [table(name) for name in names if name is not None]
 
 
 def continue_counting(connection: Connection) -> None:
@@ -74,3 +84,10 @@ def _driver_trouble_translated(connection: Connection) -> Iterator[None]:
         yield
     except connection.dialect.loaded_dbapi.Error as error:
         raise StorageUnavailable(f"the database ended its copy: {' '.join(str(error).split())}") from error
+
+
+def _as_stored(kind: TypeEngine[Any]) -> TypeEngine[Any]:
+    """Return the type by which rows are read and written: times in UTC, and no JSON is NULL, not the value `null`."""
+    if isinstance(kind, DateTime):
+        return UtcDateTime()
+    return JSON(none_as_null=True) if isinstance(kind, JSON) else kind

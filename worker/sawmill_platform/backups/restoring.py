@@ -59,15 +59,16 @@ def restore(backup_folder: Path, settings: StorageSettings, on_progress: Progres
     """
     refuse_second(settings)
     backup = _checked(backup_folder, settings)
-    is_complete = _check_empty(settings)
+    _check_empty(settings)
     folder = settings.data_folder.absolute()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     with sole_service(settings), alone_with(folder / RESTORING, "restore into"):
         flush(folder)
+        is_complete = _check_empty(settings)  # once more: another restore may just have ended
         if not is_complete:
             _clear(folder, settings)
             _restore(backup, folder, settings, on_progress)
-        (folder / RESTORING).unlink()
+        (folder / RESTORING).unlink(missing_ok=True)
     FileStore(folder).make_folders()
     flush(folder)
     return None if is_complete else backup.manifest

@@ -1,16 +1,13 @@
 """Copy of the rows of a stopped service from SQLite into an empty PostgreSQL; its data folder stays where it is."""
 
-from collections.abc import Iterator
 from contextlib import closing
-from typing import Any
 
-from sqlalchemy import JSON, Column, Connection, DateTime, MetaData, Table, delete, func, insert, inspect, select
-from sqlalchemy.types import TypeEngine
+from sqlalchemy import Connection, Table, delete, func, insert, select
 
 from sawmill_platform.backups.database_copy import continue_counting, tables_of
 from sawmill_platform.database.database import Database, has_tables, known_revision
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import ClockRow, UtcDateTime
+from sawmill_platform.database.tables import ClockRow
 from sawmill_platform.errors import BackupRefused
 from sawmill_platform.files.file_store import refuse_half_restored
 from sawmill_platform.settings import StorageSettings
@@ -50,7 +47,7 @@ def copy_rows(source: StorageSettings, target: StorageSettings) -> int:
                 raise BackupRefused("the database of SAWMILL_DATABASE_URL is not empty: give an empty one")
         if (revision := known_revision(rows)) is None:
             raise BackupRefused("the file of SQLite has no tables: there is nothing to copy")
-        tables = list(_tables(rows))
+        tables = tables_of(rows)
         with new.filled(revision, lambda into: _copy(rows, into, tables)) as session:
             session.execute(delete(ClockRow))  # a server has its own time
             continue_counting(session.connection())
@@ -62,18 +59,3 @@ def _copy(rows: Connection, into: Connection, tables: list[Table]) -> None:
         found = rows.execution_options(yield_per=_BATCH).execute(select(table))
         for batch in found.mappings().partitions():
             into.execute(insert(table), [dict(row) for row in batch])
-
-
-def _tables(connection: Connection) -> Iterator[Table]:
-    """Yield the tables of SQLite's file, with the columns of its revision, referenced tables first."""
-    columns = inspect(connection).get_multi_columns()
-    for name in tables_of(connection):
-        kinds = {column["name"]: _as_stored(column["type"]) for column in columns[None, name]}
-        yield Table(name, MetaData(), *(Column(column, kind) for column, kind in kinds.items()))
-
-
-def _as_stored(kind: TypeEngine[Any]) -> TypeEngine[Any]:
-    """Return the type by which rows are read and written: times in UTC, and no JSON is NULL, not the value `null`."""
-    if isinstance(kind, DateTime):
-        return UtcDateTime()
-    return JSON(none_as_null=True) if isinstance(kind, JSON) else kind

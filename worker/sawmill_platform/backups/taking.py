@@ -40,7 +40,7 @@ from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
 from sawmill_platform.files.file_store import LAST_BACKUP, refuse_half_restored
 from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.named_folders import NamedFolder
-from sawmill_platform.files.whole_files import flush_names, flushed_file_system, renamed
+from sawmill_platform.files.whole_files import flush_names, flushed_file_system, whole_file
 from sawmill_platform.settings import StorageSettings
 from sawmill_vocabulary import ProgressCallback
 from sawmill_vocabulary.version import VERSION
@@ -105,7 +105,7 @@ def take_backup(
         for remains in into.glob(".sawmill-*.partial"):
             shutil.rmtree(remains)
         while (path := into / f"sawmill-{datetime.now(UTC):%Y%m%dT%H%M%SZ}").exists():
-            time.sleep(_PAUSE_S)
+            time.sleep(0.1)
         part = _partial(path)
         part.mkdir(mode=0o700)
         try:
@@ -142,9 +142,8 @@ def note_newest(folder: Path, taken: Taken) -> None:
     """Write a note of a complete backup into the data folder."""
     manifest = taken.manifest
     note = Newest(path=str(taken.path.absolute()), taken_at=manifest.taken_at, lacking=len(manifest.lacking))
-    new = folder / f"{LAST_BACKUP}.new"
-    with renamed(new, folder / LAST_BACKUP):
-        new.write_text(note.model_dump_json())
+    with whole_file(folder / LAST_BACKUP) as file:
+        file.write(note.model_dump_json().encode())
 
 
 def newest_backup(folder: Path) -> Newest | None:
