@@ -91,17 +91,25 @@ def _check_empty(settings: StorageSettings) -> bool:
 
 def _restore(backup: Backup, folder: Path, settings: StorageSettings, on_progress: ProgressCallback) -> None:
     file, decided = settings.database_file, False
+
+    def fill(connection: Connection) -> None:
+        if file is None:
+            read_tables(connection, backup.folder / DATABASE)
+
     to_url = settings.url if file is None else f"sqlite:///{_unfinished(file)}"
     try:
         with flushed_file_system(folder):
-            _copy_files(backup, folder, on_progress)
+            for path in counted([path for path in backup.sums if path.startswith(f"{DATA}/")], on_progress):
+                target = folder / path.removeprefix(f"{DATA}/")
+                target.parent.mkdir(parents=True, exist_ok=True)
+                backup.compare(path, target)
         if file is not None:
             backup.compare(f"{DATABASE}/{SQLITE_FILE}", _unfinished(file))
         for path in [path for path in backup.sums if file is None and path.startswith(f"{DATABASE}/")]:
             backup.compare(path)
         with (
-            closing(Database(make_engine(to_url, settings.database_password_file))) as target,
-            target.filled(backup.manifest.revision, lambda to: _fill(to, backup)) as session,
+            closing(Database(make_engine(to_url, settings.database_password_file))) as database,
+            database.filled(backup.manifest.revision, fill) as session,
         ):
             for table in NOT_RESTORED:
                 session.execute(delete(table))
@@ -173,19 +181,6 @@ def _checked(folder: Path, settings: StorageSettings) -> Backup:
         more = f" (and {len(problems) - 1} more: sawmill restore --check names them)" if len(problems) > 1 else ""
         raise Damaged(f"{problems[0]}{more}")
     return backup
-
-
-def _copy_files(backup: Backup, into: Path, on_progress: ProgressCallback) -> None:
-    for path in counted([path for path in backup.sums if path.startswith(f"{DATA}/")], on_progress):
-        target = into / path.removeprefix(f"{DATA}/")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        backup.compare(path, target)
-
-
-def _fill(connection: Connection, backup: Backup) -> None:
-    """Fill PostgreSQL's tables; a file of SQLite was copied as it is."""
-    if connection.dialect.name != "sqlite":
-        read_tables(connection, backup.folder / DATABASE)
 
 
 def _take_jobs_back(session: Session, backup: Backup) -> None:
