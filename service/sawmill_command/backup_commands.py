@@ -1,4 +1,4 @@
-"""`sawmill backup` and `sawmill restore`."""
+"""`sawmill backup`, `sawmill restore` and `sawmill copy-to-postgresql`."""
 # ruff: noqa: PLC0415, FBT002 - imports inside the commands: a command loads only its libraries; flags are booleans
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
 
 if TYPE_CHECKING:
-    from sawmill_platform.backups.manifest import Manifest
+    from sawmill_platform.backups.backup import Manifest
 
 app = typer.Typer()
 
@@ -34,17 +34,17 @@ def backup(
 
     Files that an earlier backup in the folder has are not copied again, where its file system has hard links.
     """
-    from sawmill_platform.backups.folders import remove_older
-    from sawmill_platform.backups.newest import note_newest
-    from sawmill_store.backups import take_backup
+    from sawmill_platform.backups.taking import note_newest, remove_older, take_backup
+    from sawmill_store.named_folders import NAMED_FOLDERS
 
     settings = storage_settings(data)
     with _reported("There is no backup"), showing_progress("backup") as on_progress:
-        taken = take_backup(settings, folder, on_progress)
+        taken = take_backup(settings, folder, on_progress, named=NAMED_FOLDERS)
     typer.echo(taken.path)
-    say(f"{_described(taken.manifest)} is there; {taken.copied_bytes / 1e9:.2f} GB were copied.")
+    new = f"{taken.number_of_files} files are in it, and {taken.copied_bytes / 1e9:.2f} GB were copied"
+    say(f"{_described(taken.manifest)} is there: {new}.")
     with _reported("The backup is whole, but sawmill doctor will not know of it"):
-        note_newest(settings.data_folder, taken.path.absolute(), taken.manifest)
+        note_newest(settings.data_folder, taken)
     if taken.manifest.lacking:
         _end_with(taken.manifest.lacking, "The backup lacks what rows name and could not be read")
     if keep is not None:
@@ -62,27 +62,37 @@ def restore(
     data: Data = None,
 ) -> None:
     """Restore a backup into an empty data folder and an empty database, every checksum compared."""
-    from sawmill_platform.backups.checking import check_backup
-    from sawmill_platform.backups.restoring import check_empty
-    from sawmill_platform.workers.sole_service import refuse_second, sole_service
-    from sawmill_store import backups
+    import sawmill_store.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
+    from sawmill_platform.backups.backup import Backup
+    from sawmill_platform.backups.restoring import restore as restore_backup
 
     if check:
         with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
-            manifest, problems = check_backup(backup, on_progress)
+            checked = Backup(backup)
+            problems = checked.damage(on_progress)
         if problems:
             say("Remove a damaged file from the newest backup: the next one copies it anew, from the data folder.")
             _end_with(problems, "The backup is damaged")
-        say(f"{_described(manifest)} is whole.")
+        say(f"{_described(checked.manifest)} is whole.")
         return
     settings = storage_settings(data)
     with _reported("Nothing was restored"), showing_progress("restore") as on_progress:
-        refuse_second(settings)
-        check_empty(settings)
-        with sole_service(settings):
-            done = backups.restore(backup, settings, on_progress)
+        done = restore_backup(backup, settings, on_progress)
     what = "What an earlier restore had read" if done is None else _described(done)
     say(f"{what} is in {settings.data_folder}: the service may start.")
+
+
+@app.command(cls=Command, name="copy-to-postgresql")
+def copy_to_postgresql(data: Data = None) -> None:
+    """Copy the rows of a stopped service from SQLite, in its data folder, into the empty database of the settings."""
+    import sawmill_store.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
+    from sawmill_platform.backups import rows_to_postgresql
+
+    target = storage_settings(data)
+    source = target.model_copy(update={"database_url": None, "database_password_file": None})
+    with _reported("Nothing was copied"):
+        rows = rows_to_postgresql.copy_rows(source, target)
+    say(f"{rows} rows were copied: the service may start on PostgreSQL. The file of SQLite is as it was.")
 
 
 @contextmanager
@@ -99,9 +109,7 @@ def _reported(trouble: str) -> Iterator[None]:
 
 
 def _described(manifest: "Manifest") -> str:
-    rows = sum(table.rows for table in manifest.tables.values())
-    what = f"{manifest.number_of_files} files of {manifest.bytes_of_files / 1e9:.2f} GB"
-    return f"The backup of {manifest.taken_at:%Y-%m-%d %H:%M:%S} UTC with {rows} rows and {what}"
+    return f"The backup of {manifest.taken_at:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _end_with(sentences: Sequence[str], trouble: str) -> None:

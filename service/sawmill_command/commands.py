@@ -18,6 +18,7 @@ class SawmillCommands(CommandsOnDemand):
         "key": "sawmill_command.key_commands",
         "backup": "sawmill_command.backup_commands",
         "restore": "sawmill_command.backup_commands",
+        "copy-to-postgresql": "sawmill_command.backup_commands",
         "serve": "sawmill_command.server_commands",
         "migrate": "sawmill_command.server_commands",
         "doctor": "sawmill_command.server_commands",

@@ -1,4 +1,4 @@
-"""`sawmill backup` and `sawmill restore` as a person gives them, and what the doctor says of backups."""
+"""`sawmill backup`, `restore` and `copy-to-postgresql` as a person gives them, and what the doctor says of backups."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_platform.backups.newest import Newest
+from sawmill_platform.backups.taking import Newest
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
 from sawmill_platform.settings import StorageSettings
@@ -29,7 +29,7 @@ def data(empty_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 def test_from_the_first_backup_to_the_restored_service(run, data, tmp_path):
     made = [run("backup", tmp_path / "disk", "--data", data) for _ in range(2)]
     first, second = (Path(each.stdout.strip()) for each in made)
-    assert "with 7 rows and 0 files" in made[0].stderr or "rows and 0 files" in made[0].stderr
+    assert "0 files are in it, and 0.00 GB were copied" in made[0].stderr
     last = run("backup", tmp_path / "disk", "--keep", 2, "--data", data)
     assert f"{first} was removed." in last.stderr.replace("\n", "")
     backup = Path(last.stdout.strip())
@@ -51,7 +51,7 @@ def test_a_damaged_backup_is_named_and_not_restored(run, data, tmp_path):
     assert "Remove a damaged file from the newest backup" in said
     said = run("restore", backup, "--data", tmp_path / "new", code=1).stderr
     assert said.startswith("Nothing was restored: data/examples/complete is damaged")
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["serve.lock"]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["serve.lock"]
     (backup / "data/examples/complete").unlink()
     assert "is whole." in run("restore", run("backup", backup.parent, "--data", data).stdout.strip(), "--check").stderr
 
@@ -76,6 +76,15 @@ def test_a_backup_into_nowhere_is_one_sentence(run, data, tmp_path, wrong_use):
     assert "Missing argument 'FOLDER'" in wrong_use("backup")
 
 
+def test_rows_are_copied_from_sqlite_into_the_database_of_the_settings(run, data, postgres_url, monkeypatch):
+    assert "set SAWMILL_DATABASE_URL to an empty" in run("copy-to-postgresql", "--data", data, code=1).stderr
+    monkeypatch.setenv("SAWMILL_DATABASE_URL", postgres_url)
+    with sole_service(StorageSettings(data_folder=data, database_url=None)):
+        assert "is served by process" in run("copy-to-postgresql", "--data", data, code=1).stderr
+    assert "rows were copied: the service may start" in run("copy-to-postgresql", "--data", data).stderr
+    assert "line 2" in run("key", "list", "--data", data).stdout
+
+
 @pytest.mark.slow
 def test_the_doctor_tells_how_old_the_newest_backup_is(run, data, tmp_path):
     def found(code: int = 0) -> dict[str, str]:
@@ -94,7 +103,8 @@ def test_the_doctor_tells_how_old_the_newest_backup_is(run, data, tmp_path):
 
 
 def test_the_doctor_knows_a_restore_that_was_killed(run, tmp_path):
-    (tmp_path / "data" / RESTORING).mkdir(parents=True)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / RESTORING).touch()
     findings = json.loads(run("doctor", "--data", tmp_path / "data", "--json", code=1).stdout)["findings"]
     (one,) = [each for each in findings if each["state"] == "bad"]
     assert "was ended before its end" in one["sentence"]

@@ -5,8 +5,10 @@ import io
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -17,9 +19,11 @@ from example_requests import add_what_is_decided, with_file
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
 
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.backups.checking import check_backup
+from sawmill_platform.backups.backup import Backup
+from sawmill_platform.backups.restoring import restore
+from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups import restore, take_backup
+from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import Theta
 
@@ -279,11 +283,11 @@ def test_a_backup_taken_while_jobs_run_does_the_rest_elsewhere(embedded, serve, 
     states: list[str] = []
     while "running" not in states or "queued" not in states:
         asked = ask_for_work(live, scanner_id, (tmp_path / "scan.h5").read_bytes())
-        taken = take_backup(settings, tmp_path / "disk", lambda _: None)
-        rows = map(json.loads, (taken.path / "rows" / "jobs.jsonl").read_text().splitlines())
-        states = [row["state"] for row in rows]
+        taken = take_backup(settings, tmp_path / "disk", lambda _: None, named=NAMED_FOLDERS)
+        with closing(sqlite3.connect(taken.path / "database" / "sawmill.db")) as rows:
+            states = [state for (state,) in rows.execute("SELECT state FROM jobs")]
     results = results_of(live, asked)
-    assert check_backup(taken.path, lambda _: None) == (taken.manifest, [])
+    assert Backup(taken.path).damage(lambda _: None) == []
     restore(taken.path, StorageSettings(data_folder=tmp_path / "data"), lambda _: None)
     with serve(tmp_path, offline.variables, "--no-examples") as restored:
         assert results_of(restored, asked) == results

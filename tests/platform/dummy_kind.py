@@ -14,7 +14,6 @@ from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.backups.restoring import restore
-from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, loaded
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.contracts.attempts import AttemptInput, JobFailure
 from sawmill_platform.contracts.base import Contract
@@ -150,7 +149,7 @@ def supervise(folder: Path) -> None:
     store.close()
     (folder / "backups").mkdir()
     taken = take_backup(settings, folder / "backups", lambda _: None, named=Sums.named_folders)
-    restore(taken.path, copy, lambda _: None, readers={**OF_THE_SERVICE, SumRow: loaded})
+    restore(taken.path, copy, lambda _: None)
     store = JobServiceStore(copy, files := FileStore(copy.data_folder), Sums(files))
     store.prepare(may_begin=False)
     with store.database.read() as session:

@@ -1,16 +1,17 @@
-"""A backup that is taken while everything goes on, and what comes of it elsewhere, on each database and across."""
+"""A backup that is taken while everything goes on, and what becomes of it elsewhere, on each database."""
 
 import ctypes
 import errno
 import hashlib
-import json
 import os
 import shutil
 import signal
+import subprocess
 import tarfile
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,8 +20,8 @@ import pytest
 from databases import sqlite_alone
 from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS, answer_of
-from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
-from system_calls import at_call
+from sqlalchemy import text
+from system_calls import at_call, refusing
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -28,19 +29,19 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.backups.checking import check_backup
-from sawmill_platform.backups.folders import backups_in, remove_older
-from sawmill_platform.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
-from sawmill_platform.backups.restoring import check_empty
-from sawmill_platform.backups.rows import LEFT_OUT, read_rows
+from sawmill_platform.backups import taking
+from sawmill_platform.backups.backup import MANIFEST, SUMS, Backup, copied, read_sums
+from sawmill_platform.backups.restoring import NOT_RESTORED, restore
+from sawmill_platform.backups.rows_to_postgresql import copy_rows
+from sawmill_platform.backups.taking import backups_in, remove_older
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
-from sawmill_platform.database.tables import Base, Ranked, Registered, UtcDateTime
-from sawmill_platform.errors import BackupRefused, Damaged, StorageFull, StorageMisconfigured
+from sawmill_platform.database.tables import Base
+from sawmill_platform.errors import BackupRefused, Damaged, StorageMisconfigured
 from sawmill_platform.files import whole_files
 from sawmill_platform.files.file_store import RESTORING, read_identity
 from sawmill_platform.files.upload_stream import AsSent
@@ -48,7 +49,7 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.backups import restore, take_backup
+from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
@@ -56,6 +57,7 @@ from sawmill_vocabulary.version import VERSION
 pytestmark = pytest.mark.slow
 
 Call = Callable[[], object]
+take_backup = partial(taking.take_backup, named=NAMED_FOLDERS)
 
 
 def silent(_progress: object) -> None:
@@ -70,21 +72,11 @@ def into(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path) -> StorageSettings:
-    """An empty service on SQLite."""
-    return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=None)
-
-
-@pytest.fixture
-def target(request: pytest.FixtureRequest, elsewhere: StorageSettings) -> StorageSettings:
-    """An empty service on each database; on the other one than a test's own, if it has one."""
-    own = request.node.callspec.params.get("database_url")
-    if getattr(request, "param", "postgresql" if own == "sqlite" else "sqlite") == "sqlite":
-        return elsewhere
-    return elsewhere.model_copy(update={"database_url": request.getfixturevalue("postgres_url")})
-
-
-to_each = pytest.mark.parametrize("target", ["sqlite", "postgresql"], indirect=True)
+def elsewhere(request: pytest.FixtureRequest, tmp_path: Path) -> StorageSettings:
+    """An empty service on a database of the test's kind."""
+    kind = request.node.callspec.params.get("database_url") if hasattr(request.node, "callspec") else None
+    url = request.getfixturevalue("postgres_url") if kind == "postgresql" else None
+    return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=url)
 
 
 @pytest.fixture
@@ -100,8 +92,7 @@ def work(store: Store, upload: Callable[..., Any], finish: Callable[..., Any]) -
 
 
 def rows_of(settings: StorageSettings) -> dict[str, list[Any]]:
-    database = Database(make_engine(settings.url))
-    with closing(SimpleNamespace(close=database.engine.dispose)), database.read() as session:
+    with closing(Database(make_engine(settings.url))) as database, database.read() as session:
         return {
             name: [dict(row) for row in session.execute(table.select().order_by(*table.primary_key)).mappings()]
             for name, table in Base.metadata.tables.items()
@@ -111,10 +102,7 @@ def rows_of(settings: StorageSettings) -> dict[str, list[Any]]:
 def files_of(settings: StorageSettings) -> dict[str, tuple[int, str]]:
     """What results and uploads are, with their times."""
     return {
-        path.relative_to(settings.data_folder).as_posix(): (
-            path.stat().st_mtime_ns,
-            hashlib.sha256(path.read_bytes()).hexdigest(),
-        )
+        path.relative_to(settings.data_folder).as_posix(): (path.stat().st_mtime_ns, copied(path))
         for name in ("uploads", "scans", "calibrations", "unfinished", "examples")
         for path in (settings.data_folder / name).rglob("*")
         if path.is_file()
@@ -123,18 +111,18 @@ def files_of(settings: StorageSettings) -> dict[str, tuple[int, str]]:
 
 @pytest.mark.dialect
 def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
-    store, settings, upload, finish, ready_scan, scanner, into, target
+    store, settings, upload, finish, ready_scan, scanner, into, elsewhere
 ):
     now = store.now()
     running = upload(store)
     claim = store.jobs.claim("a worker that is not there")
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
     waiting = upload(store)
-    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+    key = store.keys.create(KeyAsk(name='line 2, "north" \\N', scope=Scope.SUBMIT))
     session = store.sessions.open(hash_of(key.secret), lasting=False)
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
     with store.database.write() as changing:
-        changing.execute(text("UPDATE schedules SET next_due_at = :at"), {"at": f"{now - timedelta(days=3):%F %T}"})
+        changing.execute(text("UPDATE schedules SET next_due_at = :at"), {"at": f"{now - timedelta(days=3):%F %T.%f}"})
     half = store.uploads.create(UploadAsk(size_bytes=10), UploadQuota(3, 25, 40))
     part = store.uploads.begin_part(half.id, 0)
     part.take(AsSent(), b"0123", commits=True)
@@ -147,26 +135,26 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 
     taken = take_backup(settings, into, silent)
     later.close()
-    assert check_backup(taken.path, silent) == (taken.manifest, [])
-    assert restore(taken.path, target, silent) == taken.manifest
+    assert Backup(taken.path).damage(silent) == []
+    assert restore(taken.path, elsewhere, silent) == taken.manifest
 
-    before, after = rows_of(settings), rows_of(target)
-    for name in before.keys() - LEFT_OUT - {"jobs", "events"}:
+    before, after = rows_of(settings), rows_of(elsewhere)
+    for name in before.keys() - {row.__tablename__ for row in NOT_RESTORED} - {"jobs", "events"}:
         assert after[name] == before[name], name
     assert after["sessions"] == []
     (restored_folder,), (folder,) = after["data_folder"], before["data_folder"]
-    assert restored_folder["identity"] == read_identity(target.data_folder) != folder["identity"]
+    assert restored_folder["identity"] == read_identity(elsewhere.data_folder) != folder["identity"]
     numbers = [event["number"] for event in before["events"]]
     assert after["events"][: len(numbers)] == before["events"]
     mark, given_back = after["events"][len(numbers) :]
     assert (mark["what"], mark["number"]) == (event_kinds.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
     assert (given_back["what"], given_back["job_id"]) == (event_kinds.GIVEN_BACK, running.job_id)
-    theirs, ours = files_of(target), files_of(settings)
+    theirs, ours = files_of(elsewhere), files_of(settings)
     ours.pop(f"unfinished/{half.id}")
     assert theirs.pop(f"unfinished/{half.id}")[1] == hashlib.sha256(b"0123").hexdigest()
     assert theirs == ours
 
-    with closing(Store.open(target)) as restored:
+    with closing(Store.open(elsewhere)) as restored:
         assert restored.keys.good(hash_of(key.secret)) is not None
         assert restored.sessions.find(session) is None
         assert len(restored.schedules.run_due()) == 1
@@ -176,88 +164,59 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
         assert (again.state, again.losses, again.attempt, again.worker) == (JobState.QUEUED, 0, claim.attempt, None)
         subjects = [finish(restored).job.subject_id for _ in range(3)]
         assert subjects[:3] == [running.id, calibration.id, waiting.id]
-        assert restored.scans.get(running.id).state == "ready"
         newer = restored.events.following(given_back["number"])
         assert newer[0].number == given_back["number"] + 1
 
 
-def test_every_column_has_a_form_in_a_backup():
-    known = (String, Integer, Float, Boolean, Date, JSON, UtcDateTime, Ranked, Registered)
-    columns = [column for table in Base.metadata.tables.values() for column in table.columns]
-    assert [str(column) for column in columns if not isinstance(column.type, known)] == []
-
-
 @sqlite_alone
-def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
+def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     first_scan = work()
     twin = store.files.results(job_kinds.INGEST, first_scan) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
+    sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]
+    assert first.copied_bytes == sum(sizes) - twin.stat().st_size
+    opened: list[str] = []
+    with at_call("open", opened.append, below=settings.data_folder / "scans"):
+        assert take_backup(settings, into, silent).copied_bytes == 0
+    assert opened == []
     second_scan = work()
     second = take_backup(settings, into, silent)
-    assert first.copied_bytes == sum(entry.size_bytes for entry in read_entries(first.path)) - twin.stat().st_size
-    new = {entry.path: entry.size_bytes for entry in read_entries(second.path) if second_scan in entry.path}
+    new = {path: (second.path / path).stat().st_size for path in read_sums(second.path) if second_scan in path}
     assert len(new) == 2
     assert second.copied_bytes == sum(new.values())
-    old = [entry.path for entry in read_entries(first.path)]
-    both = [(taken.path / "data" / path).stat().st_ino for path in old for taken in (first, second)]
+    old = [path for path in read_sums(first.path) if path.startswith("data/")]
+    both = [(taken.path / path).stat().st_ino for path in old for taken in (first, second)]
     assert len(set(both)) == 2, "an upload and a result, whatever their names"
+    done = subprocess.run(["sha256sum", "--check", "--quiet", SUMS], cwd=second.path, check=False)
+    assert done.returncode == 0, "the list can be checked without this product"
 
     of_a_wrong_clock = first.path.rename(into / "sawmill-20380119T031407Z")
-    assert remove_older(into, 2, second.path) == []
+    assert len(remove_older(into, 2, second.path)) == 1
     assert remove_older(into, 1, second.path) == [of_a_wrong_clock], "not the one that was just taken"
     assert backups_in(into) == [second.path]
-    assert check_backup(second.path, silent)[1] == []
-
-
-@pytest.fixture
-def syncing(monkeypatch) -> Callable[[Callable[[int], int]], None]:
-    """Have a function called in place of Linux's syncfs(2), for no disk loses what was written when it is asked to."""
-    return lambda sync: monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=sync))
+    assert Backup(second.path).damage(silent) == []
 
 
 @sqlite_alone
-def test_a_backup_is_made_durable_as_a_whole_before_it_has_its_name(settings, work, into, syncing, monkeypatch):
-    synchronised, flushed = [], []
+def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkeypatch):
+    lists = []
 
-    def note(_descriptor: int) -> int:
-        (part,) = into.glob(".*.partial")
-        synchronised.append(((part / MANIFEST_SUM).is_file(), backups_in(into)))
-        return 0
-
-    syncing(note)
-    monkeypatch.setattr(os, "fsync", flushed.append)
-    work()
-    flushed.clear()
-    first = take_backup(settings, into, silent)
-    assert synchronised == [(True, [])]
-    few = len(flushed)
-    for _ in range(3):
-        work()
-    flushed.clear()
-    second = take_backup(settings, into, silent)
-    assert second.manifest.number_of_files == 4 * first.manifest.number_of_files
-    assert len(flushed) == few, "no file by itself"
-
-
-def test_a_disk_that_has_lost_what_was_written_has_no_backup_and_no_restored_service(backup, elsewhere, into, syncing):
-    def fail(_descriptor: int) -> int:
+    def lose(_descriptor: int) -> int:
+        lists.extend(into.glob(f".*.partial/{SUMS}"))
         ctypes.set_errno(errno.EIO)
         return -1
 
-    source = StorageSettings(data_folder=backup.parent / "data", database_url=None)
-    restore(backup, source, silent)
-    syncing(fail)
+    work()
+    monkeypatch.setattr(whole_files, "_LIBC", SimpleNamespace(syncfs=lose))
     with pytest.raises(OSError, match="Input/output error"):
-        take_backup(source, into, silent)
+        take_backup(settings, into, silent)
+    assert len(lists) == 1, "all is written when the disk is asked to keep it"
     assert list(into.glob("*sawmill-2*")) == []
-    with pytest.raises(OSError, match="Input/output error"):
-        restore(backup, elsewhere, silent)
-    assert list(elsewhere.data_folder.iterdir()) == []
 
 
 @pytest.mark.dialect
-def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into):
+def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into, elsewhere):
     scans = sorted(work() for _ in range(3))
     steps = []
 
@@ -268,14 +227,11 @@ def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings,
             steps.append(work())
 
     taken = take_backup(settings, into, on_progress)
-    rows = (taken.path / "rows/scans.jsonl").read_text()
-    assert [scan in rows for scan in scans] == [True, True, False]
-    assert check_backup(taken.path, silent) == (taken.manifest, [])
     assert taken.manifest.lacking == []
-    assert {entry.path.split("/")[1] for entry in read_entries(taken.path) if entry.path.startswith("scans/")} == {
-        *scans[:2],
-        steps[1],
-    }
+    there = {path.split("/")[2] for path in read_sums(taken.path) if path.startswith("data/scans/")}
+    assert there == {*scans[:2], steps[1]}
+    restore(taken.path, elsewhere, silent)
+    assert {row["id"] for row in rows_of(elsewhere)["scans"]} == there
 
 
 @sqlite_alone
@@ -312,8 +268,8 @@ def backup(one_backup: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(one_backup, tmp_path / one_backup.name))
 
 
-def some_file(backup: Path) -> Path:
-    return next(path for path in sorted((backup / "data").rglob("*")) if path.is_file())
+def nothing_in(settings: StorageSettings) -> bool:
+    return {path.name for path in settings.data_folder.rglob("*")} <= {"serve.lock"}
 
 
 def flip(path: Path) -> None:
@@ -323,8 +279,8 @@ def flip(path: Path) -> None:
 
 
 def replaced_by_link(path: Path) -> None:
-    path.rename(path.with_name("aside"))
-    path.symlink_to(path.with_name("aside"))
+    path.rename(path.parents[3] / "aside")
+    path.symlink_to(path.parents[3] / "aside")
 
 
 def replaced_by_pipe(path: Path) -> None:
@@ -332,170 +288,80 @@ def replaced_by_pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
+def replaced_by_another(path: Path) -> None:
+    path.unlink()
+    path.hardlink_to(next(other for other in path.parents[1].rglob("scan.h5") if other != path))
+
+
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (flip, "is damaged: its SHA-256 is"),
         (Path.unlink, "is missing"),
-        (lambda path: path.write_bytes(path.read_bytes() + b"x"), "bytes, and the manifest has"),
         (replaced_by_link, "is no file, but a link or a device"),
         (replaced_by_pipe, "is no file, but a link or a device"),
+        (replaced_by_another, "is damaged: its SHA-256 is"),
+        (lambda path: path.with_name("more").touch(), "more is not in SHA256SUMS"),
     ],
-    ids=["flipped", "missing", "longer", "link", "pipe"],
+    ids=["flipped", "missing", "link", "pipe", "another", "added"],
 )
 def test_damage_is_found_and_named_and_never_restored(backup, elsewhere, damage, words):
-    path = some_file(backup)
+    path = sorted((backup / "data").rglob("scan.h5"))[1]
     damage(path)
-    (sentence, *_) = check_backup(backup, silent)[1]
-    assert sentence.startswith(f"{path.relative_to(backup)} ") or "aside" in sentence
-    assert any(words in each for each in check_backup(backup, silent)[1])
+    assert any(words in each and str(path.parent.name) in each for each in Backup(backup).damage(silent))
     with pytest.raises(Damaged):
         restore(backup, elsewhere, silent)
-    assert list(elsewhere.data_folder.rglob("*")) == []
+    assert nothing_in(elsewhere)
 
 
-def test_a_second_name_of_another_file_is_damage_too(backup, elsewhere):
-    first, second = sorted((backup / "data/scans").rglob("scan.h5"))
-    second.unlink()
-    second.hardlink_to(first)
-    with pytest.raises(Damaged, match=f"{second.relative_to(backup)} is damaged: its SHA-256 is"):
-        restore(backup, elsewhere, silent)
-
-
-@pytest.mark.parametrize("name", [MANIFEST, MANIFEST_SUM, FILES, "rows/jobs.jsonl"])
-def test_a_flipped_bit_in_what_tells_of_the_files_is_found_too(backup, name):
+@pytest.mark.parametrize("name", [MANIFEST, SUMS, "database/sawmill.db"])
+def test_a_flipped_bit_in_rows_manifest_or_sums_is_found_too(backup, elsewhere, name):
     flip(backup / name)
-    with pytest.raises(Damaged, match=f"{name}"):
-        check_backup(backup, silent)
-
-
-def test_a_file_too_many_is_named(backup):
-    (backup / "data" / "scans" / "more").write_text("")
-    assert check_backup(backup, silent)[1] == ["data/scans/more is not in the manifest"]
-
-
-def sign(backup: Path, change: Callable[[dict[str, Any]], None] = lambda _: None) -> None:
-    """Make sums right again, as somebody can who made the backup himself."""
-    manifest = json.loads((backup / MANIFEST).read_text())
-    for part in (manifest["files"], *manifest["tables"].values()):
-        name = next((f"rows/{name}.jsonl" for name, table in manifest["tables"].items() if table is part), FILES)
-        content = (backup / name).read_bytes()
-        part["sha256"], part["size_bytes"] = hashlib.sha256(content).hexdigest(), len(content)
-    change(manifest)
-    (backup / MANIFEST).write_text(json.dumps(manifest))
-    (backup / MANIFEST_SUM).write_text(hashlib.sha256((backup / MANIFEST).read_bytes()).hexdigest())
-
-
-def test_a_table_that_leaves_the_backup_is_refused(backup, elsewhere):
-    sign(backup, lambda manifest: manifest["tables"].update({"../../evil": manifest["tables"]["jobs"]}))
-    with pytest.raises(Damaged, match=r"manifest.json is none of a backup: .*tables"):
+    with pytest.raises(Damaged):
         restore(backup, elsewhere, silent)
+    assert nothing_in(elsewhere)
 
 
 @pytest.mark.parametrize(
-    "path", ["../evil", "/etc/evil", "scans/../../evil", "scans", "scans//evil", "sawmill.db", "scans/a\0b", 7]
+    "path", ["../evil", "/etc/evil", "data/scans/../../evil", "data/evil", "data/a//b", "database/..", "data/a/b\\c"]
 )
-def test_a_path_that_leaves_the_data_folder_is_refused(backup, elsewhere, path):
-    line = json.dumps({"path": path, "size_bytes": 0, "mtime_ns": 0, "sha256": hashlib.sha256(b"").hexdigest()})
-    (backup / FILES).write_text(f"{line}\n")
-    sign(backup)
-    with pytest.raises(Damaged, match=r"line 1 of files.jsonl names no file of a data folder"):
+def test_a_list_of_sums_that_leaves_the_backup_is_refused(backup, elsewhere, path):
+    (backup / SUMS).write_text(f"{hashlib.sha256(b'').hexdigest()}  {path}\n")
+    with pytest.raises(Damaged, match=r"line 1 of SHA256SUMS names no file of a backup"):
         restore(backup, elsewhere, silent)
     assert not elsewhere.data_folder.exists()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda _: '{"id": "x"}\n', "its columns are not those of the table"),
-        (lambda _: "[1]\n", "line 1 of rows/scanners.jsonl is no row"),
-        (lambda rows: rows.replace("+00:00", "never"), "line 1 of rows/scanners.jsonl is no row"),
-    ],
-    ids=["columns", "list", "time"],
-)
-def test_rows_that_are_none_are_refused(backup, empty_data, tmp_path, change, words):
-    rows = backup / "rows" / "scanners.jsonl"
-    rows.write_text(change(rows.read_text()))
-    tables = {"scanners": read_manifest(backup).tables["scanners"]}
-    database = Database(make_engine(f"sqlite:///{shutil.copytree(empty_data, tmp_path / 'empty')}/sawmill.db"))
-    with (
-        closing(SimpleNamespace(close=database.engine.dispose)),
-        pytest.raises(Damaged, match=words),
-        database.write() as session,
-    ):
-        read_rows(session.connection(), backup, tables)
-
-
-@to_each
-def test_rows_that_the_database_refuses_leave_nothing(backup, target):
-    rows = backup / "rows" / "scanners.jsonl"
-    rows.write_text(rows.read_text() * 2)
-    sign(backup)
-    with pytest.raises(Damaged, match=r"the database refuses line 2 of rows/scanners.jsonl: .*(UNIQUE|unique)"):
-        restore(backup, target, silent)
-    check_empty(target)
-    assert list(target.data_folder.iterdir()) == []
-
-
-def change_row(backup: Path, table: str, **values: Any) -> None:
-    path = backup / "rows" / f"{table}.jsonl"
-    row, *others = path.read_text().splitlines()
-    path.write_text("\n".join([json.dumps(json.loads(row) | values), *others, ""]))
-
-
-@pytest.mark.parametrize(
-    ("table", "values", "words"),
-    [
-        ("scans", {"id": "../../../../x"}, "line 1 of rows/scans.jsonl is refused: id: String should match pattern"),
-        ("events", {"number": 2**63}, "line 1 of rows/events.jsonl is no row: number must be a whole number of at"),
-    ],
-    ids=["contract", "column"],
-)
-def test_a_row_that_does_not_fit_leaves_nothing(backup, elsewhere, table, values, words):
-    change_row(backup, table, **values)
-    sign(backup)
-    with pytest.raises(Damaged, match=words):
+def test_a_backup_of_another_version_is_refused(backup, elsewhere):
+    sums = read_sums(backup)
+    content = (backup / MANIFEST).read_text().replace(newest_revision(), "9999").replace(VERSION, "7.0.0")
+    (backup / MANIFEST).write_text(content)
+    (backup / SUMS).write_text((backup / SUMS).read_text().replace(sums[MANIFEST], copied(backup / MANIFEST)))
+    with pytest.raises(BackupRefused, match=f"version 7.0.0 .* 9999, and this .*{VERSION}, .*: install version 7.0.0"):
         restore(backup, elsewhere, silent)
-    assert list(elsewhere.data_folder.iterdir()) == []
-
-
-@pytest.mark.parametrize("more", ["", "/below"], ids=["twice", "below-a-file"])
-def test_a_path_that_two_files_cannot_have_is_refused(backup, elsewhere, more):
-    line = json.loads((backup / FILES).read_text().splitlines()[0])
-    with (backup / FILES).open("a") as file:
-        file.write(json.dumps(line | {"path": line["path"] + more}) + "\n")
-    sign(backup)
-    with pytest.raises(Damaged, match=f"line 5 of files.jsonl names {line['path']}{more}, where another line has"):
+    (backup / SUMS).rename(backup / "manifest.json")
+    with pytest.raises(Damaged, match=r"of a development version before 0.2.0: restore it with that version"):
         restore(backup, elsewhere, silent)
-    assert not elsewhere.data_folder.exists()
-
-
-def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
-    sign(backup, lambda manifest: manifest.update(revision="9999", version="7.0.0"))
-    with pytest.raises(
-        BackupRefused, match=f"version 7.0.0 .* 9999, and this .*{VERSION}, knows .*{newest_revision()}: install"
-    ):
-        restore(backup, elsewhere, silent)
-    sign(backup, lambda manifest: manifest.update(format=2))
-    with pytest.raises(Damaged, match="has the format 2, and this version of the software reads 1 alone"):
-        read_manifest(backup)
 
 
 @pytest.mark.dialect
 def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, elsewhere, tmp_path):
-    database = Database(make_engine(empty_url))
-    database.upgrade("0003")
-    with database.write() as session:
-        session.execute(
-            text(
-                "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
-                " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'running', 'old', 2, false)"
+    with closing(Database(make_engine(empty_url))) as database:
+        database.upgrade("0003")
+        with database.write() as session:
+            session.execute(
+                text(
+                    "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
+                    " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'running', 'old', 2, false)"
+                )
             )
-        )
-    database.engine.dispose()
     (tmp_path / "old").mkdir()
     taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=empty_url), into, silent)
     assert taken.manifest.revision == "0003"
+    if elsewhere.database_url is not None:
+        with closing(Database(make_engine(empty_url))) as database, database.write() as session:
+            session.execute(text("DROP SCHEMA public CASCADE"))
+            session.execute(text("CREATE SCHEMA public"))
     restore(taken.path, elsewhere, silent)
     with closing(Store.open(elsewhere)) as restored:
         claim = restored.jobs.claim("test")
@@ -503,41 +369,47 @@ def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, e
     assert claim.job.created_at == datetime(2026, 3, 2, 5, tzinfo=UTC)
 
 
-def test_rows_of_0_1_0_are_restored_and_one_that_cannot_be_brought_up_to_date_leaves_nothing(into, elsewhere, tmp_path):
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(tmp_path / "old", filter="data")
-    taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=None), into, silent)
-    assert restore(taken.path, StorageSettings(data_folder=tmp_path / "good", database_url=None), silent) is not None
-    change_row(taken.path, "drifts", result={})
-    sign(taken.path)
-    with pytest.raises(Damaged, match="the rows of revision 0003 cannot be brought up to date: KeyError 'measured'"):
-        restore(taken.path, elsewhere, silent)
-    assert list(elsewhere.data_folder.iterdir()) == []
-
-
-def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, full_disk):
+def test_what_must_not_be_done_is_refused_in_a_sentence(filled, settings, backup, into, elsewhere, tmp_path):
+    assert filled == settings
     with pytest.raises(BackupRefused, match="lies in the data folder"):
         take_backup(settings, settings.data_folder / "scans", silent)
     with pytest.raises(BackupRefused, match=r"there is no folder .*: make it once"):
         take_backup(settings, into / "none", silent)
     with pytest.raises(BackupRefused, match="there is no service's data in"):
-        take_backup(elsewhere, into, silent)
-    with pytest.raises(BackupRefused, match=r"is not empty .*: a backup is restored into an empty folder alone"):
-        restore(backup, settings, silent)
-    with pytest.raises(Damaged, match=r"is no backup of this product: it has no manifest.json"):
+        take_backup(StorageSettings(data_folder=tmp_path / "none", database_url=None), into, silent)
+    with pytest.raises(Damaged, match=r"is no backup of this product: it has no SHA256SUMS"):
         restore(into, elsewhere, silent)
+    own = take_backup(settings, into, silent).path
+    with pytest.raises(BackupRefused, match=r"is not empty .*: a backup is restored into an empty folder alone"):
+        restore(own, settings, silent)
     if settings.database_url is not None:
+        full = elsewhere.model_copy(update={"database_url": settings.database_url})
         with pytest.raises(BackupRefused, match="the database of SAWMILL_DATABASE_URL is not empty"):
-            restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
-    full_disk(3)
-    with pytest.raises(StorageFull, match=r"needs 0.00 GB, and 0.00 GB are free for it where"):
-        restore(backup, elsewhere, silent)
-    assert list(elsewhere.data_folder.iterdir()) == []
-    upload(store)
-    with pytest.raises(StorageFull, match="the backup needs"):
+            restore(own, full, silent)
+        with pytest.raises(BackupRefused, match="of the kind sqlite, and SAWMILL_DATABASE_URL names another"):
+            restore(backup, elsewhere, silent)
+
+
+def full_at(name: str) -> Callable[[str], None]:
+    """Refuse to open a file of this name, as a full disk does."""
+    refuse = refusing(errno.ENOSPC)
+    return lambda path: refuse(path) if path.endswith(name) else None
+
+
+@sqlite_alone
+@pytest.mark.parametrize(("call", "name"), [("open", "result"), ("sqlite3.connect", "sawmill.db"), ("open", SUMS)])
+def test_a_full_disk_leaves_no_backup(settings, work, into, call, name):
+    work()
+    with at_call(call, full_at(name), below=into), pytest.raises(OSError, match="No space"):
         take_backup(settings, into, silent)
-    assert backups_in(into) == []
     assert [path.name for path in into.iterdir()] == [".sawmill-backups.lock"]
+
+
+@pytest.mark.parametrize("name", ["scan.h5", "sawmill.db.restoring", ".identity.part"])
+def test_a_full_disk_leaves_no_restored_service(backup, elsewhere, name):
+    with at_call("open", full_at(name), below=elsewhere.data_folder), pytest.raises(OSError, match="No space"):
+        restore(backup, elsewhere, silent)
+    assert nothing_in(elsewhere)
 
 
 def killed(call: Call) -> bool:
@@ -553,12 +425,12 @@ def killed(call: Call) -> bool:
     return os.WIFSIGNALED(status)
 
 
-def at_turn(turn: int, path: Path | None = None) -> Callable[[Any], None]:
-    """Kill this process at the call of that number, of those with this path alone if one is given."""
+def at_turn(turn: int) -> Callable[[Any], None]:
+    """Kill this process at the call of that number."""
     turns = [0]
 
-    def die(given: Any) -> None:
-        turns[0] += path is None or given == str(path)
+    def die(_given: Any) -> None:
+        turns[0] += 1
         if turns[0] == turn:
             os.kill(os.getpid(), signal.SIGKILL)
 
@@ -566,53 +438,62 @@ def at_turn(turn: int, path: Path | None = None) -> Callable[[Any], None]:
 
 
 @sqlite_alone
-def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into):
+@pytest.mark.parametrize("call", ["open", "os.mkdir", "os.rename", "os.link", "os.remove", "sqlite3.connect"])
+def test_a_backup_killed_at_any_call_leaves_nothing_that_looks_like_one(settings, work, into, call):
     work()
-    assert killed(lambda: take_backup(settings, into, at_turn(3))), "among its files"
-    assert backups_in(into) == []
-    with at_call("os.rename", at_turn(1), below=into):
-        assert killed(lambda: take_backup(settings, into, silent)), "complete, but for its name"
-    assert backups_in(into) == []
-    assert list(into.glob(".*.partial")) != []
-    with at_call("open", at_turn(1, into)):
-        assert killed(lambda: take_backup(settings, into, silent)), "before its name is durable"
-    (whole,) = backups_in(into)
-    assert check_backup(whole, silent)[1] == []
+    there = take_backup(settings, into, silent).path
+    shutil.rmtree(there / "data" / "uploads")
+    turn = 1
+    while backups_in(into) == [there]:
+        with at_call(call, at_turn(turn), below=into):
+            killed(lambda: take_backup(settings, into, silent))
+        for whole in set(backups_in(into)) - {there}:
+            assert Backup(whole).damage(silent) == []
+        turn += 1
     take_backup(settings, into, silent)
     assert list(into.glob(".*.partial")) == []
 
 
-def second_file(backup: Path) -> str:
-    return [entry.path for entry in read_entries(backup) if entry.sha256 is not None][1]
+@pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
+@pytest.mark.parametrize("call", ["open", "os.rename", "os.remove"])
+def test_a_restore_killed_at_any_call_leaves_nothing_that_starts_before_it_is_whole(
+    settings, work, into, elsewhere, call
+):
+    work()
+    taken = take_backup(settings, into, silent).path
+    turn, mark = 1, elsewhere.data_folder / RESTORING
+    while mark.exists() or read_identity(elsewhere.data_folder) is None:
+        with at_call(call, at_turn(turn), below=elsewhere.data_folder):
+            killed(lambda: restore(taken, elsewhere, silent))
+        if mark.exists():
+            with pytest.raises(StorageMisconfigured, match="was ended before its end: wait for it, or give it once"):
+                Store.open(elsewhere)
+        turn += 1
+    assert turn > 2
+    assert files_of(elsewhere) == files_of(settings)
+    assert rows_of(elsewhere)["scans"] == rows_of(settings)["scans"]
+    Store.open(elsewhere).close()
 
 
-def unfinished(file: Path) -> Path:
-    return file.with_name(f"{file.name}.restoring")
-
-
-@to_each
-def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target):
-    source = StorageSettings(data_folder=one_backup.parents[1] / "data", database_url=None)
-    folder, file = target.data_folder, target.database_file
-    # Among the files; when all rows are written, and not yet in their place; when its mark alone is left.
-    moments = {
-        "copying": ("open", at_turn(1, folder / RESTORING / "data" / second_file(one_backup))),
-        "placing": ("open", at_turn(2, folder)) if file is None else ("os.rename", at_turn(1, unfinished(file))),
-        "ending": ("shutil.rmtree", at_turn(1, folder / RESTORING)),
-    }
-    for name, (call, fault) in moments.items():
-        with at_call(call, fault):
-            assert killed(lambda: restore(one_backup, target, silent)), name
-        assert (target.data_folder / RESTORING).is_dir()
-        with pytest.raises(StorageMisconfigured, match="was ended before its end: wait for it, or give it once more"):
-            Store.open(target)
-        if name == "copying" and target.database_file is not None:
-            target.database_file.touch()
-            with pytest.raises(BackupRefused, match="is not empty: a backup is restored into an empty database alone"):
-                restore(one_backup, target, silent)
-            target.database_file.unlink()
-    assert restore(one_backup, target, silent) is None, "what was killed last had only its mark left to take away"
-    assert files_of(target) == files_of(source)
-    assert not (target.data_folder / RESTORING).exists()
-    assert rows_of(target)["scans"] == rows_of(source)["scans"]
-    Store.open(target).close()
+@pytest.mark.parametrize("version", ["0.1.0", "now"])
+def test_rows_on_sqlite_are_copied_into_an_empty_postgresql(one_backup, tmp_path, postgres_url, version):
+    if version == "now":
+        shutil.copytree(one_backup.parents[1] / "data", tmp_path / "data")
+    else:
+        with tarfile.open(ARCHIVE) as archive:
+            archive.extractall(tmp_path / "data", filter="data")
+    source = StorageSettings(data_folder=tmp_path / "data", database_url=None)
+    target = source.model_copy(update={"database_url": postgres_url})
+    assert copy_rows(source, target) > 10
+    with pytest.raises(BackupRefused, match="the database of SAWMILL_DATABASE_URL is not empty"):
+        copy_rows(source, target)
+    rows = rows_of(target)
+    with closing(Database(make_engine(source.url))) as database:
+        database.upgrade()
+    there = rows_of(source)
+    for table in rows.keys() - {"clock", "data_folder"}:
+        assert rows[table] == there[table], table
+    newest = max((event["number"] for event in rows["events"]), default=0)
+    with closing(Store.open(target)) as store:
+        store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+        assert store.events.following(newest)[0].number == newest + 1

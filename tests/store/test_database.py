@@ -12,12 +12,12 @@ from sqlalchemy import event, text
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import StorageFull, StorageMisconfigured, StorageUnavailable
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups import take_backup
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
@@ -90,7 +90,7 @@ def test_tables_of_a_later_version_are_refused_with_both_versions(store, setting
         Store.open(settings)
     (tmp_path / "backups").mkdir()
     with pytest.raises(StorageMisconfigured, match=sentence):
-        take_backup(settings, tmp_path / "backups", lambda _: None)
+        take_backup(settings, tmp_path / "backups", lambda _: None, named=())
     assert list((tmp_path / "backups").glob("*Z*")) == []
 
 

@@ -12,6 +12,7 @@ from make_data_0_1_0 import ARCHIVE
 from sqlalchemy import text
 from system_calls import at_call, refusing
 
+from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.errors import (
     FolderUnavailable,
     StorageMisconfigured,
@@ -19,7 +20,6 @@ from sawmill_platform.errors import (
 )
 from sawmill_platform.files.file_store import IDENTITY, FileStore, read_identity
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.backups import take_backup
 from sawmill_store.store import Store
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
@@ -143,7 +143,7 @@ def test_a_folder_of_0_1_0_gets_its_identity_with_its_database_and_no_empty_one_
 def test_no_backup_is_taken_of_a_folder_that_is_not_the_database_s(apart, tmp_path):
     (tmp_path / "backups").mkdir()
     with replaced(apart.data_folder, "empty"), pytest.raises(FolderUnavailable, match="the database expects"):
-        take_backup(apart, tmp_path / "backups", lambda _: None)
+        take_backup(apart, tmp_path / "backups", lambda _: None, named=())
     assert list((tmp_path / "backups").glob("sawmill-*")) == []
 
 

@@ -210,4 +210,4 @@ class JobServiceStore:
 
     def close(self) -> None:
         """Close the connections to the database."""
-        self.database.engine.dispose()
+        self.database.close()

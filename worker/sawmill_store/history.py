@@ -161,12 +161,9 @@ def forget_history(session: Session, scanner_id: str) -> None:
 
 
 def _read(row: Row[Any]) -> HistoryEntry:
-    stored = row._mapping.get(row.EventRow.subject) is not None  # noqa: SLF001 - public, as named tuples have it
-    return read_entry(row.EventRow, row.MeasurementRow, stored=stored)
-
-
-def read_entry(event: EventRow, measured: MeasurementRow | None, *, stored: bool) -> HistoryEntry:
     """Return the entry of an event, with its measurement, and with a link where its subject is still stored."""
+    event, measured = row.EventRow, row.MeasurementRow
+    stored = row._mapping.get(event.subject) is not None  # noqa: SLF001 - public, as named tuples have it
     names = HistoryEntry.model_fields.keys() - {"kind", "alarm", "link", "measured"}
     subject = event.subject or ""
     return HistoryEntry(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_command.doctor.webhooks import webhooks
-from sawmill_platform.backups.newest import newest_backup
+from sawmill_platform.backups.taking import newest_backup
 from sawmill_platform.database.report import DatabaseReport
 from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
 from sawmill_platform.files.folder_identity import refuse_used

@@ -1,7 +1,6 @@
 """Files that rows name, found in the data folder."""
 
 import os
-import stat
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,19 +15,7 @@ from sawmill_platform.files.named_folders import NamedFolder, unused_uploads
 
 
 class Named(NamedTuple):
-    """A path that rows name.
-
-    Attributes
-    ----------
-    path : str
-        Path of a file or a folder in the data folder.
-    needed : bool
-        True if the path must exist; otherwise it may exist.
-    most_bytes : int or None
-        Number of bytes that rows know of the file; None: the whole file.
-    file : str
-        Name of the file that must be in the folder; empty: the path is a file itself.
-    """
+    """A path that rows name, whether it must exist, the bytes that count (None: all), and the file within."""
 
     path: str
     needed: bool
@@ -36,37 +23,8 @@ class Named(NamedTuple):
     file: str = ""
 
 
-class Found(NamedTuple):
-    """A file in the data folder, or an empty folder, which has no status."""
-
-    path: str
-    status: os.stat_result | None
-    most_bytes: int | None = None
-
-    @property
-    def size_bytes(self) -> int:
-        """Number of bytes of the file that a backup has."""
-        size_bytes = 0 if self.status is None else self.status.st_size
-        return size_bytes if self.most_bytes is None else min(size_bytes, self.most_bytes)
-
-    @property
-    def inode(self) -> tuple[int, int] | None:
-        """Device and inode, which all names of the file share; None: the file has one name."""
-        if self.status is None or self.status.st_nlink == 1:
-            return None
-        return self.status.st_dev, self.status.st_ino
-
-
 def named_by(connection: Connection, folders: Iterable[NamedFolder], tables: Collection[str]) -> list[Named]:
-    """Read the paths that rows name in a transaction, in the order of the paths.
-
-    Parameters
-    ----------
-    folders
-        Folders in which rows name files.
-    tables
-        Names of the tables that exist: a database may be older than this software.
-    """
+    """Read the paths that rows name, in the order of the paths; a database may lack tables of this version."""
     named = [Named(EXAMPLES, needed=False)]
     for folder in folders:
         ids, needed = folder.ids(lambda: datetime.now(UTC)), folder.file is not None
@@ -81,38 +39,22 @@ def named_by(connection: Connection, folders: Iterable[NamedFolder], tables: Col
     return sorted(named)
 
 
-def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
-    """Find the named files that exist, and the paths of missing files that must exist."""
-    found, lacking = list[Found](), list[str]()
+def find_named(folder: Path, named: list[Named]) -> tuple[dict[str, int | None], list[str]]:
+    """Find the named files, with the number of bytes that count, and the paths that must exist and do not."""
+    found, lacking = dict[str, int | None](), list[str]()
     for one in named:
         try:
-            status = (folder / one.path).stat()
+            below = dict.fromkeys(_below(folder, one.path), one.most_bytes)
         except FileNotFoundError:
             if one.needed:
                 lacking.append(one.path)
-            continue
-        try:
-            if stat.S_ISDIR(status.st_mode):
-                found += list(_below(folder, one.path))
-            elif stat.S_ISREG(status.st_mode):
-                found.append(Found(one.path, status, one.most_bytes))
-            elif one.needed:
-                lacking.append(one.path)
-        except FileNotFoundError:  # it is being removed: the next pass shows whether rows still name it
-            lacking.append(one.path)
+        else:
+            found |= below
     return found, lacking
 
 
 def lost_files(database: Database, folders: Sequence[NamedFolder], folder: Path) -> list[str]:
-    """Find the paths in the data folder of files that rows name and that are missing.
-
-    Raises
-    ------
-    StorageUnavailable
-        The database does not answer.
-    OSError
-        The data folder cannot be read.
-    """
+    """Find the paths in the data folder of files that rows name and that are missing."""
     lost = _lost(database, folders, folder)
     # A row is deleted before its files: a file that is missing for this reason has no row in the second pass.
     return sorted(lost & _lost(database, folders, folder)) if lost else []
@@ -137,13 +79,15 @@ def _is_there(ids: Select[str], tables: Collection[str]) -> bool:
     return all(isinstance(source, Table) and source.name in tables for source in ids.columns_clause_froms)
 
 
-def _below(folder: Path, path: str) -> Iterator[Found]:
-    with os.scandir(folder / path) as entries:
-        below = sorted(entries, key=lambda entry: entry.name)
-    if not below:
-        yield Found(path, None)
-    for entry in below:
-        if entry.is_dir():
-            yield from _below(folder, f"{path}/{entry.name}")
-        else:
-            yield Found(f"{path}/{entry.name}", entry.stat())
+def _below(folder: Path, path: str) -> Iterator[str]:
+    try:
+        entries = os.scandir(folder / path)
+    except NotADirectoryError:
+        yield path
+        return
+    with entries:
+        for entry in entries:
+            if entry.is_dir():
+                yield from _below(folder, f"{path}/{entry.name}")
+            else:
+                yield f"{path}/{entry.name}"

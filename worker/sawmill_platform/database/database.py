@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, inspect, text
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from sawmill_platform.database.clock import Clock, SharedClock, set_if_new
 from sawmill_platform.database.outages import Door, WriterQueue, trouble_translated
 from sawmill_platform.database.spare_room import SpareRoom
 from sawmill_platform.database.tables import Base
-from sawmill_platform.errors import Damaged, StorageMisconfigured, disk_outage_reported
+from sawmill_platform.errors import StorageMisconfigured, disk_outage_reported
 from sawmill_vocabulary.version import VERSION
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
@@ -177,43 +176,21 @@ class Database:
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
-        """Begin a transaction that reads as `read` does, however long each statement takes.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer.
-        """
+        """Begin a transaction that reads as `read` does, however long each statement takes."""
         with trouble_translated(), self._reader.connect() as connection, _any_time(connection):
             yield connection
 
     @contextmanager
     def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
-        """Begin a transaction that fills a database without tables and brings it up to date; the block ends it.
-
-        Parameters
-        ----------
-        revision
-            Revision of the tables into which `fill` writes rows.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write, or has tables.
-        Damaged
-            A migration cannot read a row.
-        """
-        with self._setting_up() as connection:
-            if has_tables(connection):
-                raise StorageMisconfigured("the database has tables already: give an empty one")
-            with _any_time(connection):
-                _migrate(connection, revision)
-                fill(connection)
-                if revision != newest_revision():
-                    _bring_up_to_date(connection, revision)
-                with Session(connection) as session:
-                    yield session
-                    session.flush()
+        """Begin a transaction that makes tables of a revision, fills them and brings them up to date."""
+        with self._setting_up() as connection, _any_time(connection):
+            _migrate(connection, revision)
+            fill(connection)
+            if revision != newest_revision():
+                _migrate(connection, "head")
+            with Session(connection) as session:
+                yield session
+                session.flush()
 
     @contextmanager
     def _setting_up(self) -> Iterator[Connection]:
@@ -223,15 +200,13 @@ class Database:
             yield connection
 
     def start_clock(self) -> None:
-        """Write the machine's time if this is the first process since its start; the tables must be up to date.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
-        """
+        """Write the machine's time if this is the first process since its start; the tables must be up to date."""
         with self.write() as session:
             set_if_new(session)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self.engine.dispose()
 
 
 def newest_revision() -> str:
@@ -262,13 +237,7 @@ def revision_of(connection: Connection) -> str | None:
 
 
 def known_revision(connection: Connection) -> str | None:
-    """Return the number as `revision_of` does, for code that reads or changes the tables.
-
-    Raises
-    ------
-    StorageMisconfigured
-        The tables are of a later version of the program, or of a state between two releases.
-    """
+    """Return the number as `revision_of` does; raise `StorageMisconfigured` for tables that are not known."""
     reason = why_unreadable(connection)
     if reason is not None:
         raise StorageMisconfigured(reason)
@@ -320,15 +289,6 @@ def _migrate(connection: Connection, revision: str) -> None:
         connection.execute(text("UPDATE alembic_version SET product_version = :version"), {"version": VERSION})
 
 
-def _bring_up_to_date(connection: Connection, revision: str) -> None:
-    """Migrate rows that no program has read yet."""
-    try:
-        _migrate(connection, "head")
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, IntegrityError) as error:
-        reason = f"{type(error).__name__} {error}"
-        raise Damaged(f"the rows of revision {revision} cannot be brought up to date: {reason}") from error
-
-
 def _any_time(connection: Connection) -> AbstractContextManager[None]:
     driver: Any = connection.connection.dbapi_connection
     return driver.unlimited() if connection.dialect.name == "postgresql" else nullcontext()
@@ -342,15 +302,7 @@ def lock_for_setup(connection: Connection | Session) -> None:
 
 
 def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bool:
-    """Prevent other transactions from naming or removing a subject's files until the write transaction ends.
-
-    On SQLite any write transaction does so.
-
-    Returns
-    -------
-    bool
-        False: another transaction holds the lock, and the caller did not want to wait.
-    """
+    """Lock a subject's files until the write transaction ends; return whether it is locked. SQLite needs no lock."""
     if session.get_bind().dialect.name != "postgresql":
         return True
     key = {"files": _FILES_LOCK, "subject": subject_id}

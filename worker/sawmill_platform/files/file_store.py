@@ -14,8 +14,8 @@ identity                        a random id that the database has too (`folder_i
 watch.lock                      of the process that takes files from watched folders
 serve.lock                      of the process that serves the folder (`workers/sole_service.py`); SQLite alone
 sawmill.db.spare                reserve for a cancellation when the disk is full (`spare_room`)
-last-backup.json                time and place of the last backup (`backups/newest.py`)
-restoring/                      files that a restore has not put into place: no store opens (`backups/restoring.py`)
+last-backup.json                time and place of the last backup (`backups/taking.py`)
+restoring                       mark of a restore that has not ended: no store opens (`backups/restoring.py`)
 
 Files that are in no row are removed after a time (`leftovers`).
 """

@@ -24,13 +24,7 @@ def database_expects(identity: str | None) -> ColumnElement[bool]:
 
 
 def check_identity(connection: Connection | Session, folder: Path) -> None:
-    """Check that a folder is the database's folder.
-
-    Raises
-    ------
-    FolderUnavailable
-        The folder is missing, empty or another one.
-    """
+    """Check that a folder is the database's folder, or raise `FolderUnavailable`."""
     expected, found = connection.scalar(select(DataFolderRow.identity)), read_identity(folder)
     if found is None:
         raise FolderUnavailable(
@@ -54,23 +48,8 @@ def settle_identity(
 ) -> None:
     """Give a folder and its database one identity if the database has none; otherwise compare the two.
 
-    Parameters
-    ----------
-    connection
-        Connection in the transaction that sets up the tables: one process at a time does so.
-    is_new
-        Whether the database had no tables. Otherwise the tables were of 0.1.0, and the folder must have their files.
-    may_begin
-        Whether an empty folder is accepted if the rows name no files.
-    named
-        Function that returns some folders that the rows name.
-
-    Raises
-    ------
-    FolderUnavailable
-        The folder is not the database's.
-    StorageMisconfigured
-        The database is new, and the folder has files of another one.
+    An empty folder is accepted if it `may_begin` and the rows name no files; of tables of 0.1.0, the folder must have
+    some of the `named` files.
     """
     if connection.scalar(select(DataFolderRow.identity)) is not None:
         check_identity(connection, folder)
