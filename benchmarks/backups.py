@@ -90,7 +90,6 @@ def _rows(name: str, at: datetime, file_bytes: int) -> tuple[dict[str, Any], ...
         "size_bytes": file_bytes,
         "sha256": "0" * 64,
         "job_id": job["id"],
-        "stored_bytes": file_bytes,
     }
     event = {
         "at": at,

@@ -142,7 +142,7 @@ def fill_scanner(
                 answer = results.drift_result(ray_change_mm=moved, within_tolerance=moved <= 0.5)
                 row = DriftRow(**asked, options={}, calibration_id=active_id, result=answer)
             else:
-                about = {"options": {"scan_id": scan_id}, "calibration_id": active_id, "stored_bytes": 10**7}
+                about = {"options": {"scan_id": scan_id}, "calibration_id": active_id}
                 row = ReconstructionRow(**asked, **about, result=results.reconstruction_result())
             session.add(row)
             session.flush()

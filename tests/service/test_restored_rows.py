@@ -33,7 +33,6 @@ from sawmill_platform.database.tables import (
     Ranked,
     Registered,
     RepeatRow,
-    RetentionRow,
     SenderRow,
     UtcDateTime,
 )
@@ -42,7 +41,7 @@ from sawmill_platform.keys.repeats import KeptAnswer
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups import READERS, restore, take_backup
 from sawmill_store.store import Store
-from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, ScheduleRunRow
+from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, RetentionRow, ScheduleRunRow
 
 pytestmark = pytest.mark.slow
 
@@ -67,7 +66,7 @@ def fill_the_other_tables(store: Store) -> None:
         about = {"scanner_id": "example", "method": "view-pairs", "activation_number": active.number, "looks": 1}
         found = {"changed_at": now, "finding": FINDING, "alarm": {"at": now.isoformat(), "finding": FINDING}}
         answer = KeptAnswer(status=201, headers={}, body="{}")
-        removed = {"log-scans": [1, 10]}
+        removed = {"log-scans": 1}
         session.add_all(
             [
                 JobDependencyRow(job_id="example", needs_job_id=store.calibrations.get("example").job_id),

@@ -19,7 +19,7 @@ from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, Readers, load
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.kinds import declaration_of
-from sawmill_platform.database.tables import EventRow, RetentionRow
+from sawmill_platform.database.tables import EventRow
 from sawmill_platform.due_times import next_due
 from sawmill_store.alarms import read_alarm
 from sawmill_store.drift_charts import read_chart
@@ -44,6 +44,7 @@ from sawmill_store.tables import (
     PhantomRow,
     PlanRow,
     ReconstructionRow,
+    RetentionRow,
     ScannerRow,
     ScanRow,
     ScheduleRow,

@@ -181,7 +181,7 @@ def test_rules_of_retention_are_shown_before_they_hold(site, store):
     page.get_by_role("button", name="Show what would go").click()
     expect(page.locator(".problem")).to_contain_text("must be a whole number of days from 1 to 36500, not “soon”")
     drifts.get_by_label("Keep for days").fill("30")
-    page.get_by_role("group", name="Scans of phantoms").get_by_label("Keep at most, GB").fill("0.000000001")
+    page.get_by_role("group", name="Scans of phantoms").get_by_label("Keep for days").fill("400")
     page.get_by_role("button", name="Show what would go").click()
     shown = page.locator("#preview")
     expect(shown.get_by_role("heading", name="Drift checks")).to_be_visible()
@@ -190,6 +190,6 @@ def test_rules_of_retention_are_shown_before_they_hold(site, store):
     shown.get_by_role("button", name="Yes, remove these and keep to the rules").click()
     expect(page.get_by_text("Changed by somebody at this machine")).to_be_visible()
     expect(drifts.get_by_label("Keep for days")).to_have_value("30")
-    assert store.retention.get().rules.phantom_scans_bytes == 1
+    assert store.retention.get().rules.phantom_scans_days == 400
     assert store.retention_keeper().remove_some() is not None
     assert store.drifts.page().items == []
