@@ -15,7 +15,6 @@ from sawmill_contracts.retention import (
     RetentionPreview,
     RetentionQuery,
     RetentionRules,
-    StaysBecause,
 )
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict
@@ -38,14 +37,6 @@ KINDS = {
     RetentionKind.INSPECTIONS: marked("Files that were looked into"),
     RetentionKind.EVENTS: marked("Events"),
 }
-REASONS = {
-    StaysBecause.ACTIVE_CALIBRATION: marked("an active calibration, the one before it, or what they were made of"),
-    StaysBecause.ONCE_ACTIVE: marked("was once active"),
-    StaysBecause.REFERRED_TO: marked("a stored reconstruction or drift check used it"),
-    StaysBecause.UNFINISHED_JOB: marked("a job that has not ended needs it"),
-    StaysBecause.NEWEST: marked("the newest of its scanner"),
-    StaysBecause.SCHEDULE: marked("a schedule goes by it"),
-}
 PAGE = "/retention"
 
 router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
@@ -65,7 +56,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], retention: TheR
     """Count objects that the query's rules, or else the rules in force, would remove within the next hour.
 
     Nothing is removed. The rules can be put into force with `number` for an hour, although objects age in that time.
-    An active calibration, the one before it and their scans are never removed; `stays` counts what else is kept.
+    An active calibration, the one before it and their scans are never removed; `stays` counts what is kept.
     """
     rules = RetentionRules(**tried.model_dump())
     return retention.preview(rules if rules.days() else retention.get().rules)
@@ -156,7 +147,6 @@ def _answer(
         typed=typed or Typed(values, set()),
         longest_days=LONGEST_DAYS,
         kinds=KINDS,
-        reasons=REASONS,
         preview=preview,
         changed=changed,
     )

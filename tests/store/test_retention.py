@@ -8,7 +8,7 @@ from datetime import timedelta
 
 import pytest
 from databases import postgresql_alone, sqlite_alone
-from sqlalchemy import event, insert, select
+from sqlalchemy import event
 from system_calls import at_call, refusing
 
 from sawmill_contracts import job_kinds
@@ -16,15 +16,14 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
+from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_store.retention.removable_rows import REMOVABLE_ROWS
 from sawmill_store.store import Store
-from sawmill_store.tables import ReconstructionRow, ScanRow
+from sawmill_store.tables import ReconstructionRow
 
 # All kinds, after a day; what protects needs no rule of its own.
 ALL = RetentionRules(**dict.fromkeys(RetentionRules.model_fields, 1))
@@ -123,7 +122,7 @@ def full_mill(mill, clock, scanner, upload, finish):
     mill.calibrations.activate(active, "the third")
     clock.advance(hours=1)
     _, used = calibrated(mill, upload, finish)
-    drift_log = log(mill, upload, finish)
+    earlier_log, drift_log = log(mill, upload, finish), log(mill, upload, finish)
     drift = mill.drifts.accept(DriftAsk(scan_id=drift_log, calibration_id=used)).id
     finish(mill)
     clock.advance(hours=1)
@@ -133,65 +132,39 @@ def full_mill(mill, clock, scanner, upload, finish):
     newest_log = log(mill, upload, finish, **UNFIT)
     waits = upload(mill, phantom_id=None).id
     waiting = mill.reconstructions.accept(ReconstructionAsk(scan_id=drift_log, calibration_id=active)).id
+    awaiting = mill.calibrations.accept(CalibrationAsk(scan_id=before_scan)).id
+    unchecked = mill.drifts.accept(DriftAsk(scan_id=earlier_log, calibration_id=active)).id
     clock.advance(days=400)
+    # By kind, for each reason the objects that are kept for it: each reason has one that no other reason keeps.
     return {
-        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.CALIBRATIONS): {before, active},
-        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.PHANTOM_SCANS): {before_scan, active_scan},
-        (StaysBecause.ONCE_ACTIVE, RetentionKind.CALIBRATIONS): {ages_ago},
-        (StaysBecause.REFERRED_TO, RetentionKind.CALIBRATIONS): {used, active},
-        (StaysBecause.NEWEST, RetentionKind.CALIBRATIONS): {of_newest},
-        (StaysBecause.NEWEST, RetentionKind.PHANTOM_SCANS): {newest_scan},
-        (StaysBecause.NEWEST, RetentionKind.LOG_SCANS): {newest_log},
-        (StaysBecause.SCHEDULE, RetentionKind.LOG_SCANS): {awaited},
-        (StaysBecause.SCHEDULE, RetentionKind.DRIFTS): {drift},
-        (StaysBecause.UNFINISHED_JOB, RetentionKind.LOG_SCANS): {waits, drift_log},
-        (StaysBecause.UNFINISHED_JOB, RetentionKind.RECONSTRUCTIONS): {waiting},
+        RetentionKind.LOG_SCANS: ({newest_log}, {awaited}, {waits, drift_log, earlier_log}),
+        RetentionKind.PHANTOM_SCANS: ({before_scan, active_scan}, {newest_scan}),
+        RetentionKind.CALIBRATIONS: ({ages_ago}, {before, active}, {used, active}, {of_newest}, {awaiting}),
+        RetentionKind.DRIFTS: ({drift}, {unchecked}),
+        RetentionKind.RECONSTRUCTIONS: ({waiting},),
     }
 
 
 @pytest.mark.slow
 @pytest.mark.dialect
-def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_mill):
-    kept = {}
-    with mill.database.read() as session:
-        for kind, rows in REMOVABLE_ROWS.items():
-            always = StaysBecause.NEWEST if kind is RetentionKind.EVENTS else StaysBecause.UNFINISHED_JOB
-            assert always in {each.because for each in rows.protections(session)}, kind
-    for (because, kind), identifiers in full_mill.items():
-        kept.setdefault(kind, {})[because] = identifiers
-    for kind, by_reason in kept.items():
-        rows, (preview,) = (
-            REMOVABLE_ROWS[kind],
-            (each for each in mill.retention.preview(ALL).kinds if each.kind is kind),
-        )
-        assert {each.because: each.number for each in preview.stays} == {
-            because: len(identifiers) for because, identifiers in by_reason.items()
-        }
-        with mill.database.read() as session:
-            reached = rows.reached(session, 1, mill.database.now())
-            for protection in rows.protections(session):
-                protected = session.scalars(select(rows.key).where(reached, protection.condition))
-                assert set(protected) == by_reason.get(protection.because, set()), (protection.because, kind)
-        for because, identifiers in by_reason.items():
-            others = {name for other, names in by_reason.items() if other != because for name in names}
-            assert identifiers - others, "nothing would tell whether the protection is there"
-
-    def of_any_reason(kind):
-        return set().union(*kept[kind].values())
-
+def test_what_something_needs_stays_and_nothing_else_does(mill, full_mill):
+    kept = {kind: set().union(*by_reason) for kind, by_reason in full_mill.items()}
+    stays = {each.kind: each.stays for each in mill.retention.preview(ALL).kinds}
+    assert {kind: stays[kind] for kind in kept} == {kind: len(names) for kind, names in kept.items()}
+    assert (stays[RetentionKind.INSPECTIONS], stays[RetentionKind.EVENTS]) == (0, 1)
     put(mill, ALL)
     carried_out(mill)
-    assert ids(mill) == of_any_reason(RetentionKind.LOG_SCANS) | of_any_reason(RetentionKind.PHANTOM_SCANS)
-    assert {each.id for each in mill.calibrations.page().items} == of_any_reason(RetentionKind.CALIBRATIONS)
-    assert {each.id for each in mill.drifts.page().items} == of_any_reason(RetentionKind.DRIFTS)
-    assert {each.id for each in mill.reconstructions.page().items} == of_any_reason(RetentionKind.RECONSTRUCTIONS)
+    assert ids(mill) == kept[RetentionKind.LOG_SCANS] | kept[RetentionKind.PHANTOM_SCANS]
+    assert {each.id for each in mill.calibrations.page().items} == kept[RetentionKind.CALIBRATIONS]
+    assert {each.id for each in mill.drifts.page().items} == kept[RetentionKind.DRIFTS]
+    assert {each.id for each in mill.reconstructions.page().items} == kept[RetentionKind.RECONSTRUCTIONS]
     assert mill.jobs.claim("test") is not None, "what waits can still be done"
 
 
 @sqlite_alone
 def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upload, finish):
     schedule = mill.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 5 * * *"))
-    upload(mill)
+    scan = upload(mill)
     finish(mill)
     clock.advance(days=1)
     [run] = mill.schedules.run_due()
@@ -204,6 +177,7 @@ def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upl
     upload(mill)
     finish(mill)
     assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
+    assert mill.jobs.get(scan.job_id).state is JobState.SUCCEEDED, "an alarm knows by it when a phantom was scanned"
     assert [(each.outcome, each.calibration_id) for each in mill.schedules.runs(schedule.id)] == [("queued", None)]
 
 
@@ -229,7 +203,7 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
     put(mill, RetentionRules(events_days=30))
     before = mill.events.newest_number()
     shown = mill.retention.preview(RetentionRules(events_days=30)).kinds[-1]
-    assert [each.because for each in shown.stays] == [StaysBecause.NEWEST]
+    assert shown.stays == 1
     assert carried_out(mill) == {RetentionKind.EVENTS: shown.number}
     left = mill.events.following(0)
     old = [each for each in left if each.at < clock() - timedelta(days=30)]
@@ -433,38 +407,3 @@ def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finis
         carried_out(mill)
     assert ids(mill) == {old[2]}
     assert not mill.files.results(job_kinds.INGEST, old[1]).exists()
-
-
-def a_month_of_logs(store, scanner_id, first, month):
-    """Rows alone, one a day: jobs and scans as they are at the end of a month of 30 days."""
-    rows = [(f"log-{month}-{day}", first + timedelta(days=day + 0.5)) for day in range(30)]
-    job = {"kind": job_kinds.INGEST, "state": JobState.SUCCEEDED}
-    scan = {"scanner_id": scanner_id, "spec": {}, "state": ScanState.READY, "size_bytes": 100, "sha256": "0" * 64}
-    jobs = [{**job, "id": f"job-{name}", "subject_id": name, "created_at": at} for name, at in rows]
-    scans = [{**scan, "id": name, "created_at": at, "job_id": f"job-{name}"} for name, at in rows]
-    with store.database.write() as session:
-        session.execute(insert(JobRow), jobs)
-        session.execute(insert(ScanRow), scans)
-
-
-@sqlite_alone
-def test_five_simulated_months_stay_within_their_rules(mill, clock, scanner, upload, finish):
-    scan_id, calibration_id = calibrated(mill, upload, finish)
-    mill.calibrations.activate(calibration_id, "of these months")
-    put(mill, RetentionRules(log_scans_days=60, phantom_scans_days=30, events_days=30))
-    keeper = mill.retention_keeper(now_s=lambda: clock().timestamp())
-    for month in range(5):
-        first = clock()
-        clock.advance(days=30)
-        a_month_of_logs(mill, scanner.id, first, month)
-        while keeper.remove_some() is not None:
-            pass
-        with mill.database.read() as session:
-            kept = session.scalars(select(ScanRow.created_at).where(ScanRow.phantom_id.is_(None))).all()
-        assert len(kept) == min(60, 30 * (month + 1))
-        assert min(kept) > clock() - timedelta(days=60)
-    assert mill.retention.get().removed[0].number == 3 * 30
-    assert mill.scans.get(scan_id).state is ScanState.READY
-    with mill.database.read() as session:
-        assert len(session.scalars(select(JobRow.id)).all()) == 62
-    assert len(mill.events.following(0)) < 10

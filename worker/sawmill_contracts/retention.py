@@ -1,4 +1,4 @@
-"""Retention rules, previews of what they would remove, and reasons for which objects are kept."""
+"""Retention rules, and previews of what they would remove."""
 
 from enum import StrEnum
 from typing import Annotated, Any
@@ -21,17 +21,6 @@ class RetentionKind(StrEnum):
     DRIFTS = "drifts"
     INSPECTIONS = "inspections"
     EVENTS = "events"
-
-
-class StaysBecause(StrEnum):
-    """Reason why something is kept although a rule reaches it."""
-
-    ACTIVE_CALIBRATION = "active-calibration"
-    ONCE_ACTIVE = "once-active"
-    REFERRED_TO = "referred-to"
-    UNFINISHED_JOB = "unfinished-job"
-    NEWEST = "newest"
-    SCHEDULE = "schedule"
 
 
 Days = Annotated[int, Field(ge=1, le=LONGEST_DAYS)]
@@ -103,20 +92,6 @@ class Retention(Contract):
     removed: list[Removed] = Field(description="Objects that rules have removed since the beginning, by kind.")
 
 
-class Staying(Contract):
-    """Objects that the rules reach and that are kept all the same."""
-
-    because: StaysBecause = Field(
-        description="`active-calibration`: a scanner's active calibration or the one before, or the scan of one of "
-        "the two. `once-active`: a calibration that a scanner has used. `referred-to`: used by a stored "
-        "reconstruction or drift check. `unfinished-job`: made or needed by a job that has not ended. `newest`: the "
-        "newest of its sort of a scanner, and the calibration of its newest phantom scan. `schedule`: the next one "
-        "that a schedule would use, or the last one that it used.",
-        examples=["active-calibration"],
-    )
-    number: int = Field(description="Number of objects; one may be kept for several reasons.", examples=[2])
-
-
 class KindPreview(Contract):
     """Objects of one kind that would be removed, and objects that would be kept although the rules reach them."""
 
@@ -130,7 +105,10 @@ class KindPreview(Contract):
         description="Time of the newest object that would be removed, RFC 3339, UTC. Null: there is none.",
         examples=["2026-02-02T05:30:00Z"],
     )
-    stays: list[Staying] = Field(description="Objects that are kept although the rules reach them, by reason.")
+    stays: int = Field(
+        description="Number of objects that are kept although the rule reaches them: something needs them.",
+        examples=[2],
+    )
 
 
 class RetentionPreview(Contract):

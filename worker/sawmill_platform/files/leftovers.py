@@ -49,19 +49,7 @@ class _Place:
 
 
 class Leftovers:
-    """Remover of leftovers, a few at a time, so that no round takes long however many folders there are.
-
-    Parameters
-    ----------
-    database, files
-        Database and data folder, which several processes may check.
-    named
-        Folders in which rows name files.
-    grace_s
-        Time for which no row must have named a file, seconds.
-    now_s
-        The observer's clock, which never goes back.
-    """
+    """Remover of files that no row of `named` names for `grace_s`, a few at a time; several processes may have one."""
 
     def __init__(
         self,
@@ -84,19 +72,9 @@ class Leftovers:
         self._seen_again: dict[Path, tuple[float, object]] = {}
 
     def remove_some(self) -> list[Path]:
-        """Check the next names, at most `NAMES_A_ROUND`; all names are checked four times in a grace.
+        """Check the next names, a quarter of a grace after the last time, and return the paths that were removed.
 
-        Returns
-        -------
-        list of Path
-            Paths that were removed.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The rows cannot be read.
-        OSError
-            A file could not be removed; all other files of the round were.
+        Raises `OSError` if a file could not be removed; all other files of the round were.
         """
         remaining, removed = NAMES_A_ROUND, list[Path]()
         while remaining > 0 and self._now_s() >= self._rests_until_s:

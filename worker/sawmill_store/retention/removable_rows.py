@@ -1,16 +1,16 @@
-"""Rows that rules of retention may remove, by kind, and the reasons for which such rows are kept all the same."""
+"""Rows that rules of retention may remove, by kind, and what keeps such rows all the same."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, or_, select, text, true, union_all, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.kinds import asked_kinds
-from sawmill_contracts.retention import RetentionKind, StaysBecause
+from sawmill_contracts.retention import RetentionKind
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
@@ -36,14 +36,8 @@ Found = TypeVar("Found", str, int)
 _UNFINISHED = JobRow.state.in_(UNFINISHED)
 
 
-class Protection(NamedTuple):
-    """A reason, and the condition that is true for the rows that stay for this reason; it is never unknown (NULL)."""
-
-    because: StaysBecause
-    condition: ColumnElement[bool]
-
-
-Protections = Callable[[Session], Iterable[Protection]]
+Protections = Callable[[Session], Iterable[ColumnElement[bool]]]
+"""What keeps rows, as of a transaction: conditions that are true for the rows that stay, and never unknown (NULL)."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +76,7 @@ class RemovableRows:
 
     def unprotected(self, session: Session) -> ColumnElement[bool]:
         """Return the condition that nothing protects a row."""
-        return and_(true(), *(~each.condition for each in self.protections(session)))
+        return and_(true(), *(~condition for condition in self.protections(session)))
 
 
 def _last_old_event(session: Session, aged: datetime) -> int:
@@ -114,36 +108,27 @@ def _calibrations_in_use(session: Session) -> set[str]:
     return {identifier for row in rows for identifier in row if identifier is not None}
 
 
-def _of_scans(session: Session) -> Iterator[Protection]:
-    yield Protection(StaysBecause.UNFINISHED_JOB, ScanRow.id.in_(_scans_of_unfinished_jobs()))
-    of_these = select(CalibrationRow.scan_id).where(CalibrationRow.id.in_(_calibrations_in_use(session)))
-    for because, scan_ids in (
-        (StaysBecause.ACTIVE_CALIBRATION, set(session.scalars(of_these))),
-        (StaysBecause.NEWEST, _newest(session, _newest_log()) | _newest_phantom_scans(session)),
-        (
-            StaysBecause.SCHEDULE,
-            {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)},
-        ),
-    ):
-        if kept_ids := scan_ids - {None}:
-            yield Protection(because, ScanRow.id.in_(kept_ids))
+def _of_scans(session: Session) -> Iterator[ColumnElement[bool]]:
+    yield ScanRow.id.in_(_scans_of_unfinished_jobs())
+    in_use = select(CalibrationRow.scan_id).where(CalibrationRow.id.in_(_calibrations_in_use(session)))
+    kept_ids: set[str | None] = {*session.scalars(in_use), *_newest(session, _newest_log())}
+    kept_ids |= _newest_phantom_scans(session)
+    kept_ids |= {next_log(session, scanner_id) for scanner_id in _scanners_that_check_drift(session)}
+    yield ScanRow.id.in_(kept_ids - {None})
 
 
-def _of_calibrations(session: Session) -> Iterator[Protection]:
+def _of_calibrations(session: Session) -> Iterator[ColumnElement[bool]]:
     yield _unfinished(CalibrationRow, job_kinds.CALIBRATE)
-    in_use = CalibrationRow.id.in_(_calibrations_in_use(session))
-    yield Protection(StaysBecause.ACTIVE_CALIBRATION, in_use)
-    was_active = exists().where(ActivationRow.calibration_id == CalibrationRow.id)
-    yield Protection(StaysBecause.ONCE_ACTIVE, and_(was_active, ~in_use))
+    yield exists().where(ActivationRow.calibration_id == CalibrationRow.id)
     referring = (
         exists().where(table.calibration_id == CalibrationRow.id) for table in (ReconstructionRow, DriftRow, AskedRow)
     )
-    yield Protection(StaysBecause.REFERRED_TO, or_(*referring))
+    yield or_(*referring)
     # A schedule knows by it that the newest phantom scan was used.
-    yield Protection(StaysBecause.NEWEST, CalibrationRow.scan_id.in_(_newest_phantom_scans(session)))
+    yield CalibrationRow.scan_id.in_(_newest_phantom_scans(session))
 
 
-def _of_drifts(session: Session) -> Iterator[Protection]:
+def _of_drifts(session: Session) -> Iterator[ColumnElement[bool]]:
     yield _unfinished(DriftRow, job_kinds.DRIFT)
     # A schedule knows by the newest checks which logs were checked: it continues after the newest of these.
     conditions = []
@@ -153,17 +138,17 @@ def _of_drifts(session: Session) -> Iterator[Protection]:
         since = looked_at if last is None else looked_at.where(ScanRow.created_at >= last)
         conditions.append(and_(DriftRow.scanner_id == scanner_id, since))
     if conditions:
-        yield Protection(StaysBecause.SCHEDULE, or_(*conditions))
+        yield or_(*conditions)
 
 
-def _of_events(session: Session) -> Iterator[Protection]:
-    if numbers := _newest(session, newest_accepted(EventRow.number)):
-        yield Protection(StaysBecause.NEWEST, EventRow.number.in_(numbers))
+def _of_events(session: Session) -> Iterator[ColumnElement[bool]]:
+    # An alarm knows by it when the newest scan came, deleted or not.
+    yield EventRow.number.in_(_newest(session, newest_accepted(EventRow.number)))
 
 
-def _unfinished(table: type[Answered], kind: JobKind) -> Protection:
+def _unfinished(table: type[Answered], kind: JobKind) -> ColumnElement[bool]:
     unfinished = select(JobRow.id).where(_UNFINISHED, JobRow.kind == kind)
-    return Protection(StaysBecause.UNFINISHED_JOB, table.job_id.in_(unfinished))
+    return table.job_id.in_(unfinished)
 
 
 def _scans_of_unfinished_jobs() -> Select[str]:

@@ -18,7 +18,6 @@ from sawmill_contracts.retention import (
     RetentionKind,
     RetentionPreview,
     RetentionRules,
-    Staying,
 )
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
@@ -112,7 +111,7 @@ def _preview(session: Session, rules: RetentionRules, at: datetime) -> Retention
     kinds = [
         _preview_of(session, kind, REMOVABLE_ROWS[kind], days[kind], at)
         if kind in days
-        else KindPreview(kind=kind, number=0, oldest_at=None, newest_at=None, stays=[])
+        else KindPreview(kind=kind, number=0, oldest_at=None, newest_at=None, stays=0)
         for kind in RetentionKind
     ]
     return RetentionPreview(at=at, rules=rules, number=sum(kind.number for kind in kinds), kinds=kinds)
@@ -121,15 +120,15 @@ def _preview(session: Session, rules: RetentionRules, at: datetime) -> Retention
 def _preview_of(session: Session, kind: RetentionKind, rows: RemovableRows, days: int, at: datetime) -> KindPreview:
     reached = rows.reached(session, days, at)
     going = and_(reached, rows.unprotected(session))
-    kept = ((each.because, _number(session, rows, and_(reached, each.condition))) for each in rows.protections(session))
+    number = _number(session, rows, going)
     ages = select(rows.at).where(going).limit(1)
     oldest_first = rows.oldest_first()
     return KindPreview(
         kind=kind,
-        number=_number(session, rows, going),
+        number=number,
         oldest_at=session.scalar(ages.order_by(*oldest_first)),
         newest_at=session.scalar(ages.order_by(*(column.desc() for column in oldest_first))),
-        stays=[Staying(because=because, number=number) for because, number in kept if number],
+        stays=_number(session, rows, reached) - number,
     )
 
 
@@ -162,7 +161,7 @@ class RetentionKeeper:
     Parameters
     ----------
     database, files
-        Database and data folder, on which several processes may work.
+        Database and data folder.
     now_s
         The keeper's clock, seconds, which never goes back.
     """
