@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry
 from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_service import retention
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake

@@ -4,8 +4,9 @@ import pytest
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.kinds import AskedKind, asked_kinds
+from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kinds import declaration_of

@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Delete, and_, delete, or_, select
 
 from sawmill_contracts import mill_events
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import JobDependencyRow, JobRow

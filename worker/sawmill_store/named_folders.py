@@ -6,8 +6,8 @@ from functools import partial
 from sqlalchemy import or_, select
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.inspections import FILE_KEPT
-from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind, JobState

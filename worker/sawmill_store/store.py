@@ -26,7 +26,7 @@ from sawmill_store.retention.retention_store import RetentionKeeper, RetentionSt
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
-from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 
 Plans = Asked[PlanAsk, Plan]
 
@@ -47,7 +47,7 @@ class Store(JobServiceStore):
 
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         files = MillFiles(settings.data_folder)
-        super().__init__(settings, files, MillSubjects(files), clock)
+        super().__init__(settings, files, MILL_SUBJECTS, clock)
         self.scanners = Scanners(self.database)
         self.phantoms = Phantoms(self.database, self.files, self.places)
         self.scans = Scans(self.database, self.files, self.places)

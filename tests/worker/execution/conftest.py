@@ -26,7 +26,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.program import WorkerProgram
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
-from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 from sawmill_vocabulary import DataKind
 from sawmill_worker.program import MILL
 
@@ -52,7 +52,7 @@ class StoreWith(Store):
 
     def __init__(self, settings: StorageSettings, jobs: type[Jobs]) -> None:
         super().__init__(settings)
-        self.jobs = jobs(self.database, self.files, MillSubjects(self.files))
+        self.jobs = jobs(self.database, self.files, MILL_SUBJECTS)
 
 
 @pytest.fixture

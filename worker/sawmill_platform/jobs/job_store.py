@@ -259,7 +259,7 @@ class Jobs:
             The database does not answer.
         """
         with self._database.read() as session:
-            return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
+            return self._subjects.handed_over(session, self._files, found(session, JobRow, "job", job_id))
 
     def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> tuple[Contract, Path | None]:
         """Return the result that an attempt's process sent, and the file that it left, unopened; null: it left none.

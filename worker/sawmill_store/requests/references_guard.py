@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import JobRow
 from sawmill_store.tables import table_of

@@ -9,7 +9,7 @@ from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, or_, s
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
