@@ -34,8 +34,8 @@ from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups import restore, take_backup
+from sawmill_store.mill_tables import ScanRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ScanRow
 
 FILES, FILE_BYTES, NEW = 58_000, 10_000, 10
 PARTS = {

@@ -42,8 +42,8 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.history_file import history_csv
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.mill_tables import CalibrationRow, MeasurementRow
 from sawmill_store.store import Store
-from sawmill_store.tables import CalibrationRow, MeasurementRow
 
 SEED, REPEATS, DAYS = 17, 5, 365
 SCANNER_ID = "line-2"

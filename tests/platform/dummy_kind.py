@@ -19,13 +19,13 @@ from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.contracts.attempts import AttemptInput, JobFailure
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import FailureKind, JobKind
-from sawmill_platform.contracts.kinds import KindDeclaration, declare
+from sawmill_platform.contracts.kind_declarations import KindDeclaration, declare
 from sawmill_platform.database.tables import Base, Json, Resource
 from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.jobs.subjects import Recorded, Subjects
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.settings import ExecutionSettings
 
 MIGRATION = """

@@ -40,8 +40,15 @@ from sawmill_platform.errors import Damaged
 from sawmill_platform.keys.repeats import KeptAnswer
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.backups import READERS, restore, take_backup
+from sawmill_store.mill_tables import (
+    ActivationRow,
+    AlarmRow,
+    DriftChartRow,
+    MeasurementRow,
+    RetentionRow,
+    ScheduleRunRow,
+)
 from sawmill_store.store import Store
-from sawmill_store.tables import ActivationRow, AlarmRow, DriftChartRow, MeasurementRow, RetentionRow, ScheduleRunRow
 
 pytestmark = pytest.mark.slow
 

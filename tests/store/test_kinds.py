@@ -9,9 +9,9 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_store.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_store.mill_tables import OWN_TABLES, AskedRow, table_of
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

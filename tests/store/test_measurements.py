@@ -16,8 +16,8 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.measurements import MOST_READ
+from sawmill_store.mill_tables import MeasurementRow
 from sawmill_store.store import Store
-from sawmill_store.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
 FAILURE = '{"kind": "input", "code": "phantom-not-seen", "detail": "no phantom"}'

@@ -22,8 +22,8 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
+from sawmill_store.mill_tables import ReconstructionRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ReconstructionRow
 
 # All kinds, after a day; what protects needs no rule of its own.
 ALL = RetentionRules(**dict.fromkeys(RetentionRules.model_fields, 1))

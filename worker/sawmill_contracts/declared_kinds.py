@@ -4,7 +4,7 @@ from typing import Any
 
 from sawmill_contracts import calibrations, drifts, inspections, phantoms, plans, reconstructions, scans
 from sawmill_contracts.kinds import AskedKind
-from sawmill_platform.contracts.kinds import KindDeclaration, declare
+from sawmill_platform.contracts.kind_declarations import KindDeclaration, declare
 
 KINDS: tuple[KindDeclaration, ...] = (
     scans.DECLARATION,

@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.kinds import KindDeclaration
+from sawmill_platform.contracts.kind_declarations import KindDeclaration
 
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)

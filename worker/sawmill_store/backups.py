@@ -18,21 +18,14 @@ from sawmill_platform.backups import restoring, taking
 from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, Readers, loaded, read_any_event
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.tables import EventRow
 from sawmill_platform.due_times import next_due
 from sawmill_store.alarms import read_alarm
 from sawmill_store.drift_charts import read_chart
 from sawmill_store.history import read_entry
 from sawmill_store.measurements import read_measurement
-from sawmill_store.named_folders import NAMED_FOLDERS
-from sawmill_store.phantoms import picture_of, read_phantom
-from sawmill_store.requests.asked_rows import read_asked
-from sawmill_store.retention.retention_store import read_retention
-from sawmill_store.scanners import read_scanner
-from sawmill_store.scans import read_scan
-from sawmill_store.schedules import read_schedule, read_schedule_run
-from sawmill_store.tables import (
+from sawmill_store.mill_tables import (
     ActivationRow,
     AlarmRow,
     Answered,
@@ -51,6 +44,13 @@ from sawmill_store.tables import (
     ScheduleRunRow,
     table_of,
 )
+from sawmill_store.named_folders import NAMED_FOLDERS
+from sawmill_store.phantoms import picture_of, read_phantom
+from sawmill_store.requests.asked_rows import read_asked
+from sawmill_store.retention.retention_store import read_retention
+from sawmill_store.scanners import read_scanner
+from sawmill_store.scans import read_scan
+from sawmill_store.schedules import read_schedule, read_schedule_run
 
 _OBJECT = TypeAdapter(dict[str, object])
 

@@ -14,8 +14,7 @@ from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_store.alarms import close_alarms
 from sawmill_store.history import forget_history
-from sawmill_store.store import Store
-from sawmill_store.tables import (
+from sawmill_store.mill_tables import (
     ActivationRow,
     CalibrationRow,
     MeasurementRow,
@@ -24,6 +23,7 @@ from sawmill_store.tables import (
     ScheduleRow,
     table_of,
 )
+from sawmill_store.store import Store
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 # Names of the example scanners by their ids. A scanner that somebody has renamed is no example any more.

@@ -16,7 +16,7 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import UPLOADED_FILE
 from sawmill_platform.files.named_folders import Ids, NamedFolder
 from sawmill_store.mill_files import SCAN_FILE
-from sawmill_store.tables import AskedRow, PhantomRow, ScanRow, table_of
+from sawmill_store.mill_tables import AskedRow, PhantomRow, ScanRow, table_of
 
 
 def _inspected(now: Clock) -> Ids:

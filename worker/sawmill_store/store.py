@@ -9,8 +9,8 @@ from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.plans import Plan, PlanAsk
 from sawmill_platform.database.clock import Clock
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts

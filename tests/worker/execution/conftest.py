@@ -20,7 +20,7 @@ from sawmill_platform.attempts.process import AttemptProcess, AttemptStarter
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.attempts.starting import attempt_environment, attempt_starter
 from sawmill_platform.contracts.jobs import Job, Priority
-from sawmill_platform.contracts.kinds import SHORT_UPLOAD_BYTES
+from sawmill_platform.contracts.kind_declarations import SHORT_UPLOAD_BYTES
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.program import WorkerProgram

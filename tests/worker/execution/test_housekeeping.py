@@ -23,8 +23,8 @@ from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
+from sawmill_store.mill_tables import ActivationRow, MeasurementRow, ScannerRow
 from sawmill_store.retention.removable_rows import REMOVABLE_ROWS
-from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
 from sawmill_worker.housekeeping import MillHousekeeping
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ from sawmill_platform.attempts.environment import environment_of_attempts
 from sawmill_platform.attempts.process import AttemptStarter, FreshProcesses
 from sawmill_platform.attempts.template import Template, template_library
 from sawmill_platform.attempts.threading_layer import configure_threads
-from sawmill_platform.store import JobServiceStore
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.workers import sharing
 from sawmill_platform.workers.settings import ExecutionSettings
 

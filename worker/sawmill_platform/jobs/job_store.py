@@ -23,7 +23,7 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, narrowed, rows_of_page
 from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow, Json

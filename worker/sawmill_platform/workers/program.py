@@ -7,8 +7,8 @@ from typing import Generic, TypeVar
 
 from sawmill_platform.attempts.process import AttemptStarter
 from sawmill_platform.attempts.starting import attempt_starter
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.housekeeping import Housekeeping
 from sawmill_platform.workers.settings import ExecutionSettings
 

@@ -1,7 +1,7 @@
-"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kinds.py`).
+"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kind_declarations.py`).
 
 The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
-stored row had to move: `tables.OWN_TABLES` names them.
+stored row had to move: `mill_tables.OWN_TABLES` names them.
 """
 
 from collections.abc import Collection, Mapping
@@ -24,9 +24,9 @@ from sawmill_platform.errors import Invalid
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_tables import OWN_TABLES, Answered, ScanRow, table_of
 from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.requests.references import looked_up
-from sawmill_store.tables import OWN_TABLES, Answered, ScanRow, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 

@@ -16,8 +16,7 @@ from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_store.activations import active_calibration
 from sawmill_store.alarms import newest_accepted
-from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
-from sawmill_store.tables import (
+from sawmill_store.mill_tables import (
     ActivationRow,
     Answered,
     AskedRow,
@@ -30,6 +29,7 @@ from sawmill_store.tables import (
     ScheduleRunRow,
     table_of,
 )
+from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
 
 Found = TypeVar("Found", str, int)
 

@@ -27,8 +27,8 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.leftovers import noted
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
+from sawmill_store.mill_tables import RetentionRow
 from sawmill_store.retention.removable_rows import REMOVABLE_ROWS, RemovableRows, delete_rows, lock
-from sawmill_store.tables import RetentionRow
 
 SUBJECT, THE_ROW = "retention", 1
 # Time for a person to confirm the number of a preview: scans become too old every few seconds.

@@ -18,18 +18,18 @@ from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.errors import DamagedResult
 from sawmill_platform.jobs.subjects import Recorded, Subjects
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.measurements import record_measurement
+from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScanRow
 from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.requests.asked_rows import found_asked
 from sawmill_store.subjects.handing_over import handed_over
 from sawmill_store.subjects.outputs import output_file
-from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
 
 
 def _record_success(session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime) -> Recorded:

@@ -23,7 +23,7 @@ from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
 from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.jobs import Job, JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_store.subjects.outputs import check_file
 from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
