@@ -19,9 +19,7 @@ class JobKind(RegisteredWord):
     @classmethod
     def register(cls, name: str, plural: str) -> Self:
         """Add a kind of job; its name and the plural of what its jobs work on are part of addresses and folders."""
-        kind = cls._add(name)
-        kind.plural = plural
-        return kind
+        return cls._add(name, plural=plural)
 
 
 class JobState(StrEnum):

@@ -9,9 +9,9 @@ import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -32,14 +32,12 @@ _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
 Known = Callable[[Session, Sequence[str]], set[str]]
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A folder, the pattern of our names in it, and the names that rows know; `changes`: only unchanging files go."""
+class _Place(NamedTuple):
+    """A folder, the pattern of our names in it, and the names that rows know."""
 
     folder: Path
     name: re.Pattern[str]
     known: Known
-    changes: bool = False
 
     def names(self) -> Iterator[str]:
         try:
@@ -101,10 +99,10 @@ class Leftovers:
     def _ripe(self, place: _Place, names: Sequence[str]) -> list[str]:
         with self._database.read() as session:
             unknown = set(names) - place.known(session, names)
-        return [name for name in sorted(unknown) if self._stood_still(place, place.folder / name)]
+        return [name for name in sorted(unknown) if self._stood_still(place.folder / name)]
 
-    def _stood_still(self, place: _Place, path: Path) -> bool:
-        look = _look_of(path) if place.changes else None
+    def _stood_still(self, path: Path) -> bool:
+        look = _look_of(path)
         first_s, before = self._seen.get(path, (self._now_s(), None))
         if path not in self._seen or before != look:
             first_s = self._now_s()
@@ -141,14 +139,10 @@ def noted(errors: list[OSError]) -> Iterator[None]:
 
 def _places(folder: Path, named: Iterable[NamedFolder], now: Clock) -> list[_Place]:
     return [
-        *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
+        *(_Place(folder / name, _TEMPORARY_NAME, lambda _, __: set()) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
         *(_Place(folder / each.path, _SUBJECT_NAME, _among(each, now)) for each in (*OF_THE_SERVICE, *named)),
     ]
-
-
-def _nothing(_session: Session, _names: Sequence[str]) -> set[str]:
-    return set()
 
 
 def _among(named: NamedFolder, now: Clock) -> Known:
