@@ -30,9 +30,9 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.program import attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta

@@ -11,7 +11,6 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from sawmill_platform.attempts.attempt import main as attempt_main
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.row_contracts import OF_THE_SERVICE, loaded
@@ -26,6 +25,7 @@ from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.jobs.subjects import Recorded, Subjects
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.program import attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings
 
 MIGRATION = """

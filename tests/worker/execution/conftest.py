@@ -18,12 +18,11 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.process import AttemptProcess, AttemptStarter
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_environment, attempt_starter
 from sawmill_platform.contracts.jobs import Job, Priority
 from sawmill_platform.contracts.kind_declarations import SHORT_UPLOAD_BYTES
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.program import WorkerProgram
+from sawmill_platform.workers.program import WorkerProgram, attempt_environment, attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
