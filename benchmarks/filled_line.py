@@ -18,8 +18,8 @@ from sawmill_contracts import job_kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import EventRow, JobRow
+from sawmill_store.mill_tables import PlanRow
 from sawmill_store.store import Store
-from sawmill_store.tables import PlanRow
 
 CLIENTS, PAGE_JOBS = 4, 50
 WINDOW_S, NOBODY_WORKS_S = 6.0, 60.0

@@ -38,7 +38,7 @@ from sawmill_contracts.geometry import ScannerConstants  # noqa: E402
 from sawmill_contracts.scanners import ScannerSpec  # noqa: E402
 from sawmill_contracts.scans import ScanState  # noqa: E402
 from sawmill_platform.contracts.jobs import JobKind, JobState, Priority  # noqa: E402
-from sawmill_platform.contracts.kinds import declaration_of  # noqa: E402
+from sawmill_platform.contracts.kind_declarations import declaration_of  # noqa: E402
 from sawmill_platform.database.database import Database  # noqa: E402
 from sawmill_platform.database.engines import make_engine  # noqa: E402
 from sawmill_platform.database.tables import EventRow, JobRow  # noqa: E402
@@ -47,8 +47,8 @@ from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
 from sawmill_store.measurements import record_measurement  # noqa: E402
+from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow  # noqa: E402
 from sawmill_store.store import Store  # noqa: E402
-from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow  # noqa: E402
 
 REPEATS = 5
 BATCH = 500
@@ -142,7 +142,7 @@ def fill_scanner(
                 answer = results.drift_result(ray_change_mm=moved, within_tolerance=moved <= 0.5)
                 row = DriftRow(**asked, options={}, calibration_id=active_id, result=answer)
             else:
-                about = {"options": {"scan_id": scan_id}, "calibration_id": active_id, "stored_bytes": 10**7}
+                about = {"options": {"scan_id": scan_id}, "calibration_id": active_id}
                 row = ReconstructionRow(**asked, **about, result=results.reconstruction_result())
             session.add(row)
             session.flush()

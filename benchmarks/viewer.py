@@ -40,8 +40,8 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.http.listening import listen
 from sawmill_service.settings import ServiceSettings
+from sawmill_store.mill_tables import ReconstructionRow, ScanRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ReconstructionRow, ScanRow
 
 SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
 PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0

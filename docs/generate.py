@@ -25,7 +25,7 @@ from pydantic_settings import BaseSettings
 from starlette.types import ASGIApp
 
 from sawmill_command.commands import main as program
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.old_names import out_of_use

@@ -130,12 +130,12 @@ SERVING = ("service/sawmill_service", "worker/sawmill_store", "worker/sawmill_mi
 UNVERIFIED = {
     "sawmill_platform/files/file_store.py": {"results", "unverified"},
     "sawmill_platform/jobs/job_store.py": {"results"},
-    "sawmill_platform/retention/measured_bytes.py": {"results"},
     "sawmill_service/pages/calibrate/calibrate.py": {"results"},
     "sawmill_service/routes/calibrations.py": {"unverified"},
     "sawmill_service/routes/reconstructions.py": {"unverified"},
     "sawmill_store/inspections.py": {"results"},
     "sawmill_store/phantoms.py": {"results"},
+    "sawmill_store/retention/retention_store.py": {"results"},
     "sawmill_store/scans.py": {"results"},
     "sawmill_store/subjects/handing_over.py": {"results"},
 }

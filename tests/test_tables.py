@@ -14,7 +14,7 @@ from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_service.pages.scanners import scanner_form
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
@@ -33,7 +33,7 @@ PARTIAL = {
     "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
-    "worker/sawmill_store/tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
     "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",

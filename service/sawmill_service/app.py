@@ -9,7 +9,8 @@ from prometheus_client import CollectorRegistry
 from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_service import retention
 from sawmill_service.access import Access, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed, StreamTimes
@@ -49,7 +50,6 @@ from sawmill_service.routes import (
     login,
     phantoms,
     reconstructions,
-    retention,
     scanners,
     scans,
     schedules,

@@ -203,12 +203,9 @@ def _durations(fates: Mapping[Fate, Amount]) -> Metric:
 
 def _removed(removed: Iterable[Removed]) -> Iterator[Metric]:
     numbers = CounterMetricFamily("sawmill_retention_removed", "Items removed by retention rules.", labels=["kind"])
-    freed = CounterMetricFamily("sawmill_retention_freed_bytes", "Bytes freed by retention rules.", labels=["kind"])
     for each in removed:
         numbers.add_metric([each.kind], each.number)
-        freed.add_metric([each.kind], each.freed_bytes)
     yield numbers
-    yield freed
 
 
 def _summed(fates: Mapping[Fate, Amount], key: Callable[[Fate], Key]) -> defaultdict[Key, Amount]:

@@ -64,7 +64,7 @@ def test_an_installation_in_order_has_nothing_bad(run, data):
     findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
     subjects = {finding["subject"] for finding in findings}
     expected = {"settings", "versions", "kernels", "memory", "open files", "user", "confinement", "data folder", "disk"}
-    expected |= {"address", "database", "tables", "files", "workers", "clock", "growth", "Redis", "webhooks", "backup"}
+    expected |= {"address", "database", "tables", "files", "workers", "clock", "Redis", "webhooks", "backup"}
     assert subjects == expected
     assert [each for each in findings if each["state"] == "bad"] == []
     (user,) = [each for each in findings if each["subject"] == "user"]

@@ -1,6 +1,6 @@
 """A kind of job that adds numbers, on the platform alone: `dummy_kind.py FOLDER`; as an attempt it has no argument."""
 
-# ruff: noqa: ARG001, ARG002, T201 - a program, whose methods are those of a protocol
+# ruff: noqa: ARG001, T201 - a program, whose functions have all arguments that the job store gives
 import json
 import sys
 import threading
@@ -11,20 +11,20 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from sawmill_platform.attempts.attempt import main as attempt_main
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_starter
 from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.contracts.attempts import AttemptInput, JobFailure
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import FailureKind, JobKind
-from sawmill_platform.contracts.kinds import KindDeclaration
+from sawmill_platform.contracts.kind_declarations import KindDeclaration, declare
 from sawmill_platform.database.tables import Base, Json, Resource
 from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.queueing import queue_job
-from sawmill_platform.jobs.subjects import Recorded
+from sawmill_platform.jobs.subjects import Recorded, Subjects
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.store import JobServiceStore
+from sawmill_platform.workers.program import attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings
 
 MIGRATION = """
@@ -54,7 +54,7 @@ class Numbers(AttemptInput):
     numbers: list[int]
 
 
-ADD = JobKind.register("add", "sums", declared_in=__name__)
+ADD = JobKind.register("add", "sums")
 DECLARATION = KindDeclaration(
     kind=ADD, noun="sum", label="Add", result=Sum, processor_s=60, time_limit_s=60, stall_s=60, lighter="give less"
 )
@@ -70,33 +70,29 @@ class SumRow(Resource):
     reason: Mapped[str | None] = mapped_column(String(200))
 
 
-class Sums:
-    """The subjects of these jobs."""
+def handed_over(session, files, job):
+    row = session.get(SumRow, job.subject_id)
+    return Numbers(kept=files.kept_with(job.id), numbers=row.numbers["of"])
 
-    named_folders = ()
 
-    def __init__(self, files):
-        self._files = files
+def record_success(session, kind, subject_id, result, now):
+    session.get(SumRow, subject_id).answer = result.model_dump(mode="json")
+    return Recorded()
 
-    def handed_over(self, session, job):
-        row = session.get(SumRow, job.subject_id)
-        return Numbers(kept=self._files.kept_with(job.id), numbers=row.numbers["of"])
 
-    def record_event(self, session, now, what, job, detail):
-        """The ledger is enough."""
+def record_end_without_result(session, kind, subject_id, reason, now):
+    session.get(SumRow, subject_id).reason = reason
 
-    def record_success(self, session, kind, subject_id, result, now):
-        session.get(SumRow, subject_id).answer = result.model_dump(mode="json")
-        return Recorded()
 
-    def record_end_without_result(self, session, kind, subject_id, reason, now):
-        session.get(SumRow, subject_id).reason = reason
+def output_file(kind, folder):
+    assert not list(folder.iterdir())
 
-    def output_file(self, kind, folder):
-        assert not list(folder.iterdir())
 
-    def read_apart(self, path):
-        raise AssertionError("no job leaves a file")
+def read_apart(path):
+    raise AssertionError("no job leaves a file")
+
+
+SUMS = Subjects((), handed_over, record_success, record_end_without_result, output_file, read_apart)
 
 
 def warm_up():
@@ -134,7 +130,7 @@ def supervise(folder: Path) -> None:
     Base.metadata.info["migrations"] = migrations
     files = FileStore(folder / "data")
     settings, copy = (StorageSettings(data_folder=folder / name, database_url=None) for name in ("data", "copy"))
-    store = JobServiceStore(settings, files, Sums(files))
+    store = JobServiceStore(settings, files, SUMS)
     store.prepare()
     for name, numbers in (("good", [1, 2, 3]), ("empty", [])):
         with store.database.write() as session:
@@ -148,9 +144,9 @@ def supervise(folder: Path) -> None:
     events = [event.what for event in store.events.following(0)]
     store.close()
     (folder / "backups").mkdir()
-    taken = take_backup(settings, folder / "backups", lambda _: None, named=Sums.named_folders)
+    taken = take_backup(settings, folder / "backups", lambda _: None, named=SUMS.named_folders)
     restore(taken.path, copy, lambda _: None)
-    store = JobServiceStore(copy, files := FileStore(copy.data_folder), Sums(files))
+    store = JobServiceStore(copy, FileStore(copy.data_folder), SUMS)
     store.prepare(may_begin=False)
     with store.database.read() as session:
         answers = {row.id: [row.answer, row.reason] for row in session.query(SumRow)}
@@ -162,8 +158,7 @@ def supervise(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.modules["dummy_kind"] = sys.modules["__main__"]
-    ADD.declared_in = "dummy_kind"
+    declare((DECLARATION,))
     if len(sys.argv) > 1:
         supervise(Path(sys.argv[1]))
     else:

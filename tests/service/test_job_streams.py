@@ -10,7 +10,7 @@ from machine_faults import database_away
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_service.app import create_app
-from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 from sawmill_vocabulary import Progress
 
 
@@ -102,7 +102,7 @@ def test_a_job_that_ends_between_two_looks_has_the_number_of_its_end(store, work
                 worker.finish_calibration()
             return super().get(job_id)
 
-    store.jobs = EndingFirst(store.database, store.files, MillSubjects(store.files))
+    store.jobs = EndingFirst(store.database, store.files, MILL_SUBJECTS)
     *_, job, end = blocks(listen())
     latest, ended = store.events.numbers_of_job(job_id)
     assert (job["id"], end["id"]) == (str(latest), str(ended))

@@ -4,7 +4,7 @@ import pytest
 from machine_faults import database_away
 from write_lock import write_lock
 
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app

@@ -18,7 +18,7 @@ from sawmill_platform.database.tables import EventRow
 from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts.charts import HEIGHT_PX, MOST_MARKS, span_of
 from sawmill_service.pages.charts.trend_chart import trend_chart
-from sawmill_store.tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
+from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
 PATH, FILE = f"{HISTORY}/entries", f"{HISTORY}.csv"

@@ -16,7 +16,7 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.pages.charts.charts import MOST_MARKS, days_of, range_of, span_of, thinned
 from sawmill_service.pages.charts.drift_chart import DRIFT, drift_chart
-from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
+from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 BASELINE = KnownBaseline(

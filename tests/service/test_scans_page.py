@@ -11,7 +11,7 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.paging import new_id
-from sawmill_store.tables import ReconstructionRow, ScanRow
+from sawmill_store.mill_tables import ReconstructionRow, ScanRow
 from sawmill_vocabulary import DataKind
 
 HTML = {"Accept": "text/html"}

@@ -13,8 +13,8 @@ from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_store.mill_tables import PhantomRow, ScannerRow
 from sawmill_store.store import Store
-from sawmill_store.tables import PhantomRow, ScannerRow
 from sawmill_vocabulary import DataKind, Disc
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)

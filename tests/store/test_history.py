@@ -13,7 +13,7 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict, Invalid, NotFound
-from sawmill_store.tables import ActivationRow, CalibrationRow
+from sawmill_store.mill_tables import ActivationRow, CalibrationRow
 
 ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
 

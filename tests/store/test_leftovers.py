@@ -18,8 +18,8 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.files.leftovers import NAMES_A_ROUND
 from sawmill_platform.jobs.job_store import Claim
-from sawmill_platform.retention.leftovers import NAMES_A_ROUND
 from sawmill_store.store import Store
 
 GRACE_S = 3600.0

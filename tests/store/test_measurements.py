@@ -14,7 +14,7 @@ from sawmill_contracts.measurements import MeasurementKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.measurements import MOST_READ
-from sawmill_store.tables import MeasurementRow
+from sawmill_store.mill_tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
 COMPARISON = {

@@ -17,7 +17,7 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Conflict
-from sawmill_store.tables import ActivationRow, CalibrationRow, MeasurementRow, ScannerRow
+from sawmill_store.mill_tables import ActivationRow, CalibrationRow, MeasurementRow, ScannerRow
 
 pytestmark = pytest.mark.slow
 

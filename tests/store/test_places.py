@@ -17,8 +17,8 @@ from sawmill_platform.errors import QueueFull
 from sawmill_platform.jobs.job_store import Retries
 from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ScheduleRow
 from sawmill_vocabulary import Theta
 
 NOMINAL = Theta(

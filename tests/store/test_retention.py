@@ -1,15 +1,14 @@
-"""What rules of retention remove, and what never goes: rows, jobs, files, bytes, and what is shown before."""
+"""What rules of retention remove, and what never goes: rows, jobs, files, and the number that is shown before."""
 
 import errno
 import os
 import signal
 import threading
-from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 from databases import postgresql_alone, sqlite_alone
-from sqlalchemy import event, insert, select
+from sqlalchemy import event
 from system_calls import at_call, refusing
 
 from sawmill_contracts import job_kinds
@@ -17,19 +16,17 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
+from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Conflict, NotFound
-from sawmill_platform.retention.growth import Filling, growth_of
-from sawmill_store.retention.stocks import STOCKS, events_kept_by
+from sawmill_store.mill_tables import ReconstructionRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ReconstructionRow, ScanRow
 
 # All kinds, after a day; what protects needs no rule of its own.
-ALL = RetentionRules(**{name: 1 for name in RetentionRules.model_fields if name.endswith("_days")})
+ALL = RetentionRules(**dict.fromkeys(RetentionRules.model_fields, 1))
 # Too few views for a drift check.
 UNFIT = {"shape": {"views": 2, "rows": 1, "detector": 768}}
 
@@ -87,7 +84,7 @@ def test_without_rules_nothing_goes(mill, clock, upload, finish):
     assert ids(mill) == kept
     assert not mill.retention.preview(RetentionRules()).number
     known = mill.retention.get()
-    assert (known.changed_at, list(known.rules.kinds())) == (None, [])
+    assert (known.changed_at, known.rules.days()) == (None, {})
 
 
 @sqlite_alone
@@ -109,49 +106,8 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     assert (changed.what, changed.subject) == ("retention-changed", "retention")
     assert (removed.what, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
     [entry] = [each for each in mill.retention.get().removed if each.number]
-    # Four bytes of the upload, and those of "attempt 1".
-    assert (entry.kind, entry.freed_bytes, removed.detail["freed_bytes"]) == ("log-scans", 13, 13)
+    assert entry.kind == "log-scans"
     assert mill.audit.page().items[0].detail == {"log_scans_days": [None, 14]}
-
-
-@sqlite_alone
-def test_too_much_goes_oldest_first_and_rows_of_before_are_measured(mill, clock, upload, finish):
-    logs = []
-    for _ in range(5):
-        logs.append(log(mill, upload, finish))
-        clock.advance(hours=1)
-    rules = RetentionRules(log_scans_bytes=30)
-    assert not mill.retention.preview(rules).number, "what is not measured yet counts as nothing"
-    carried_out(mill)
-    shown = mill.retention.preview(rules).kinds[0]
-    assert (shown.number, shown.bytes, [each.id for each in shown.first]) == (3, 39, logs[:3])
-    assert {each.by for each in shown.first} == {"log_scans_bytes"}
-    put(mill, rules)
-    assert carried_out(mill) == {RetentionKind.LOG_SCANS: 3}
-    assert ids(mill) == set(logs[3:])
-
-
-@pytest.mark.dialect
-def test_what_another_process_removes_meanwhile_is_not_removed_in_its_place(mill, clock, upload, finish):
-    logs = []
-    for _ in range(5):
-        logs.append(log(mill, upload, finish))
-        clock.advance(hours=1)
-    carried_out(mill)
-    put(mill, RetentionRules(log_scans_bytes=30))
-    meanwhile = iter(logs[:2])
-
-    def remove(*given):
-        if "ORDER BY scans.created_at" in given[2]:  # after the sum of all bytes
-            for scan_id in meanwhile:
-                other.scans.delete(scan_id)
-
-    other = Store(mill.settings)
-    event.listen(mill.database.engine, "before_cursor_execute", remove)
-    carried_out(mill)
-    other.close()
-    assert next(meanwhile, None) is None
-    assert ids(mill) == set(logs[3:])
 
 
 @pytest.fixture
@@ -166,7 +122,7 @@ def full_mill(mill, clock, scanner, upload, finish):
     mill.calibrations.activate(active, "the third")
     clock.advance(hours=1)
     _, used = calibrated(mill, upload, finish)
-    drift_log = log(mill, upload, finish)
+    earlier_log, drift_log = log(mill, upload, finish), log(mill, upload, finish)
     drift = mill.drifts.accept(DriftAsk(scan_id=drift_log, calibration_id=used)).id
     finish(mill)
     clock.advance(hours=1)
@@ -176,49 +132,26 @@ def full_mill(mill, clock, scanner, upload, finish):
     newest_log = log(mill, upload, finish, **UNFIT)
     waits = upload(mill, phantom_id=None).id
     waiting = mill.reconstructions.accept(ReconstructionAsk(scan_id=drift_log, calibration_id=active)).id
+    awaiting = mill.calibrations.accept(CalibrationAsk(scan_id=before_scan)).id
+    unchecked = mill.drifts.accept(DriftAsk(scan_id=earlier_log, calibration_id=active)).id
     clock.advance(days=400)
+    # By kind, for each reason the objects that are kept for it: each reason has one that no other reason keeps.
     return {
-        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.CALIBRATIONS): {before, active},
-        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.PHANTOM_SCANS): {before_scan, active_scan},
-        (StaysBecause.ONCE_ACTIVE, RetentionKind.CALIBRATIONS): {ages_ago},
-        (StaysBecause.REFERRED_TO, RetentionKind.CALIBRATIONS): {used, active},
-        (StaysBecause.NEWEST, RetentionKind.CALIBRATIONS): {of_newest},
-        (StaysBecause.NEWEST, RetentionKind.PHANTOM_SCANS): {newest_scan},
-        (StaysBecause.NEWEST, RetentionKind.LOG_SCANS): {newest_log},
-        (StaysBecause.SCHEDULE, RetentionKind.LOG_SCANS): {awaited},
-        (StaysBecause.SCHEDULE, RetentionKind.DRIFTS): {drift},
-        (StaysBecause.UNFINISHED_JOB, RetentionKind.LOG_SCANS): {waits, drift_log},
-        (StaysBecause.UNFINISHED_JOB, RetentionKind.RECONSTRUCTIONS): {waiting},
+        RetentionKind.LOG_SCANS: ({newest_log}, {awaited}, {waits, drift_log, earlier_log}),
+        RetentionKind.PHANTOM_SCANS: ({before_scan, active_scan}, {newest_scan}),
+        RetentionKind.CALIBRATIONS: ({ages_ago}, {before, active}, {used, active}, {of_newest}, {awaiting}),
+        RetentionKind.DRIFTS: ({drift}, {unchecked}),
+        RetentionKind.RECONSTRUCTIONS: ({waiting},),
     }
 
 
 @pytest.mark.slow
 @pytest.mark.dialect
-def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_mill, monkeypatch):
-    def shown(kind):
-        rules = RetentionRules(**{f"{kind.replace('-', '_')}_days": 1})
-        return next(each for each in mill.retention.preview(rules).kinds if each.kind is kind)
-
-    def without(because, stock):
-        return replace(
-            stock, kept_by=lambda session: [each for each in stock.kept_by(session) if each.because != because]
-        )
-
-    with mill.database.read() as session:
-        assert [each.because for each in events_kept_by(session)] == [StaysBecause.NEWEST]
-        for stock in STOCKS.values():
-            assert StaysBecause.UNFINISHED_JOB in {each.because for each in stock.kept_by(session)}, stock.kind
-    kept, previews = {}, {kind: shown(kind) for kind in {kind for _, kind in full_mill}}
-    for (because, kind), identifiers in full_mill.items():
-        stays = {each.because: set(each.first_ids) for each in previews[kind].stays}
-        assert stays[because] == identifiers, (because, kind)
-        kept.setdefault(kind, set()).update(identifiers)
-        with monkeypatch.context() as taken_away:
-            taken_away.setitem(STOCKS, kind, without(because, STOCKS[kind]))
-            going = {each.id for each in shown(kind).first}
-        others = {name for (other, of), names in full_mill.items() if of is kind and other != because for name in names}
-        assert going >= identifiers - others, (because, kind)
-        assert identifiers - others, "nothing would tell whether the protection is there"
+def test_what_something_needs_stays_and_nothing_else_does(mill, full_mill):
+    kept = {kind: set().union(*by_reason) for kind, by_reason in full_mill.items()}
+    stays = {each.kind: each.stays for each in mill.retention.preview(ALL).kinds}
+    assert {kind: stays[kind] for kind in kept} == {kind: len(names) for kind, names in kept.items()}
+    assert (stays[RetentionKind.INSPECTIONS], stays[RetentionKind.EVENTS]) == (0, 1)
     put(mill, ALL)
     carried_out(mill)
     assert ids(mill) == kept[RetentionKind.LOG_SCANS] | kept[RetentionKind.PHANTOM_SCANS]
@@ -231,7 +164,7 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
 @sqlite_alone
 def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upload, finish):
     schedule = mill.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 5 * * *"))
-    upload(mill)
+    scan = upload(mill)
     finish(mill)
     clock.advance(days=1)
     [run] = mill.schedules.run_due()
@@ -244,6 +177,7 @@ def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upl
     upload(mill)
     finish(mill)
     assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
+    assert mill.jobs.get(scan.job_id).state is JobState.SUCCEEDED, "an alarm knows by it when a phantom was scanned"
     assert [(each.outcome, each.calibration_id) for each in mill.schedules.runs(schedule.id)] == [("queued", None)]
 
 
@@ -260,32 +194,6 @@ def test_inspections_go_after_their_jobs(mill, clock):
     assert not mill.files.upload(job_kinds.INSPECT, waits.id).exists()
 
 
-@sqlite_alone
-def test_bytes_with_a_second_name_are_free_when_the_last_goes(mill, clock, upload, finish):
-    scan_id, calibration_id = calibrated(mill, upload, finish, activate=True)
-    ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
-    sizes = []
-    for _ in range(2):
-        made = mill.reconstructions.accept(ask)
-        finish(mill)
-        clock.advance(hours=1)
-        folder = mill.files.results(job_kinds.RECONSTRUCT, made.id)
-        if sizes:
-            (folder / "volume.h5").hardlink_to(sizes[0])
-        else:
-            (folder / "volume.h5").write_bytes(bytes(1000))
-            sizes.append(folder / "volume.h5")
-    carried_out(mill)
-    freed = []
-    for most in (1010, 1):
-        shown = mill.retention.preview(RetentionRules(reconstructions_bytes=most)).kinds[2]
-        assert (shown.number, shown.bytes) == (1, 1009)
-        put(mill, RetentionRules(reconstructions_bytes=most))
-        carried_out(mill)
-        freed.append(mill.retention.get().removed[2].freed_bytes)
-    assert freed == [9, 1018]
-
-
 @pytest.mark.dialect
 def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upload, finish):
     clock.advance(days=-60)
@@ -295,7 +203,7 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
     put(mill, RetentionRules(events_days=30))
     before = mill.events.newest_number()
     shown = mill.retention.preview(RetentionRules(events_days=30)).kinds[-1]
-    assert [each.because for each in shown.stays] == [StaysBecause.NEWEST]
+    assert shown.stays == 1
     assert carried_out(mill) == {RetentionKind.EVENTS: shown.number}
     left = mill.events.following(0)
     old = [each for each in left if each.at < clock() - timedelta(days=30)]
@@ -417,7 +325,6 @@ def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, cl
     scan_id, calibration_id = calibrated(mill, upload, finish)
     calibrated(mill, upload, finish)
     clock.advance(days=3)
-    assert carried_out(mill) == {}, "measured"
     put(mill, RetentionRules(phantom_scans_days=1))
     other = Store(settings, clock=clock)
     has_locked, goes_on = threading.Event(), threading.Event()
@@ -500,48 +407,3 @@ def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finis
         carried_out(mill)
     assert ids(mill) == {old[2]}
     assert not mill.files.results(job_kinds.INGEST, old[1]).exists()
-
-
-def a_month_of_logs(store, scanner_id, first, month):
-    """Rows alone, one a day of 100 bytes each: jobs and scans as they are at the end of a month of 30 days."""
-    rows = [(f"log-{month}-{day}", first + timedelta(days=day + 0.5)) for day in range(30)]
-    job = {"kind": job_kinds.INGEST, "state": JobState.SUCCEEDED}
-    scan = {"scanner_id": scanner_id, "spec": {}, "state": ScanState.READY, "size_bytes": 100, "sha256": "0" * 64}
-    jobs = [{**job, "id": f"job-{name}", "subject_id": name, "created_at": at} for name, at in rows]
-    scans = [{**scan, "id": name, "created_at": at, "job_id": f"job-{name}", "stored_bytes": 100} for name, at in rows]
-    with store.database.write() as session:
-        session.execute(insert(JobRow), jobs)
-        session.execute(insert(ScanRow), scans)
-
-
-@sqlite_alone
-def test_five_simulated_months_stay_within_their_rules(mill, clock, scanner, upload, finish):
-    scan_id, calibration_id = calibrated(mill, upload, finish)
-    mill.calibrations.activate(calibration_id, "of these months")
-    put(mill, RetentionRules(log_scans_days=60, log_scans_bytes=7_000, phantom_scans_days=30, events_days=30))
-    keeper = mill.retention_keeper(now_s=lambda: clock().timestamp())
-    for month in range(5):
-        first = clock()
-        clock.advance(days=30)
-        a_month_of_logs(mill, scanner.id, first, month)
-        while keeper.remove_some() is not None:
-            pass
-        with mill.database.read() as session:
-            kept = session.scalars(select(ScanRow.created_at).where(ScanRow.phantom_id.is_(None))).all()
-        assert len(kept) == min(60, 30 * (month + 1))
-        assert min(kept) > clock() - timedelta(days=60)
-    assert mill.retention.get().removed[0].number == 3 * 30
-    assert mill.scans.get(scan_id).state is ScanState.READY
-    with mill.database.read() as session:
-        assert len(session.scalars(select(JobRow.id)).all()) == 62
-    assert len(mill.events.following(0)) < 10
-
-
-def test_the_days_until_a_disk_is_full():
-    forever, full = float("inf"), growth_of
-    assert full([], 100.0) == (0.0, None)
-    assert full([Filling(10.0, forever)], 100.0) == (10.0, 10.0)
-    assert full([Filling(10.0, 99.0)], 100.0) == (10.0, None), "the rules hold it"
-    assert full([Filling(10.0, 50.0), Filling(5.0, forever)], 100.0) == (15.0, 10.0)
-    assert full([Filling(10.0, 50.0), Filling(0.0, forever)], 49.0) == (10.0, 4.9)
-    assert full([Filling(10.0, forever)], -5.0) == (10.0, 0.0)

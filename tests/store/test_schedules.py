@@ -11,8 +11,8 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
-from sawmill_store.tables import ScheduleRow
 from sawmill_vocabulary import DataKind
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)

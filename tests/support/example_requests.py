@@ -4,8 +4,8 @@ from typing import Any
 
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_store.mill_tables import AlarmRow
 from sawmill_store.store import Store
-from sawmill_store.tables import AlarmRow
 
 
 def add_what_is_decided(store: Store) -> None:

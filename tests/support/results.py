@@ -9,7 +9,7 @@ from typing import Any
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 SCANNER_SPEC = {"name": "Line 2", "constants": CONSTANTS}

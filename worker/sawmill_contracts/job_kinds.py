@@ -10,15 +10,10 @@ sawmill_worker/jobs/<kind>.py    `run(attempt)`, which does the job, and `needs(
 
 from sawmill_platform.contracts.jobs import JobKind
 
-
-def _kind(name: str, plural: str) -> JobKind:
-    return JobKind.register(name, plural, declared_in=f"sawmill_contracts.{plural}")
-
-
-INGEST = _kind("ingest", "scans")
-TRACE_PHANTOM = _kind("trace-phantom", "phantoms")
-CALIBRATE = _kind("calibrate", "calibrations")
-RECONSTRUCT = _kind("reconstruct", "reconstructions")
-PLAN = _kind("plan", "plans")
-DRIFT = _kind("drift", "drifts")
-INSPECT = _kind("inspect", "inspections")
+INGEST = JobKind.register("ingest", "scans")
+TRACE_PHANTOM = JobKind.register("trace-phantom", "phantoms")
+CALIBRATE = JobKind.register("calibrate", "calibrations")
+RECONSTRUCT = JobKind.register("reconstruct", "reconstructions")
+PLAN = JobKind.register("plan", "plans")
+DRIFT = JobKind.register("drift", "drifts")
+INSPECT = JobKind.register("inspect", "inspections")

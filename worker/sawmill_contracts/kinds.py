@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-import sawmill_contracts.job_kinds  # noqa: F401 - registers them
 from sawmill_platform.contracts.base import Contract
-from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.kinds import KindDeclaration, declaration_of
+from sawmill_platform.contracts.kind_declarations import KindDeclaration
 
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)
@@ -109,9 +107,3 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
     """Read a stored record as a contract whose fields have the record's names."""
     return lambda record: answer.model_validate({name: record[name] for name in answer.model_fields if name in record})
-
-
-def asked_kinds() -> list[AskedKind[Any, Any]]:
-    """Return the declarations of the kinds that somebody asks for, in the order of their registration."""
-    declarations = (declaration_of(kind) for kind in JobKind.all())
-    return [declaration for declaration in declarations if isinstance(declaration, AskedKind)]

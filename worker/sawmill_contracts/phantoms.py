@@ -14,7 +14,7 @@ from sawmill_contracts.choices import Axis
 from sawmill_contracts.geometry import PositiveMm
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
-from sawmill_platform.contracts.kinds import UploadedKind
+from sawmill_platform.contracts.kind_declarations import UploadedKind
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
 from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
 from sawmill_vocabulary.texts import N_

@@ -13,7 +13,7 @@ from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
-from sawmill_platform.contracts.kinds import UploadedKind
+from sawmill_platform.contracts.kind_declarations import UploadedKind
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_vocabulary.texts import N_
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.attempts.failures import crashed_reader, endless_reader
 from sawmill_platform.attempts.importing import PROGRAM
-from sawmill_platform.contracts.kinds import reading_limit_s
+from sawmill_platform.contracts.kind_declarations import reading_limit_s
 from sawmill_platform.files.verified_results import FileIdentity, identity_of
 
 WALK = (*PROGRAM, "sawmill_formats.hdf5_walk")

@@ -11,7 +11,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.database.tables import IN_HISTORY, EventRow
 from sawmill_platform.ledger.events import announce
-from sawmill_store.tables import ActivationRow
+from sawmill_store.mill_tables import ActivationRow
 
 # A scanner's id, or the column of another statement that has it.
 ScannerId = str | InstrumentedAttribute[str]

@@ -24,7 +24,7 @@ from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_since
-from sawmill_store.tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
 
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)

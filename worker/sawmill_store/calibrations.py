@@ -9,9 +9,9 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_store.activations import activate, active_calibration_id, discard
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_tables import CalibrationRow, ScannerRow
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners import read_scanner
-from sawmill_store.tables import CalibrationRow, ScannerRow
 
 
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):

@@ -28,7 +28,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
 from sawmill_store.activations import active_since
 from sawmill_store.drift_looks import lock_scanner
-from sawmill_store.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
+from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 from sawmill_vocabulary import DetectorEstimate
 
 # Drift checks in one transaction: less than 0.1 s of computing, and a hundredth of a second with the write lock.

@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 from sawmill_contracts.drifts import DriftResult
 from sawmill_mill.drift_checks import DriftCheck, counts_for_chart
 from sawmill_store.activations import active_since
-from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
 
 def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int | None:

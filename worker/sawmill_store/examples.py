@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Delete, and_, delete, or_, select
 
 from sawmill_contracts import mill_events
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import JobDependencyRow, JobRow
@@ -14,8 +14,7 @@ from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_store.alarms import close_alarms
 from sawmill_store.history import forget_history
-from sawmill_store.store import Store
-from sawmill_store.tables import (
+from sawmill_store.mill_tables import (
     ActivationRow,
     CalibrationRow,
     MeasurementRow,
@@ -24,6 +23,7 @@ from sawmill_store.tables import (
     ScheduleRow,
     table_of,
 )
+from sawmill_store.store import Store
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 # Names of the example scanners by their ids. A scanner that somebody has renamed is no example any more.

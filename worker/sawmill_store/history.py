@@ -18,7 +18,7 @@ from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, p
 from sawmill_platform.database.tables import IN_HISTORY, EventClass, EventRow, Resource
 from sawmill_platform.errors import Invalid
 from sawmill_store.measurements import read_measurement
-from sawmill_store.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
+from sawmill_store.mill_tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500
 # The table of each subject of an entry, and its path below /v1/.

@@ -17,7 +17,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, read_numbered_page
 from sawmill_platform.database.tables import UtcDateTime
 from sawmill_store.drift_looks import counts_since
-from sawmill_store.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
+from sawmill_store.mill_tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
 
 MOST_READ, PARTS = 2000, 500
 _NEVER = datetime.max.replace(tzinfo=UTC)

@@ -6,8 +6,8 @@ from functools import partial
 from sqlalchemy import or_, select
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.inspections import FILE_KEPT
-from sawmill_contracts.kinds import asked_kinds
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind, JobState
@@ -16,7 +16,7 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import UPLOADED_FILE
 from sawmill_platform.files.named_folders import Ids, NamedFolder
 from sawmill_store.mill_files import SCAN_FILE
-from sawmill_store.tables import AskedRow, PhantomRow, ScanRow, table_of
+from sawmill_store.mill_tables import AskedRow, PhantomRow, ScanRow, table_of
 
 
 def _inspected(now: Clock) -> Ids:

@@ -17,9 +17,9 @@ from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_tables import PhantomRow, ScanRow
 from sawmill_store.requests.references import check_usable
 from sawmill_store.requests.references_guard import kept_by
-from sawmill_store.tables import PhantomRow, ScanRow
 
 
 class Phantoms:

@@ -5,9 +5,9 @@ from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
 from sawmill_platform.database.paging import hold
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
+from sawmill_store.mill_tables import ReconstructionRow
 from sawmill_store.requests.asked import Asked
 from sawmill_store.requests.asked_rows import found_asked
-from sawmill_store.tables import ReconstructionRow
 
 
 class Reconstructions(Asked[ReconstructionAsk, Reconstruction]):

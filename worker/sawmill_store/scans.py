@@ -18,8 +18,8 @@ from sawmill_platform.jobs.queueing import queue_job
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.uploading import kept_upload
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_store.requests.references_guard import unfinished_job_about
-from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 

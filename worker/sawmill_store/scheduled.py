@@ -16,8 +16,8 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_store.activations import ScannerId, active_calibration_id
+from sawmill_store.mill_tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_store.requests.asked import Asked
-from sawmill_store.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 
 # The statements select by the same rules: the newest scan is chosen, unless a rule is stricter than its statement.
 _CANDIDATES = 20

@@ -9,9 +9,8 @@ from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.plans import Plan, PlanAsk
 from sawmill_platform.database.clock import Clock
-from sawmill_platform.retention.retention_runner import RetentionKeeper
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.store import JobServiceStore
 from sawmill_store.alarms import Alarms
 from sawmill_store.calibrations import Calibrations
 from sawmill_store.drift_charts import DriftCharts
@@ -23,12 +22,11 @@ from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.requests.asked import Asked
-from sawmill_store.retention.retention_store import RetentionStore
-from sawmill_store.retention.stocks import STOCKS, events_kept_by
+from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans
 from sawmill_store.schedules import Schedules
-from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 
 Plans = Asked[PlanAsk, Plan]
 
@@ -49,7 +47,7 @@ class Store(JobServiceStore):
 
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         files = MillFiles(settings.data_folder)
-        super().__init__(settings, files, MillSubjects(files), clock)
+        super().__init__(settings, files, MILL_SUBJECTS, clock)
         self.scanners = Scanners(self.database, settings.watch_folders)
         self.phantoms = Phantoms(self.database, self.files, self.places)
         self.scans = Scans(self.database, self.files, self.places)
@@ -72,7 +70,7 @@ class Store(JobServiceStore):
 
     def retention_keeper(self, *, now_s: Callable[[], float] = time.monotonic) -> RetentionKeeper:
         """Return the remover of everything that the rules of retention reach; `now_s` is its clock, seconds."""
-        return RetentionKeeper(self.database, self.files, STOCKS, events_kept_by, now_s=now_s)
+        return RetentionKeeper(self.database, self.files, now_s=now_s)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None, may_begin: bool = True) -> Self:

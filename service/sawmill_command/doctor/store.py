@@ -14,7 +14,7 @@ from sawmill_platform.files.folder_identity import refuse_used
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
-from sawmill_service.pages.system.system_parts import PLENTY_DAYS, SEEN
+from sawmill_service.pages.system.system_parts import SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.retention.retention_store import RetentionStore
@@ -52,7 +52,6 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 yield _workers(store)
                 yield _clock(store)
                 yield from webhooks(store.webhooks, settings.webhook_destinations)
-                yield _growth(store)
                 yield from _retention(store.retention)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
@@ -168,19 +167,6 @@ def _clock(store: Store) -> DoctorFinding:
     if abs(off_s) > TOLERABLE_S:
         return DoctorFinding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
     return DoctorFinding("clock", State.GOOD, sentence)
-
-
-def _growth(store: Store) -> DoctorFinding:
-    """Check that the disk has room for the files that arrive under the retention rules."""
-    growth = store.retention.growth(store.files.room().free_bytes - store.settings.disk_reserve_bytes)
-    sentence = f"{growth.bytes_a_day / 1e9:.1f} GB came a day in the last week"
-    if growth.full_in_days is None:
-        return DoctorFinding("growth", State.GOOD, f"{sentence}, which the disk holds")
-    sentence += f": at that the disk is full in {growth.full_in_days:.0f} days"
-    if growth.full_in_days > PLENTY_DAYS:
-        return DoctorFinding("growth", State.GOOD, sentence)
-    cure = "set rules of retention, or stricter ones (the page /retention shows what would go), or take a larger disk"
-    return DoctorFinding("growth", State.WATCH, sentence, cure)
 
 
 def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:

@@ -12,10 +12,9 @@ from typing import IO, Any
 
 from pydantic import Field
 
-import sawmill_contracts.job_kinds  # noqa: F401 - registers them
+from sawmill_contracts.declared_kinds import KINDS
 from sawmill_platform.contracts.base import Contract
-from sawmill_platform.contracts.jobs import FailureKind, JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.jobs import FailureKind
 
 PATH = "/problems/"
 CODE_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
@@ -89,5 +88,5 @@ def _read(path: Path) -> list[ProblemType]:
         ProblemType(code=code, type=type_of(code), **entry)
         for entry in entries
         for pattern in entry.pop("codes")
-        for code in dict.fromkeys(pattern.replace("{noun}", declaration_of(kind).noun) for kind in JobKind.all())
+        for code in dict.fromkeys(pattern.replace("{noun}", declared.noun) for declared in KINDS)
     ]

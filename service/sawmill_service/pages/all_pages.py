@@ -1,12 +1,13 @@
 """Routes of all pages; a page with a place in the header is in `navigation` too."""
 
+from sawmill_service import retention
 from sawmill_service.pages import jobs, logs, problem_types, scans
 from sawmill_service.pages.calibrate import calibrate, report
 from sawmill_service.pages.frame import look
 from sawmill_service.pages.help import help as help_pages
 from sawmill_service.pages.phantoms import phantoms
 from sawmill_service.pages.scanners import comparison, scanner, scanner_history, today
-from sawmill_service.pages.system import retention, system, webhooks
+from sawmill_service.pages.system import system, webhooks
 
 PAGES = (
     calibrate.router,
@@ -18,7 +19,7 @@ PAGES = (
     phantoms.router,
     problem_types.router,
     report.router,
-    retention.router,
+    retention.pages,
     scanner.router,
     scanner_history.router,
     scans.router,

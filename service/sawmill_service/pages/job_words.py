@@ -8,7 +8,7 @@ from babel.dates import format_timedelta
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Job, JobState
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_service.pages.frame.languages import (
     marked,
 )

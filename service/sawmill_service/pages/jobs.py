@@ -6,10 +6,10 @@ from typing import Annotated, Literal, NamedTuple
 from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
+from sawmill_contracts.declared_kinds import KINDS
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.jobs import Job, JobKind, JobState
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.kinds import declaration_of
 from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheEvents, TheJobs
 from sawmill_service.http.responses.answers import Paging
@@ -87,7 +87,7 @@ def cancel(job_id: Identifier, jobs: TheJobs) -> RedirectResponse:
 
 def _answer(template: str, page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> HTMLResponse:
     shown = _shown(page, jobs, chosen)
-    kinds = {kind: declaration_of(kind).label for kind in JobKind.all()}
+    kinds = {declared.kind: declared.label for declared in KINDS}
     return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=chosen.kind, state=chosen.state)
 
 

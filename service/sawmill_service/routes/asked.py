@@ -6,7 +6,8 @@ from typing import Annotated, Any
 from fastapi import Depends, Path, Query, Response
 from pydantic import create_model
 
-from sawmill_contracts.kinds import AskedKind, Operation, Reference, asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_contracts.kinds import AskedKind, Operation, Reference
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.contracts.keys import Scope

@@ -1,7 +1,6 @@
 """Phantoms drawn, measured and traced; jobs that are followed and cancelled; keys made and revoked."""
 
 import re
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -171,25 +170,3 @@ def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
     page.get_by_role("button", name="Yes, revoke it").click()
     expect(page.locator(".key")).to_contain_text("Revoked")
     assert store.keys.all().keys[0].revoked_at is not None
-
-
-def test_rules_of_retention_are_shown_before_they_hold(site, store):
-    store.database.now = lambda: datetime.now(UTC) + timedelta(days=40)
-    page = site.open("/retention", viewport=PHONE)
-    drifts = page.get_by_role("group", name="Drift checks")
-    drifts.get_by_label("Keep for days").fill("soon")
-    page.get_by_role("button", name="Show what would go").click()
-    expect(page.locator(".problem")).to_contain_text("must be a whole number of days from 1 to 36500, not “soon”")
-    drifts.get_by_label("Keep for days").fill("30")
-    page.get_by_role("group", name="Scans of phantoms").get_by_label("Keep at most, GB").fill("0.000000001")
-    page.get_by_role("button", name="Show what would go").click()
-    shown = page.locator("#preview")
-    expect(shown.get_by_role("heading", name="Drift checks")).to_be_visible()
-    look(page, "retention-390")
-    assert store.drifts.page().items, "nothing goes before it is confirmed"
-    shown.get_by_role("button", name="Yes, remove these and keep to the rules").click()
-    expect(page.get_by_text("Changed by somebody at this machine")).to_be_visible()
-    expect(drifts.get_by_label("Keep for days")).to_have_value("30")
-    assert store.retention.get().rules.phantom_scans_bytes == 1
-    assert store.retention_keeper().remove_some() is not None
-    assert store.drifts.page().items == []

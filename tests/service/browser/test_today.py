@@ -13,7 +13,7 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.tables import AlarmRow
+from sawmill_store.mill_tables import AlarmRow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved 0.81 mm: look at the turntable"}

@@ -15,7 +15,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.tables import ReconstructionRow
+from sawmill_store.mill_tables import ReconstructionRow
 
 SIDE, PIXEL_MM = 32, 12.5
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone

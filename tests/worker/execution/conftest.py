@@ -18,15 +18,14 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.process import AttemptProcess, AttemptStarter
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_environment, attempt_starter
 from sawmill_platform.contracts.jobs import Job, Priority
-from sawmill_platform.contracts.kinds import SHORT_UPLOAD_BYTES
+from sawmill_platform.contracts.kind_declarations import SHORT_UPLOAD_BYTES
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.program import WorkerProgram
+from sawmill_platform.workers.program import WorkerProgram, attempt_environment, attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_store.store import Store
-from sawmill_store.subjects.mill_subjects import MillSubjects
+from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 from sawmill_vocabulary import DataKind
 from sawmill_worker.program import MILL
 
@@ -52,7 +51,7 @@ class StoreWith(Store):
 
     def __init__(self, settings: StorageSettings, jobs: type[Jobs]) -> None:
         super().__init__(settings)
-        self.jobs = jobs(self.database, self.files, MillSubjects(self.files))
+        self.jobs = jobs(self.database, self.files, MILL_SUBJECTS)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from structlog.testing import capture_logs
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.measurements import MeasurementKind
-from sawmill_contracts.retention import RetentionAsk, RetentionRules
+from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
@@ -20,11 +20,11 @@ from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Jobs
-from sawmill_platform.retention.retention_runner import EVENTS_A_ROUND
 from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_platform.webhooks.webhook_store import KEPT
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_store.tables import ActivationRow, MeasurementRow, ScannerRow
+from sawmill_store.mill_tables import ActivationRow, MeasurementRow, ScannerRow
+from sawmill_store.retention.removable_rows import REMOVABLE_ROWS
 from sawmill_worker.housekeeping import MillHousekeeping
 
 pytestmark = pytest.mark.slow
@@ -152,18 +152,18 @@ def test_old_deliveries_are_forgotten_each_minute(store, housekeeping, seconds):
 
 def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, housekeeping, queue):
     job = queue("succeed")
-    rules = RetentionRules(events_days=1)
+    rules, batch = RetentionRules(events_days=1), REMOVABLE_ROWS[RetentionKind.EVENTS].batch
     store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=10_000))
     ago = store.now() - timedelta(days=2)
     (queued,) = (each for each in store.events.following(0) if each.job_id == job.id)
     more = {"at": ago, "what": queued.what, "subject": queued.subject, "subject_id": queued.subject_id}
     with store.database.write() as session:
-        session.execute(insert(EventRow), [more] * (2 * EVENTS_A_ROUND))
+        session.execute(insert(EventRow), [more] * (2 * batch))
         session.execute(update(EventRow).where(text(REMOVABLE)).values(at=ago))
         session.execute(update(JobRow).values(state=JobState.CANCELLED))
     housekeeping.once()
     (went,) = (each.number for each in store.retention.get().removed if each.number)
-    assert EVENTS_A_ROUND < went <= 2 * EVENTS_A_ROUND, "the newest scan's event stays, and decisions"
+    assert batch < went <= 2 * batch, "the newest scan's event stays, and decisions"
 
 
 def test_trouble_is_logged_and_the_next_round_comes(store_with, settings, wait_for):

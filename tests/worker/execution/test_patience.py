@@ -7,7 +7,7 @@ from sawmill_platform.attempts.failures import duration
 from sawmill_platform.attempts.patience import LATE_S, Patience
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 

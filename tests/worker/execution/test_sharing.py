@@ -4,8 +4,8 @@ import pytest
 from structlog.testing import capture_logs
 
 from sawmill_platform.attempts.limits import cores
-from sawmill_platform.attempts.starting import attempt_environment
 from sawmill_platform.workers import sharing
+from sawmill_platform.workers.program import attempt_environment
 from sawmill_platform.workers.settings import ExecutionSettings
 
 

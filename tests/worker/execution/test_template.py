@@ -20,10 +20,10 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.starting import attempt_environment
 from sawmill_platform.attempts.template import NOT_FORKED, ForkedProcess, Template, template_library
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.poller import run_worker
+from sawmill_platform.workers.program import attempt_environment
 from sawmill_vocabulary import DataKind
 from sawmill_worker.program import ATTEMPT_COMMAND
 
@@ -135,7 +135,7 @@ def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_f
     program = (
         "import sys, threading\n"
         "from sawmill_platform.attempts.runner import Runner\n"
-        "from sawmill_platform.attempts.starting import attempt_starter\n"
+        "from sawmill_platform.workers.program import attempt_starter\n"
         "from sawmill_platform.workers.settings import ExecutionSettings\n"
         "from sawmill_platform.settings import StorageSettings\n"
         "from sawmill_store.store import Store\n"

@@ -9,7 +9,7 @@ import signal
 
 from sawmill_platform.attempts.limits import processor_s
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.errors import StorageFull, StorageUnavailable, outage_of
 
 # Defects of a program, which recur with the same input; a kill from outside does not.

@@ -5,7 +5,7 @@ import resource
 from typing import NamedTuple
 
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 
 # Private memory of any job. Jobs that read files of strangers have no more; other jobs have what their sizes need.
 DATA_BYTES = 2 * 2**30

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from sawmill_platform.attempts.failures import endless_reader, not_begun, stalled, too_long
 from sawmill_platform.attempts.observed_time import ObservedTime
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_platform.contracts.kinds import declaration_of, reading_limit_s
+from sawmill_platform.contracts.kind_declarations import declaration_of, reading_limit_s
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_vocabulary import Progress
 

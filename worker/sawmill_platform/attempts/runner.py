@@ -25,7 +25,7 @@ from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Fa
 from sawmill_platform.confinement.overuse import overuse
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_platform.contracts.kinds import declaration_of, reading_limit_s
+from sawmill_platform.contracts.kind_declarations import declaration_of, reading_limit_s
 from sawmill_platform.errors import (
     DamagedResult,
     InvalidOutput,
@@ -36,9 +36,9 @@ from sawmill_platform.errors import (
     disk_outage_reported,
 )
 from sawmill_platform.files.verified_results import compute_digest
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.jobs.turns import ANY, Selection
-from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.logs import about_attempt
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings

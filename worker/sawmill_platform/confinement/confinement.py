@@ -4,7 +4,9 @@ The process reads strangers' files with libraries in C. An attacker who takes ov
 nowhere to write, and nobody to call (docs/understand/decisions/0011-an-attempt-reaches-nothing-but-its-own.md).
 """
 
+import ctypes
 import os
+import struct
 import sys
 import sysconfig
 import tempfile
@@ -15,7 +17,7 @@ from typing import NamedTuple, Self
 
 import structlog
 
-from sawmill_platform.confinement import capabilities, landlock
+from sawmill_platform.confinement import landlock
 from sawmill_platform.confinement.seccomp import refuse_calls
 from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.errors import StorageUnavailable
@@ -40,6 +42,13 @@ HOMES = ("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME",
 OWN_KERNELS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
 # Variables of folders that a user has libraries search.
 ASKED_FOR = ("NUMBA_CACHE_DIR", "HDF5_PLUGIN_PATH")
+# Rights of root, by the numbers and structures of <linux/capability.h> and <linux/prctl.h>.
+NO_NEW_PRIVILEGES, DROP_FROM_BOUNDING_SET, AMBIENT, CLEAR_ALL = 38, 24, 47, 4
+CAPABILITIES_VERSION_3 = 0x20080522
+# The kernel knows 41; the sets have room for this many.
+MOST_CAPABILITIES = 64
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def move_into(folder: Path) -> None:
@@ -67,7 +76,7 @@ def confine_to(given: AttemptInput, output: Path) -> None:
 
 def _drop_capabilities(needed: Sequence[tuple[Path, int]]) -> None:
     reached = [(path, right) for path, right in needed if os.access(path, right)]
-    capabilities.drop_all()
+    _drop_all()
     for path, right in reached:
         if not os.access(path, right):
             msg = f"root's jobs may not use {str(path)!r}: run the service as the user that the data folder belongs to"
@@ -122,3 +131,16 @@ def say_if_unconfined(settings: ExecutionSettings, surroundings: Surroundings) -
             complete_from=landlock.COMPLETE,
             remedy="see docs/understand/security.md#confinement",
         )
+
+
+def _drop_all() -> None:
+    """Drop all capabilities of this thread and of threads that it starts, for good, or raise `OSError`."""
+    _LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    # Refused to a thread that has no capability to drop, and for numbers that the kernel does not know.
+    for capability in range(MOST_CAPABILITIES):
+        _LIBC.prctl(DROP_FROM_BOUNDING_SET, capability, 0, 0, 0)
+    _LIBC.prctl(AMBIENT, CLEAR_ALL, 0, 0, 0)
+    # Sets of this thread: effective, permitted and inheritable, each in two halves.
+    if _LIBC.capset(struct.pack("=Ii", CAPABILITIES_VERSION_3, 0), struct.pack("=6I", *[0] * 6)) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"capset: {os.strerror(number)}")

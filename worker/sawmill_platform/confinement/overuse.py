@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sawmill_platform.attempts.protocol import Begun
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.errors import StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import checkpoints_of
 

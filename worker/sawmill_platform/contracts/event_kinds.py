@@ -12,33 +12,20 @@ class EventKind(RegisteredWord):
     """Kind of an event."""
 
     is_decision: bool
+    """True if somebody decides it: the audit keeps such events for ever, with who decided and from where."""
     is_public: bool
+    """True if the feed and webhooks publish it."""
     topic: str | None
+    """Heading under which the history of a group keeps it; the ends of jobs have the topic of their kind of job."""
     about: str
+    """Explanation for the public document, without a full stop, if the word does not say it."""
 
     @classmethod
     def register(
         cls, word: str, about: str = "", *, is_decision: bool = False, is_public: bool = True, topic: str | None = None
     ) -> Self:
-        """Add a kind of event.
-
-        Parameters
-        ----------
-        word
-            Name of the kind.
-        about
-            Explanation of the kind for the public document, without a full stop, if the word does not say it.
-        is_decision
-            True if somebody decides it: the audit keeps such events for ever, with who decided and from where.
-        is_public
-            True if the feed and webhooks publish it.
-        topic
-            The heading under which the history of a group keeps it; null: no history does. The ends of jobs have the
-            topic of their kind of job.
-        """
-        kind = cls._add(word)
-        kind.is_decision, kind.is_public, kind.topic, kind.about = is_decision, is_public, topic, about
-        return kind
+        """Add a kind of event."""
+        return cls._add(word, about=about, is_decision=is_decision, is_public=is_public, topic=topic)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
@@ -48,19 +35,9 @@ class EventKind(RegisteredWord):
         return listed | {"description": f"{cls.__doc__} {explained}."}
 
     @classmethod
-    def decisions(cls) -> tuple[Self, ...]:
-        """Return the kinds that the audit keeps."""
-        return tuple(kind for kind in cls.all() if kind.is_decision)
-
-    @classmethod
     def published(cls) -> tuple[Self, ...]:
         """Return the kinds that the feed and webhooks publish."""
         return tuple(kind for kind in cls.all() if kind.is_public)
-
-    @classmethod
-    def unpublished(cls) -> tuple[Self, ...]:
-        """Return the kinds that neither the feed nor webhooks publish."""
-        return tuple(kind for kind in cls.all() if not kind.is_public)
 
 
 QUEUED = EventKind.register("queued")

@@ -50,7 +50,7 @@ class Event(Contract):
         description="Details by kind of event: the failure of an attempt and, where its process could report it, "
         "`peak_memory_bytes`; `reason` of a decision, a refusal or a paused webhook; `used_by`, the address of what "
         "was made from an upload, or the `reason` of its end; the name of a backup and when it was taken; `number`, "
-        "`freed_bytes`, `first_at` and `last_at` of what rules of retention removed; seconds of the clock; or what "
+        "`first_at` and `last_at` of what rules of retention removed; seconds of the clock; or what "
         "follows from a result. The description of `what` has further ones.",
         examples=[{"reason": "checked by hand"}],
     )

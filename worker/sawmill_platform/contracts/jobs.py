@@ -15,22 +15,11 @@ class JobKind(RegisteredWord):
     """Kind of a job, for which a worker has code."""
 
     plural: str
-    declared_in: str
 
     @classmethod
-    def register(cls, name: str, plural: str, *, declared_in: str) -> Self:
-        """Add a kind of job.
-
-        Parameters
-        ----------
-        name, plural
-            Name of the kind, and plural of the subjects of its jobs: both are part of addresses and folders.
-        declared_in
-            The module that has its `DECLARATION` (`contracts/kinds.py`), imported when it is first needed.
-        """
-        kind = cls._add(name)
-        kind.plural, kind.declared_in = plural, declared_in
-        return kind
+    def register(cls, name: str, plural: str) -> Self:
+        """Add a kind of job; its name and the plural of what its jobs work on are part of addresses and folders."""
+        return cls._add(name, plural=plural)
 
 
 class JobState(StrEnum):

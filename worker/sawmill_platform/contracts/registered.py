@@ -17,12 +17,13 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
         cls._words = {}
 
     @classmethod
-    def _add(cls, word: str) -> Self:
-        """Add a word, or raise `ValueError` if the set has it already."""
+    def _add(cls, word: str, **attributes: object) -> Self:
+        """Add a word with its attributes, or raise `ValueError` if the set has it already."""
         if word in cls._words:
             msg = f"{cls.__name__} has {word!r} already"
             raise ValueError(msg)
         added = cls._words[word] = str.__new__(cls, word)
+        vars(added).update(attributes)
         return added
 
     @classmethod
@@ -32,13 +33,7 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
 
     @classmethod
     def of(cls, word: str) -> Self:
-        """Return the registered word.
-
-        Raises
-        ------
-        LookupError
-            The set has no such word.
-        """
+        """Return the registered word, or raise `LookupError`."""
         found: Self | None = cls._words.get(word)
         if found is None:
             near = difflib.get_close_matches(word, cls._words, n=1)

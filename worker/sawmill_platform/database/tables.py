@@ -259,22 +259,6 @@ class EventRow(Base):
     decided: Mapped[Json | None]
 
 
-class RetentionRow(Base):
-    """The one row of the rules of retention, with number and freed bytes of the removals so far, by kind."""
-
-    __tablename__ = "retention"
-
-    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    rules: Mapped[Json]
-    # Number that grows with each change of the rules.
-    revision: Mapped[int]
-    changed_at: Mapped[datetime]
-    changed_by: Mapped[str] = mapped_column(String(200))
-    # Time when days were last counted; null: not since the change.
-    followed_at: Mapped[datetime | None]
-    removed: Mapped[Json]
-
-
 class ClockRow(Base):
     """Seconds from 1970 to the boot of this machine, in one row, on SQLite alone (`database.clock`)."""
 

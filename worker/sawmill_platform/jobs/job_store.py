@@ -23,7 +23,7 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, narrowed, rows_of_page
 from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow, Json
@@ -259,7 +259,7 @@ class Jobs:
             The database does not answer.
         """
         with self._database.read() as session:
-            return self._subjects.handed_over(session, found(session, JobRow, "job", job_id))
+            return self._subjects.handed_over(session, self._files, found(session, JobRow, "job", job_id))
 
     def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> tuple[Contract, Path | None]:
         """Return the result that an attempt's process sent, and the file that it left, unopened; null: it left none.

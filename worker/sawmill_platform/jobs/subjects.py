@@ -1,9 +1,9 @@
-"""The job store's interface to the package that owns the kinds of jobs."""
+"""What the package that owns the kinds of jobs gives to the job store."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from sqlalchemy.orm import Session
 
@@ -11,6 +11,7 @@ from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.named_folders import NamedFolder
 
 
@@ -21,45 +22,19 @@ class Recorded(NamedTuple):
     detail: Mapping[str, Any] = {}
 
 
-class Subjects(Protocol):
-    """Rows and files that jobs work on; methods with a session are called within the job store's transaction."""
+class Subjects(NamedTuple):
+    """Folders in which rows name files, and functions on the rows and files that jobs work on.
+
+    Functions with a session are called within the job store's transaction. `handed_over` returns the input of an
+    attempt, or raises `NotFound` if something was deleted since the request; `record_success` and
+    `record_end_without_result` write a job's end to its subject, by its id; `output_file` returns the file that a job
+    left, unopened, or raises `InvalidOutput`; `read_apart` reads a result of an earlier version, which has no digest,
+    in a separate process, or raises `DamagedResult`.
+    """
 
     named_folders: Sequence[NamedFolder]
-    """Folders in which these rows name files."""
-
-    def handed_over(self, session: Session, job: JobRow) -> AttemptInput:
-        """Return the input of an attempt at a job.
-
-        Raises
-        ------
-        NotFound
-            A resource that the job refers to was deleted since the job was queued.
-        """
-
-    def record_success(
-        self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
-    ) -> Recorded:
-        """Write a result to the job's subject."""
-
-    def record_end_without_result(
-        self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
-    ) -> None:
-        """Write to the job's subject that its job failed or was cancelled."""
-
-    def output_file(self, kind: JobKind, folder: Path) -> Path | None:
-        """Return the file that a job left, unopened; None: it left none.
-
-        Raises
-        ------
-        InvalidOutput
-            The folder has other files than a job of the kind leaves; one sentence states what is wrong.
-        """
-
-    def read_apart(self, path: Path) -> None:
-        """Read a result of an earlier version, which has no digest, in a separate process.
-
-        Raises
-        ------
-        DamagedResult
-            The file cannot be read to its end.
-        """
+    handed_over: Callable[[Session, FileStore, JobRow], AttemptInput]
+    record_success: Callable[[Session, JobKind, str, Contract, datetime], Recorded]
+    record_end_without_result: Callable[[Session, JobKind, str, str, datetime], None]
+    output_file: Callable[[JobKind, Path], Path | None]
+    read_apart: Callable[[Path], None]

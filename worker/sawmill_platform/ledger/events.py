@@ -13,7 +13,7 @@ from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
 from sawmill_platform.contracts.events import Event
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database import clock
 from sawmill_platform.database.database import AFTER_COMMIT, Database
 from sawmill_platform.database.paging import found

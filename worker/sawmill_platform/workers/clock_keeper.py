@@ -13,7 +13,7 @@ from typing import Self
 import structlog
 
 from sawmill_platform.errors import StorageError
-from sawmill_platform.store import JobServiceStore
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_platform.workers.naming import process_name
 

@@ -8,8 +8,8 @@ import structlog
 
 from sawmill_platform.attempts.leases import LeaseObserver
 from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.job_store import Pulse
-from sawmill_platform.store import JobServiceStore
 from sawmill_platform.workers.logs import going_on
 from sawmill_platform.workers.naming import process_name
 from sawmill_platform.workers.settings import ExecutionSettings

@@ -7,7 +7,7 @@ from typing import TypeVar
 import structlog
 
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
-from sawmill_platform.store import JobServiceStore
+from sawmill_platform.job_service_store import JobServiceStore
 
 S = TypeVar("S", bound=JobServiceStore)
 

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-import sawmill_store.tables  # noqa: F401 - its rows are part of the metadata
+import sawmill_store.mill_tables  # noqa: F401 - its rows are part of the metadata
 from sawmill_platform.database.tables import Base
 
 context.configure(

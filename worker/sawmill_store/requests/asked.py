@@ -1,7 +1,7 @@
-"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kinds.py`).
+"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kind_declarations.py`).
 
 The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
-stored row had to move: `tables.OWN_TABLES` names them.
+stored row had to move: `mill_tables.OWN_TABLES` names them.
 """
 
 from collections.abc import Collection, Mapping
@@ -13,18 +13,20 @@ from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
-from sawmill_platform.contracts.base import Page
+from sawmill_contracts.row_ranges import parse_rows
+from sawmill_contracts.scans import ScanShape
+from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.database.tables import JobRow
+from sawmill_platform.errors import Invalid
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.queueing import queue_job
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_tables import OWN_TABLES, Answered, ScanRow, table_of
 from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.requests.references import looked_up
-from sawmill_store.requests.scan_extent import refuse_beyond_scan
-from sawmill_store.tables import OWN_TABLES, Answered, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -89,7 +91,7 @@ class Asked(Generic[Ask, Answer]):
                 priority=priority,
                 given=given,
             )
-            refuse_beyond_scan(session, row, ask)
+            _refuse_beyond_scan(session, row, ask)
             return self._read(row)
 
     def queue(
@@ -177,3 +179,19 @@ def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any
     if declared.kind not in OWN_TABLES:
         statement = statement.where(JobRow.kind == declared.kind)
     return statement.where(JobRow.state.in_(given_states)) if given_states else statement
+
+
+def _refuse_beyond_scan(session: Session, row: Answered, ask: Contract) -> None:
+    """Refuse rows and views that the scan does not have; the job checks a scan that has not been read yet."""
+    scan_id = getattr(row, "scan_id", None)
+    scan = None if scan_id is None else session.get(ScanRow, scan_id)
+    if scan is None or scan.reading is None:
+        return
+    shape = ScanShape.model_validate(scan.reading["shape"])
+    for name in ("rows", "log_rows"):
+        rows = getattr(ask, name, None)
+        if rows is not None and parse_rows(rows).stop > shape.rows:
+            raise Invalid("rows-outside", f"{name} is {rows}, but scan {scan.id!r} has rows 0:{shape.rows} only")
+    views = getattr(ask, "views", None)
+    if views is not None and views > shape.views:
+        raise Invalid("views-too-many", f"views is {views}, but scan {scan.id!r} has {shape.views}")

@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.kinds import Answer, AskedKind
 from sawmill_platform.errors import NotFound
-from sawmill_store.tables import Answered, table_of
+from sawmill_store.mill_tables import Answered, table_of
 
 
 def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:

@@ -14,7 +14,7 @@ from sawmill_platform.database.paging import found, hold
 from sawmill_platform.database.tables import Json
 from sawmill_platform.errors import Conflict
 from sawmill_store.activations import active_calibration_id
-from sawmill_store.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 
 
 def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:

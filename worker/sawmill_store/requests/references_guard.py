@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.kinds import asked_kinds
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import JobRow
-from sawmill_store.tables import table_of
+from sawmill_store.mill_tables import table_of
 
 
 def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:

@@ -1,14 +1,16 @@
-"""Rules of retention: kept as one row, previewed, and put into force with a confirmed number of removals."""
+"""Rules of retention: kept as one row, previewed, put into force with a confirmed number, and carried out."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from sqlalchemy import Select, and_, func, null, select, text
+import structlog
+from sqlalchemy import ColumnElement, and_, func, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.retention import (
-    Going,
     KindPreview,
     Removed,
     Retention,
@@ -16,26 +18,25 @@ from sawmill_contracts.retention import (
     RetentionKind,
     RetentionPreview,
     RetentionRules,
-    Staying,
-    StaysBecause,
 )
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.retention import limits_of, rule_name
 from sawmill_platform.database.database import Database, lock_for_setup
-from sawmill_platform.database.tables import REMOVABLE, EventRow, RetentionRow
 from sawmill_platform.errors import Conflict
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.leftovers import noted
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.retention.growth import Growth, filling_of, growth_of
-from sawmill_platform.retention.retention_runner import SUBJECT, THE_ROW, waits_since
-from sawmill_platform.retention.stocks import Protection, Stock, last_old_event, none_of, reach_of
-from sawmill_store.retention.stocks import STOCKS, events_kept_by
+from sawmill_store.mill_tables import RetentionRow
+from sawmill_store.retention.removable_rows import REMOVABLE_ROWS, RemovableRows, delete_rows, lock
 
-RULES = "rules"
+SUBJECT, THE_ROW = "retention", 1
 # Time for a person to confirm the number of a preview: scans become too old every few seconds.
 CONFIRMED_WITHIN = timedelta(hours=1)
-_FIRST, _FIRST_IDS = 10, 3
+# After a gap of this length, in which no process ran or the clock leapt, rules wait for a person.
+LONGEST_GAP = timedelta(days=30)
+EVERY_S = 600.0
+_log = structlog.get_logger()
 
 
 class RetentionStore:
@@ -50,17 +51,9 @@ class RetentionStore:
             return read_retention(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
-        """List what rules would remove within the time for a confirmation, and what would stay though it is reached."""
+        """Count what rules would remove within the time for a confirmation, and what would stay all the same."""
         with self._database.read() as session:
             return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
-
-    def growth(self, free_bytes: float) -> Growth:
-        """Compute the growth of files, and the time until the free bytes are used up under the rules in force."""
-        with self._database.read() as session:
-            rules = rules_of(session.get(RetentionRow, THE_ROW))
-            now, stocks = self._database.now(), [stock for stock in STOCKS.values() if stock.has_bytes]
-            kinds = [filling_of(session, stock, limits_of(dict(rules), stock.kind), now) for stock in stocks]
-            return growth_of(kinds, free_bytes)
 
     def replace(self, ask: RetentionAsk) -> Retention:
         """Put rules into force, if they remove no more than was confirmed.
@@ -70,15 +63,15 @@ class RetentionStore:
         Conflict
             The rules would remove more.
         """
-        rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
+        rules = RetentionRules(**ask.model_dump(exclude={"remove_at_most"}))
         with self._database.read() as session:
-            shown = _preview(session, rules, self._database.now())
-        if shown.number > ask.remove_at_most:
-            raise _unconfirmed(shown, ask.remove_at_most)
+            preview = _preview(session, rules, self._database.now())
+        if preview.number > ask.remove_at_most:
+            raise _unconfirmed(preview, ask.remove_at_most)
         with self._database.write() as session:
             lock_for_setup(session)
             row = session.get(RetentionRow, THE_ROW, with_for_update=True)
-            before, after = (each.model_dump(mode="json") for each in (rules_of(row), rules))
+            before, after = (each.model_dump(mode="json") for each in (_rules_of(row), rules))
             if row is None:
                 row = RetentionRow(number=THE_ROW, removed={})
                 session.add(row)
@@ -87,12 +80,11 @@ class RetentionStore:
             row.revision = (row.revision or 0) + 1
             row.followed_at = None
             difference = changed(before, after)
-            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, RULES, decided=difference)
+            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, "rules", decided=difference)
             return read_retention(row, now)
 
 
-def rules_of(row: RetentionRow | None) -> RetentionRules:
-    """Read the rules of the row; without a row there are no rules."""
+def _rules_of(row: RetentionRow | None) -> RetentionRules:
     return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
 
 
@@ -100,93 +92,173 @@ def read_retention(row: RetentionRow | None, now: datetime) -> Retention:
     """Read the rules and their totals; without a row there are no rules."""
     removed = {} if row is None else row.removed
     return Retention(
-        rules=rules_of(row),
+        rules=_rules_of(row),
         changed_at=None if row is None else row.changed_at,
         changed_by=None if row is None else row.changed_by,
-        days_wait_since=None if row is None else waits_since(row, now),
-        removed=[
-            Removed(kind=kind, number=number, freed_bytes=freed_bytes)
-            for kind in RetentionKind
-            for number, freed_bytes in [removed.get(kind.value, (0, 0))]
-        ],
+        days_wait_since=None if row is None else _waits_since(row, now),
+        removed=[Removed(kind=kind, number=removed.get(kind, 0)) for kind in RetentionKind],
     )
+
+
+def _waits_since(row: RetentionRow, now: datetime) -> datetime | None:
+    """Return the time when days were last counted, if a person must confirm the rules after so long; otherwise None."""
+    last = row.followed_at or row.changed_at
+    return last if now - last > LONGEST_GAP else None
 
 
 def _preview(session: Session, rules: RetentionRules, at: datetime) -> RetentionPreview:
-    ruled = set(rules.kinds())
-    kinds = [_of_kind(session, kind, rules, at) if kind in ruled else _nothing_of(kind) for kind in RetentionKind]
+    days = rules.days()
+    kinds = [
+        _preview_of(session, kind, REMOVABLE_ROWS[kind], days[kind], at)
+        if kind in days
+        else KindPreview(kind=kind, number=0, oldest_at=None, newest_at=None, stays=0)
+        for kind in RetentionKind
+    ]
     return RetentionPreview(at=at, rules=rules, number=sum(kind.number for kind in kinds), kinds=kinds)
 
 
-def _unconfirmed(shown: RetentionPreview, confirmed: int) -> Conflict:
-    removed = ", ".join(f"{kind.number} {kind.kind}" for kind in shown.kinds if kind.number)
-    detail = f"these rules would remove {shown.number} ({removed}), and {confirmed} are confirmed: nothing was changed"
+def _preview_of(session: Session, kind: RetentionKind, rows: RemovableRows, days: int, at: datetime) -> KindPreview:
+    reached = rows.reached(session, days, at)
+    going = and_(reached, rows.unprotected(session))
+    number = _number(session, rows, going)
+    ages = select(rows.at).where(going).limit(1)
+    oldest_first = rows.oldest_first()
+    return KindPreview(
+        kind=kind,
+        number=number,
+        oldest_at=session.scalar(ages.order_by(*oldest_first)),
+        newest_at=session.scalar(ages.order_by(*(column.desc() for column in oldest_first))),
+        stays=_number(session, rows, reached) - number,
+    )
+
+
+def _number(session: Session, rows: RemovableRows, which: ColumnElement[bool]) -> int:
+    return session.scalar(select(func.count()).select_from(rows.table).where(which)) or 0
+
+
+def _unconfirmed(preview: RetentionPreview, confirmed: int) -> Conflict:
+    removed = ", ".join(f"{kind.number} {kind.kind}" for kind in preview.kinds if kind.number)
+    detail = (
+        f"these rules would remove {preview.number} ({removed}), and {confirmed} are confirmed: nothing was changed"
+    )
     return Conflict("retention-unconfirmed", detail)
 
 
-def _nothing_of(kind: RetentionKind) -> KindPreview:
-    return KindPreview(kind=kind, number=0, bytes=None, oldest_at=None, newest_at=None, first=[], stays=[])
+class Removal(NamedTuple):
+    """Number of removed objects of one kind."""
+
+    kind: RetentionKind
+    number: int
 
 
-def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: datetime) -> KindPreview:
-    stock = STOCKS.get(kind)
-    return _of_events(session, rules, at) if stock is None else _of_stock(session, stock, rules, at)
+class RetentionKeeper:
+    """Remover of everything that the rules reach: oldest rows first, a batch a round, rows first and then files.
 
+    One of several processes works at a time. A kill between rows and files leaves files that no row names, which
+    `Leftovers` removes. Rows chosen for removal are locked and checked again: a job or another use since the choice
+    keeps a row.
 
-def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
-    table, reach = stock.table, reach_of(session, stock, limits_of(dict(rules), stock.kind), at)
-    kept = list(stock.kept_by(session))
-    reached = reach.beyond()
-    goes = and_(reached, none_of(kept))
-    sized = stock.all_bytes if stock.has_bytes else null()
-    totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
-    number, size, oldest_at, newest_at = session.execute(totals).one()
-    columns = (table.id, table.created_at, table.stored_bytes if stock.has_bytes else null())
-    first = session.execute(stock.select(*columns, until=goes).order_by(table.created_at, table.id).limit(_FIRST))
-    return KindPreview(
-        kind=RetentionKind(stock.kind),
-        number=number,
-        bytes=size,
-        oldest_at=oldest_at,
-        newest_at=newest_at,
-        first=[
-            Going(id=identifier, created_at=made_at, bytes=each, by=rule_name(stock.kind, reach.unit_for(made_at)))
-            for identifier, made_at, each in first
-        ],
-        stays=_staying(session, kept, stock.select(table.id, until=reached).order_by(table.created_at, table.id)),
-    )
+    Parameters
+    ----------
+    database, files
+        Database and data folder.
+    now_s
+        The keeper's clock, seconds, which never goes back.
+    """
 
+    def __init__(self, database: Database, files: FileStore, *, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._database = database
+        self._files = files
+        self._now_s = now_s
+        self._due_s = now_s()
+        self._revision: int | None = None
+        self._reached: list[tuple[RetentionKind, ColumnElement[bool]]] = []
 
-def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
-    last, kept = last_old_event(session, rules.events_days, at), list(events_kept_by(session))
-    reached = and_(text(REMOVABLE), EventRow.number <= last)
-    goes = and_(reached, none_of(kept))
-    number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
-    oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
-    first = [
-        Going(id=str(each), created_at=happened_at, bytes=None, by=rule_name(RetentionKind.EVENTS, "days"))
-        for each, happened_at in session.execute(oldest)
-    ]
-    newest_at = session.scalar(select(EventRow.at).where(goes).order_by(EventRow.number.desc()).limit(1))
-    return KindPreview(
-        kind=RetentionKind.EVENTS,
-        number=number,
-        bytes=None,
-        oldest_at=first[0].created_at if first else None,
-        newest_at=newest_at,
-        first=first,
-        stays=_staying(session, kept, select(EventRow.number).where(reached).order_by(EventRow.number)),
-    )
+    def remove_some(self) -> Removal | None:
+        """Remove the next batch, if there is one; the rules are read every ten minutes, and after a change.
 
+        Returns
+        -------
+        Removal or None
+            Summary of the removed batch. None: nothing that the rules reach may go now.
 
-def _staying(session: Session, protections_of_kind: Sequence[Protection], reached: Select[Any]) -> list[Staying]:
-    """Count the rows that the rules reach and that stay, by reason, with the ids of the oldest rows."""
-    staying = []
-    for because, condition in protections_of_kind:
-        staying_rows = reached.where(condition)
-        counted = staying_rows.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
-        number = session.scalar(counted) or 0
-        if number:
-            first_ids = [str(each) for each in session.scalars(staying_rows.limit(_FIRST_IDS))]
-            staying.append(Staying(because=StaysBecause(because), number=number, first_ids=first_ids))
-    return staying
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        OSError
+            A file could not be removed: its row is gone, and `Leftovers` will remove the file.
+        """
+        with self._database.read() as session:
+            revision = session.scalar(select(RetentionRow.revision).where(RetentionRow.number == THE_ROW))
+        if revision != self._revision or self._now_s() >= self._due_s:
+            self._due_s, self._revision, self._reached = self._now_s() + EVERY_S, revision, self._find_reached()
+        while self._reached:
+            kind, reached = self._reached.pop(0)
+            removed, is_full = self._remove_batch(kind, REMOVABLE_ROWS[kind], reached)
+            if is_full:
+                self._reached.insert(0, (kind, reached))
+            if removed is not None:
+                return removed
+        return None
+
+    def _find_reached(self) -> list[tuple[RetentionKind, ColumnElement[bool]]]:
+        """Return the condition that the rules reach a row, for each kind with a rule."""
+        now = self._database.now()
+        with self._database.read() as session:
+            row = session.get(RetentionRow, THE_ROW)
+            if row is None:
+                return []
+            waits = _waits_since(row, now)
+            if waits is not None:  # the clock may have leapt, so that everything seems too old
+                _log.warning("retention-days-wait", since=waits.isoformat())
+                return []
+            days = _rules_of(row).days()
+            reached = [(kind, REMOVABLE_ROWS[kind].reached(session, days[kind], now)) for kind in days]
+        with self._database.write() as session:
+            same = RetentionRow.number == THE_ROW, RetentionRow.revision == row.revision
+            session.execute(update(RetentionRow).where(*same).values(followed_at=now))
+        return reached
+
+    def _remove_batch(
+        self, kind: RetentionKind, rows: RemovableRows, reached: ColumnElement[bool]
+    ) -> tuple[Removal | None, bool]:
+        """Remove a batch of a kind; return the summary, and whether there may be more."""
+        with self._database.read() as session:
+            goes = select(rows.key).where(reached, rows.unprotected(session))
+            chosen = session.scalars(goes.order_by(*rows.oldest_first()).limit(rows.batch)).all()
+        if not chosen:
+            return None, False
+        with self._database.write() as session:
+            held = select(RetentionRow).where(RetentionRow.number == THE_ROW, RetentionRow.revision == self._revision)
+            row = session.scalar(held.with_for_update(skip_locked=True))
+            if row is None:  # another process has locked it, or the rules have changed
+                return None, False
+            lock(session, rows, chosen)
+            may_still_go = rows.key.in_(chosen), rows.unprotected(session)
+            going = {row[0]: row[1] for row in session.execute(select(rows.key, rows.at).where(*may_still_go))}
+            if not going:
+                return None, len(chosen) == rows.batch
+            delete_rows(session, rows, list(going))
+            self._note(session, row, Removal(kind, len(going)), sorted(going.values()))
+        self._delete_files(rows, list(going))
+        return Removal(kind, len(going)), len(chosen) == rows.batch
+
+    def _note(self, session: Session, row: RetentionRow, removed: Removal, ages: Sequence[datetime]) -> None:
+        """Count and announce removed rows, in the transaction that removes the rows."""
+        row.removed = {**row.removed, removed.kind: row.removed.get(removed.kind, 0) + removed.number}
+        detail = {"number": removed.number, "first_at": ages[0].isoformat(), "last_at": ages[-1].isoformat()}
+        now = self._database.now()
+        announce(session, now, event_kinds.RETENTION_REMOVED, SUBJECT, removed.kind, detail=detail)
+
+    def _delete_files(self, rows: RemovableRows, keys: Sequence[Any]) -> None:
+        if rows.job is None:
+            return
+        folders, errors = list[Path](), list[OSError]()
+        for key in keys:
+            folders += [self._files.results(rows.job, key), self._files.upload(rows.job, key).parent]
+        for folder in folders:
+            with noted(errors):
+                self._files.remove(folder)
+        if errors:
+            raise errors[0]

@@ -9,17 +9,17 @@ from sawmill_contracts.calibrations import Calibration
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.file_store import FileStore
 from sawmill_store.drift_charts import known_baselines
 from sawmill_store.mill_files import SCAN_FILE
+from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_store.phantoms import picture_of, read_phantom
 from sawmill_store.requests.asked_rows import found_asked, read_asked
 from sawmill_store.scanners import read_scanner
 from sawmill_store.scans import read_scan
-from sawmill_store.tables import PhantomRow, ScannerRow, ScanRow
 
 
 def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:

@@ -8,7 +8,6 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import job_kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
-from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.kinds import AskedKind
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
@@ -19,84 +18,64 @@ from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.paging import found
-from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import DamagedResult
-from sawmill_platform.files.file_store import FileStore
-from sawmill_platform.jobs.subjects import Recorded
+from sawmill_platform.jobs.subjects import Recorded, Subjects
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.measurements import record_measurement
+from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScanRow
 from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.requests.asked_rows import found_asked
-from sawmill_store.subjects import outputs
 from sawmill_store.subjects.handing_over import handed_over
-from sawmill_store.tables import CalibrationRow, PhantomRow, ScanRow
+from sawmill_store.subjects.outputs import output_file
 
 
-class MillSubjects:
-    """Rows of a mill that jobs work on, as `sawmill_platform.jobs.subjects.Subjects` describes them."""
+def _record_success(session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime) -> Recorded:
+    """Write a result to the job's subject; the ledger gets a sentence about it and the next step, if any."""
+    declared, stored = declaration_of(kind), result.model_dump(mode="json")
+    if isinstance(declared, AskedKind):
+        row = found_asked(session, declared, subject_id)
+        row.result = stored
+        why, step, activated = record_measurement(session, row, result, now), None, False
+        if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
+            activated = _activate_on_pass(session, row, result, now)
+            step = step_alone(result, active=activated)
+        elif isinstance(result, DriftResult):
+            step = step_of_check(result)
+        detail = {} if step is None else {"next_step": step.answer.model_dump(mode="json")}
+        return Recorded(why, detail)
+    if kind is job_kinds.INGEST:
+        scan = found(session, ScanRow, "scan", subject_id)
+        scan.state, scan.reading = ScanState.READY, stored
+        announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
+    else:
+        phantom = found(session, PhantomRow, "phantom", subject_id)
+        phantom.state, phantom.drawing = PhantomState.READY, stored
+        announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
+    return Recorded()
 
-    named_folders = NAMED_FOLDERS
 
-    def __init__(self, files: FileStore) -> None:
-        self._files = files
+def _record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
+    """Refuse the scan or phantom whose job failed or was cancelled; other subjects have the state of their job."""
+    if kind is job_kinds.INGEST:
+        scan = found(session, ScanRow, "scan", subject_id)
+        scan.state, scan.reason = ScanState.REFUSED, reason
+        why = {"reason": reason}
+        announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, group_id=scan.scanner_id, detail=why)
+    elif kind is job_kinds.TRACE_PHANTOM:
+        phantom = found(session, PhantomRow, "phantom", subject_id)
+        phantom.state, phantom.reason = PhantomState.REFUSED, reason
+        announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
-    def handed_over(self, session: Session, job: JobRow) -> HandedOver:
-        """Return the rows that a job's own row refers to, and the file that it reads."""
-        return handed_over(session, self._files, job)
 
-    def record_success(
-        self, session: Session, kind: JobKind, subject_id: str, result: Contract, now: datetime
-    ) -> Recorded:
-        """Write a result to the job's subject; the ledger gets a sentence about it and the next step, if any."""
-        declared, stored = declaration_of(kind), result.model_dump(mode="json")
-        if isinstance(declared, AskedKind):
-            row = found_asked(session, declared, subject_id)
-            row.result = stored
-            why, step, activated = record_measurement(session, row, result, now), None, False
-            if isinstance(row, CalibrationRow) and isinstance(result, CalibrationResult):
-                activated = _activate_on_pass(session, row, result, now)
-                step = step_alone(result, active=activated)
-            elif isinstance(result, DriftResult):
-                step = step_of_check(result)
-            detail = {} if step is None else {"next_step": step.answer.model_dump(mode="json")}
-            return Recorded(why, detail)
-        if kind is job_kinds.INGEST:
-            scan = found(session, ScanRow, "scan", subject_id)
-            scan.state, scan.reading = ScanState.READY, stored
-            announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
-        else:
-            phantom = found(session, PhantomRow, "phantom", subject_id)
-            phantom.state, phantom.drawing = PhantomState.READY, stored
-            announce(session, now, mill_events.PHANTOM_READY, "phantom", phantom.id)
-        return Recorded()
-
-    def record_end_without_result(
-        self, session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime
-    ) -> None:
-        """Refuse the scan or phantom whose job failed or was cancelled; other subjects have the state of their job."""
-        if kind is job_kinds.INGEST:
-            scan = found(session, ScanRow, "scan", subject_id)
-            scan.state, scan.reason = ScanState.REFUSED, reason
-            why = {"reason": reason}
-            announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, group_id=scan.scanner_id, detail=why)
-        elif kind is job_kinds.TRACE_PHANTOM:
-            phantom = found(session, PhantomRow, "phantom", subject_id)
-            phantom.state, phantom.reason = PhantomState.REFUSED, reason
-            announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
-
-    def output_file(self, kind: JobKind, folder: Path) -> Path | None:
-        """Return the file that a job left; refuse a folder with files that a job of this kind does not write."""
-        return outputs.output_file(kind, folder)
-
-    def read_apart(self, path: Path) -> None:
-        """Read a result of version 0.1.0 in a separate process; raise `DamagedResult` if it cannot be read."""
-        try:
-            read_apart(path)
-        except UnreadableScan as error:
-            raise DamagedResult(path.name, str(error)) from error
+def _read_apart(path: Path) -> None:
+    """Read a result of version 0.1.0 in a separate process; raise `DamagedResult` if it cannot be read."""
+    try:
+        read_apart(path)
+    except UnreadableScan as error:
+        raise DamagedResult(path.name, str(error)) from error
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: CalibrationResult, now: datetime) -> bool:
@@ -113,3 +92,9 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Cal
         with acting_as(by_request):
             activate(session, calibration.scanner_id, calibration.id, reason, now)
     return reason is not None
+
+
+MILL_SUBJECTS = Subjects(
+    NAMED_FOLDERS, handed_over, _record_success, _record_end_without_result, output_file, _read_apart
+)
+"""Rows and files of a mill that jobs work on."""

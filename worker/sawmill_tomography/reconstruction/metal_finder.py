@@ -17,7 +17,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 
-# The constants of this file were measured with benchmarks/log_metal.py and, for phantoms, benchmarks/metal.py at 3ab7f653.
+# Measured: benchmarks/log_metal.py and, for phantoms, benchmarks/metal.py at 3ab7f653.
 # Fewer views do not show a body by its shadows. Every second of twice as many views as MOST_VIEWS makes the image, and
 # so on: 10 ms of processor time for a slice with knots, 1 ms for one without narrow shadows.
 FEWEST_VIEWS, MOST_VIEWS = 8, 24

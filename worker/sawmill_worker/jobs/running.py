@@ -18,11 +18,12 @@ import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
 from sawmill_contracts import job_kinds
+from sawmill_contracts.declared_kinds import KINDS
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
 from sawmill_platform.attempts.work import Needs
 from sawmill_platform.contracts.jobs import Job, JobKind
-from sawmill_platform.contracts.kinds import declaration_of
+from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_store.subjects.outputs import check_file
 from sawmill_tomography import warm_up as science
 from sawmill_tomography.kernel_cache import only_read
@@ -43,7 +44,7 @@ def _module_of(kind: JobKind) -> _JobModule:
 
 
 # Imported when this module is, so that a process that is kept ready has all kinds loaded.
-_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind.all()})
+_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({each.kind: _module_of(each.kind) for each in KINDS})
 
 
 def warm_up() -> None:

@@ -1,1 +1,1 @@
-"""Pages of the system: its state, retention and webhooks."""
+"""Pages of the system: its state and webhooks."""

@@ -15,7 +15,6 @@ from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_service.pages.system.audit_filter import PER_PAGE, AuditFilter, read_filter, values_of
 from sawmill_service.pages.system.system_parts import (
-    PLENTY_DAYS,
     clock_remarks,
     disk_of,
     limits_of,
@@ -78,9 +77,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         health=health_of(store, request.app.state.broker_url),
         states=STATES,
         queue=queue_of(store.places, store.settings),
-        disk=(disk := disk_of(store.scans, store.settings)),
-        growth=store.retention.growth(disk.free_bytes - disk.reserve_bytes),
-        plenty_days=PLENTY_DAYS,
+        disk=disk_of(store.scans, store.settings),
         workers=workers_of(store.events, store.jobs, page, now),
         database=store.database_report(),
         broker=broker_of(request.app.state.broker_url),

@@ -24,8 +24,6 @@ SEEN = timedelta(minutes=10)
 PLENTY = 10
 # Share of the places in the queue from which the queue is nearly full.
 NEARLY = 0.8
-# A disk that is full only after more days than this needs no attention now.
-PLENTY_DAYS = 30
 MOST_WORKERS = 200
 CLOCK_EVENTS = 5
 PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")

@@ -72,13 +72,10 @@ _INDEXES = {
     "ix_scans_of_phantoms": ("scans", ["scanner_id", "created_at"], "phantom_id IS NOT NULL"),
     "ix_scans_phantom_id": ("scans", ["phantom_id"], "phantom_id IS NOT NULL"),
     # Those that rules of retention go by.
-    "ix_scans_not_measured": ("scans", ["id"], "stored_bytes IS NULL"),
-    "ix_calibrations_not_measured": ("calibrations", ["id"], "stored_bytes IS NULL"),
-    "ix_reconstructions_not_measured": ("reconstructions", ["id"], "stored_bytes IS NULL"),
-    "ix_scans_logs_by_age": ("scans", ["created_at", "id", "stored_bytes"], "phantom_id IS NULL"),
-    "ix_scans_phantoms_by_age": ("scans", ["created_at", "id", "stored_bytes"], "phantom_id IS NOT NULL"),
-    "ix_calibrations_by_age": ("calibrations", ["created_at", "id", "stored_bytes"], None),
-    "ix_reconstructions_by_age": ("reconstructions", ["created_at", "id", "stored_bytes"], None),
+    "ix_scans_logs_by_age": ("scans", ["created_at", "id"], "phantom_id IS NULL"),
+    "ix_scans_phantoms_by_age": ("scans", ["created_at", "id"], "phantom_id IS NOT NULL"),
+    "ix_calibrations_by_age": ("calibrations", ["created_at", "id"], None),
+    "ix_reconstructions_by_age": ("reconstructions", ["created_at", "id"], None),
     # Without these, each row that is removed costs a walk through whatever may refer to it.
     "ix_scans_job_id": ("scans", ["job_id"], None),
     "ix_phantoms_job_id": ("phantoms", ["job_id"], None),
@@ -95,8 +92,6 @@ def upgrade() -> None:
     op.add_column("alembic_version", sa.Column("product_version", sa.String(length=40), nullable=True))
     _change_tables_of_jobs()
     _change_tables_of_schedules()
-    for table in ("scans", "calibrations", "reconstructions"):
-        op.add_column(table, sa.Column("stored_bytes", _BYTES, nullable=True))
     _number_logs()
     _create_asked()
     _create_tables_of_keys()

@@ -1,7 +1,7 @@
 """Declarations of the kinds of jobs, one value a kind: how jobs are answered, stored and limited."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import import_module
 
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
@@ -77,7 +77,14 @@ def reading_limit_s(size_bytes: int) -> float:
     return READING_S + size_bytes / READING_BYTES_PER_S
 
 
+def declare(declarations: Iterable[KindDeclaration]) -> None:
+    """Give the declarations of all kinds to this process, which asks `declaration_of` for them."""
+    _DECLARED.update((declaration.kind, declaration) for declaration in declarations)
+
+
 def declaration_of(kind: JobKind) -> KindDeclaration:
-    """Return what a kind declares."""
-    declaration: KindDeclaration = import_module(kind.declared_in).DECLARATION
-    return declaration
+    """Return what a kind declares; raise `LookupError` before `declare`."""
+    return _DECLARED[kind]
+
+
+_DECLARED: dict[JobKind, KindDeclaration] = {}

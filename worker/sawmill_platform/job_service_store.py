@@ -18,6 +18,7 @@ from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
+from sawmill_platform.files.leftovers import Leftovers
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
@@ -28,7 +29,6 @@ from sawmill_platform.keys.repeats import Repeats
 from sawmill_platform.keys.sessions import Sessions
 from sawmill_platform.ledger.audit import Audit
 from sawmill_platform.ledger.events import Events
-from sawmill_platform.retention.leftovers import Leftovers
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_platform.webhooks.outbox import Outbox

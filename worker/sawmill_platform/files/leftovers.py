@@ -9,9 +9,9 @@ import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -32,14 +32,12 @@ _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
 Known = Callable[[Session, Sequence[str]], set[str]]
 
 
-@dataclass(frozen=True)
-class _Place:
-    """A folder, the pattern of our names in it, and the names that rows know; `changes`: only unchanging files go."""
+class _Place(NamedTuple):
+    """A folder, the pattern of our names in it, and the names that rows know."""
 
     folder: Path
     name: re.Pattern[str]
     known: Known
-    changes: bool = False
 
     def names(self) -> Iterator[str]:
         try:
@@ -49,19 +47,7 @@ class _Place:
 
 
 class Leftovers:
-    """Remover of leftovers, a few at a time, so that no round takes long however many folders there are.
-
-    Parameters
-    ----------
-    database, files
-        Database and data folder, which several processes may check.
-    named
-        Folders in which rows name files.
-    grace_s
-        Time for which no row must have named a file, seconds.
-    now_s
-        The observer's clock, which never goes back.
-    """
+    """Remover of files that no row of `named` names for `grace_s`, a few at a time; several processes may have one."""
 
     def __init__(
         self,
@@ -84,19 +70,9 @@ class Leftovers:
         self._seen_again: dict[Path, tuple[float, object]] = {}
 
     def remove_some(self) -> list[Path]:
-        """Check the next names, at most `NAMES_A_ROUND`; all names are checked four times in a grace.
+        """Check the next names, a quarter of a grace after the last time, and return the paths that were removed.
 
-        Returns
-        -------
-        list of Path
-            Paths that were removed.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The rows cannot be read.
-        OSError
-            A file could not be removed; all other files of the round were.
+        Raises `OSError` if a file could not be removed; all other files of the round were.
         """
         remaining, removed = NAMES_A_ROUND, list[Path]()
         while remaining > 0 and self._now_s() >= self._rests_until_s:
@@ -123,10 +99,10 @@ class Leftovers:
     def _ripe(self, place: _Place, names: Sequence[str]) -> list[str]:
         with self._database.read() as session:
             unknown = set(names) - place.known(session, names)
-        return [name for name in sorted(unknown) if self._stood_still(place, place.folder / name)]
+        return [name for name in sorted(unknown) if self._stood_still(place.folder / name)]
 
-    def _stood_still(self, place: _Place, path: Path) -> bool:
-        look = _look_of(path) if place.changes else None
+    def _stood_still(self, path: Path) -> bool:
+        look = _look_of(path)
         first_s, before = self._seen.get(path, (self._now_s(), None))
         if path not in self._seen or before != look:
             first_s = self._now_s()
@@ -163,14 +139,10 @@ def noted(errors: list[OSError]) -> Iterator[None]:
 
 def _places(folder: Path, named: Iterable[NamedFolder], now: Clock) -> list[_Place]:
     return [
-        *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
+        *(_Place(folder / name, _TEMPORARY_NAME, lambda _, __: set()) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
         *(_Place(folder / each.path, _SUBJECT_NAME, _among(each, now)) for each in (*OF_THE_SERVICE, *named)),
     ]
-
-
-def _nothing(_session: Session, _names: Sequence[str]) -> set[str]:
-    return set()
 
 
 def _among(named: NamedFolder, now: Clock) -> Known:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from datetime import date, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from sqlalchemy import (
     JSON,
@@ -40,19 +40,11 @@ Base.registry.update_type_annotation_map(
     }
 )
 
-# Bytes of the upload and the results: null until measured, after the job has ended (`measure_some`).
-StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
-
 
 def _by_age(name: str, condition: str | None = None) -> Index:
-    """Return the index that finds the oldest rows, and sums up bytes without reading the rows."""
+    """Return the index that finds the oldest rows."""
     where = None if condition is None else text(condition)
-    return Index(name, "created_at", "id", "stored_bytes", sqlite_where=where, postgresql_where=where)
-
-
-def _not_measured(table: str) -> Index:
-    where = text("stored_bytes IS NULL")
-    return Index(f"ix_{table}_not_measured", "id", sqlite_where=where, postgresql_where=where)
+    return Index(name, "created_at", "id", sqlite_where=where, postgresql_where=where)
 
 
 class ScannerRow(Resource):
@@ -86,7 +78,6 @@ class ScanRow(Resource):
         Index(None, "scanner_id", "created_at"),
         _by_age("ix_scans_logs_by_age", "phantom_id IS NULL"),
         _by_age("ix_scans_phantoms_by_age", "phantom_id IS NOT NULL"),
-        _not_measured("scans"),
         # The index has phantom scans only: with logs in it, SQLite would read all logs, and then sort them.
         Index(
             None,
@@ -112,7 +103,6 @@ class ScanRow(Resource):
     sha256: Mapped[str] = mapped_column(String(64))
     reading: Mapped[Json | None]
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), index=True)
-    stored_bytes: Mapped[StoredBytes]
 
 
 class Answered(Resource):
@@ -155,7 +145,6 @@ class CalibrationRow(Answered):
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
         _by_age("ix_calibrations_by_age"),
-        _not_measured("calibrations"),
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
@@ -163,7 +152,6 @@ class CalibrationRow(Answered):
     phantom_id: Mapped[str] = mapped_column(ForeignKey("phantoms.id"), index=True)
     schedule_id: Mapped[str | None] = mapped_column(String(64))
     activate: Mapped[bool]
-    stored_bytes: Mapped[StoredBytes]
 
 
 def _log_number(context: DefaultExecutionContext) -> int:
@@ -182,13 +170,11 @@ class ReconstructionRow(Answered):
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
         _by_age("ix_reconstructions_by_age"),
-        _not_measured("reconstructions"),
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
-    stored_bytes: Mapped[StoredBytes]
     number: Mapped[int] = mapped_column(default=_log_number)
     name: Mapped[str | None] = mapped_column(String(200))
 
@@ -407,3 +393,19 @@ class AlarmRow(Base):
     expired_on: Mapped[date | None]
     drift: Mapped[Json | None]
     acknowledged: Mapped[Json | None]
+
+
+class RetentionRow(Base):
+    """The one row of the rules of retention, with the number of removals so far, by kind."""
+
+    __tablename__ = "retention"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    rules: Mapped[Json]
+    # Number that grows with each change of the rules.
+    revision: Mapped[int]
+    changed_at: Mapped[datetime]
+    changed_by: Mapped[str] = mapped_column(String(200))
+    # Time when days were last counted; null: not since the change.
+    followed_at: Mapped[datetime | None]
+    removed: Mapped[Json]
