@@ -72,13 +72,7 @@ class Caller:
     csrf_token: str | None = None
 
     def check(self, needed: Scope) -> None:
-        """Refuse a request that needs a larger scope than the caller has.
-
-        Raises
-        ------
-        Refused
-            403 `scope-too-small`.
-        """
+        """Refuse a request that needs a larger scope than the caller has."""
         if not self.scope.covers(needed):
             detail = f"this needs a key of the scope {needed}, and {self.name!r} has {self.scope}"
             raise Refused(403, "scope-too-small", detail)
@@ -95,21 +89,7 @@ THIS_MACHINE = Caller("somebody at this machine", Scope.ADMIN)
 
 
 class Access:
-    """Identification of the sender of a request.
-
-    Parameters
-    ----------
-    keys, sessions
-        Stores of keys and of sessions.
-    cookie
-        Cookie in which a browser brings its session.
-    token
-        Key of the first administrator; None: there is none.
-    required
-        Whether every request must bring a key. Otherwise requests from this machine itself need none.
-    failures
-        Counter of wrong keys.
-    """
+    """Identification of the sender of a request."""
 
     def __init__(
         self,
@@ -129,16 +109,7 @@ class Access:
         self._failures = failures
 
     async def caller(self, scope: RequestScope, headers: Headers) -> Caller:
-        """Find the sender of a request by the key in it, else by its session.
-
-        Raises
-        ------
-        Refused
-            401 `token-required`: a key is required, and the request brings no valid one. 429 `too-many-requests`: too
-            many wrong keys came from the address.
-        StorageUnavailable
-            Keys cannot be looked up.
-        """
+        """Find the sender of a request by the key in it, else by its session."""
         if secret := presented_secret(headers.get("authorization", "")):
             return await self._opened_by(scope, secret)
         cookie = self._cookie.read(scope, headers)
@@ -151,13 +122,7 @@ class Access:
         return THIS_MACHINE
 
     async def holder(self, scope: RequestScope, secret_hash: str) -> Caller | None:
-        """Find the caller whose key or token has this hash, and note the use; None where it is not valid now.
-
-        Raises
-        ------
-        Refused
-            429 `too-many-requests`: too many wrong keys came from the address of the request.
-        """
+        """Find the caller whose key or token has this hash, and note the use; None where it is not valid now."""
         address = client_address(scope) or "an unknown client"
         if self._failures.knows(address, secret_hash):
             return None

@@ -54,21 +54,7 @@ class StreamTimes:
 
 
 class EventFeed:
-    """Reader of the table of events for all streams, no more often than for one; used by one event loop.
-
-    Parameters
-    ----------
-    events
-        Table of events.
-    poll_s
-        Time between two reads while a stream follows, s.
-    kept
-        Number of the newest events in memory; a stream that is further behind reads the table itself.
-    patience_s
-        Time after which a read counts as an outage, s; it is one for every stream until a read succeeds.
-    forgotten_s
-        Time without a follower after which a new reader is cheaper than reading all events since then, s.
-    """
+    """Reader of the table of events for all streams, no more often than for one; used by one event loop."""
 
     def __init__(
         self, events: Events, poll_s: float, *, kept: int = 2000, patience_s: float = 3.0, forgotten_s: float = 60.0
@@ -84,32 +70,14 @@ class EventFeed:
         self._away = False
 
     async def start(self, after: int | None) -> int:
-        """Return the number of the event after which a new stream follows.
-
-        Parameters
-        ----------
-        after
-            Number of the last event that the client has seen. None: the stream follows new events only, as it does for
-            a client that has seen a number which this database, restored from a backup, has not reached.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer.
-        """
+        """Return the number of the event after which a new stream follows."""
         newest = await run_in_threadpool(self._events.newest_number)
         if after is not None and after <= newest:
             return after
         return (await run_in_threadpool(self._events.reader)).number
 
     async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
-        """Return the events after a number, and the number up to which these events are complete.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer, or has not answered since a read for another stream failed or began to hang.
-        """
+        """Return the events after a number, and the number up to which these events are complete."""
         await self._poll()
         if self._away or self._hangs():
             raise StorageUnavailable("the database does not answer")

@@ -9,13 +9,7 @@ from sawmill_store.scans import Scans
 
 
 def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> ReconstructionResult:
-    """Return the result of a reconstruction.
-
-    Raises
-    ------
-    Refused
-        409 `reconstruction-without-result`.
-    """
+    """Return the result of a reconstruction."""
     reconstruction = reconstructions.get(reconstruction_id)
     if reconstruction.result is None:
         detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
@@ -24,13 +18,7 @@ def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> Recon
 
 
 def check_slice(result: ReconstructionResult, index: int) -> None:
-    """Refuse the index of a slice that a volume does not have.
-
-    Raises
-    ------
-    Refused
-        404 `slice-not-found`.
-    """
+    """Refuse the index of a slice that a volume does not have."""
     slices = result.shape[0]
     if index >= slices:
         raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
@@ -45,13 +33,7 @@ def scan_if_kept(scans: Scans, scan_id: str) -> Scan | None:
 
 
 def ready_scan(scans: Scans, scan_id: str) -> tuple[Scan, ScanShape]:
-    """Return a scan that has been read, and its shape.
-
-    Raises
-    ------
-    Refused
-        409 `scan-ingesting` or `scan-refused`.
-    """
+    """Return a scan that has been read, and its shape."""
     scan = scans.get(scan_id)
     if scan.shape is None:
         reason = scan.reason or f"job {scan.job_id} still reads it"

@@ -46,13 +46,6 @@ class Measures(Collector):
     """Collector of metrics; without the database or the data folder it reports their absence and leaves the rest out.
 
     Requests that come during a count share one count that starts after they came.
-
-    Parameters
-    ----------
-    store
-        Store that is counted.
-    clock_s
-        Clock that never goes back, s.
     """
 
     def __init__(self, store: Store, *, clock_s: Callable[[], float] = time.monotonic) -> None:

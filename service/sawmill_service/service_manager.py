@@ -13,15 +13,7 @@ import structlog
 
 
 class ServiceManager:
-    """Sender of states, and of signs of life at half of the interval after which their absence counts as a hang.
-
-    Parameters
-    ----------
-    environment
-        Environment that may hold `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID`.
-    clock_s
-        Clock that never goes back, s.
-    """
+    """Sender of states, and of signs of life at half of the interval after which their absence counts as a hang."""
 
     def __init__(
         self, environment: Mapping[str, str] = os.environ, *, clock_s: Callable[[], float] = time.monotonic

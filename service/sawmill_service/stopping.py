@@ -50,13 +50,7 @@ class Stopping:
             time_s -= _POLL_S
 
     async def next_part(self, receive: Receive) -> Message:
-        """Return the next part of a body.
-
-        Raises
-        ------
-        Refused
-            The service ends, and the part has not come.
-        """
+        """Return the next part of a body."""
         try:
             async with asyncio.timeout(0.0 if self._refusing else None) as limit:
                 self._waiting.add(limit)
@@ -70,17 +64,7 @@ class Stopping:
 
 
 class Server(uvicorn.Server):
-    """Uvicorn server that ends in order: open requests get an answer, and no client delays the end for long.
-
-    Parameters
-    ----------
-    config
-        Configuration; the time limit of a graceful shutdown is set here.
-    stopping
-        Shutdown state of the application.
-    manager
-        Receiver of reports that the service answers, that it lives, and that its end begins.
-    """
+    """Uvicorn server that ends in order: open requests get an answer, and no client delays the end for long."""
 
     def __init__(self, config: uvicorn.Config, stopping: Stopping, manager: ServiceManager) -> None:
         config.timeout_graceful_shutdown = _ANSWERS_S

@@ -44,15 +44,7 @@ class Reception:
     uploads: Uploads
 
     async def file(self, inspection_id: str | None, upload_id: str | None, *, max_bytes: int) -> Received:
-        """Receive the file in the body, or take an earlier one; the code that accepts the file owns or discards it.
-
-        Raises
-        ------
-        Refused
-            Both ids are given; or a refusal of `_body`.
-        NotFound, Conflict, UploadTooLarge
-            There is no such inspection or upload, its file has been removed, is incomplete or used, or is too large.
-        """
+        """Receive the file in the body, or take an earlier one; the code that accepts the file owns or discards it."""
         if inspection_id is None and upload_id is None:
             return await self._body(max_bytes)
         if inspection_id is not None and upload_id is not None:
@@ -69,15 +61,7 @@ class Reception:
         return received
 
     async def _body(self, max_bytes: int) -> Received:
-        """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read.
-
-        Raises
-        ------
-        Refused
-            The media type, encoding or digest is refused, the body is empty, or its length is not the declared one.
-        UploadTooLarge, StorageFull
-            The file has more bytes than allowed, or there is no room for it.
-        """
+        """Receive the file in the body; what the head alone shows to be wrong is refused before a byte is read."""
         content = SentContent(self.request.headers)
         reserve_bytes = await run_in_threadpool(self.uploads.check_room_for, declared_bytes(self.request))
         return await self.uploads.files.receive_stream(
@@ -93,13 +77,7 @@ TheReception = Annotated[Reception, Depends(_reception)]
 
 
 async def check_no_file(request: Request) -> None:
-    """Refuse a body next to the name of an earlier file, and a digest that is not the digest of no bytes.
-
-    Raises
-    ------
-    Refused
-        422 `two-files`; 400 `bad-digest`, `digest-mismatch`.
-    """
+    """Refuse a body next to the name of an earlier file, and a digest that is not the digest of no bytes."""
     if getattr(request.state, "has_no_file", False):
         return
     request.state.body_begun = True

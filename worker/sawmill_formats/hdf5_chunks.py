@@ -43,13 +43,7 @@ class Chunks:
         self._unpack = [_unpack(dataset, code, values) for code, _, values, _ in filters]
 
     def read(self, offset: tuple[int, ...]) -> NDArray[Any]:
-        """Read the chunk that begins at `offset`, in its own shape and type.
-
-        Raises
-        ------
-        UnreadableScan
-            `truncated-file` where it is missing or shorter than it declares, `too-large` where it is longer.
-        """
+        """Read the chunk that begins at `offset`, in its own shape and type."""
         try:
             # H5Dget_chunk_info_by_coord would go through all earlier chunks to find this one's place.
             skipped, stored = self._dataset.id.read_direct_chunk(offset)
@@ -91,13 +85,7 @@ class Chunks:
 
 
 def check_unpacked(dataset: h5py.Dataset) -> None:
-    """Unpack every chunk of a checked dataset once, before the library does, as for a source of a virtual dataset.
-
-    Raises
-    ------
-    UnreadableScan
-        `truncated-file` or `too-large` for a chunk that is shorter or longer than it declares.
-    """
+    """Unpack every chunk of a checked dataset once, before the library does, as for a source of a virtual dataset."""
     chunks = Chunks(dataset)
     for offset in chunks.offsets():
         chunks.read(offset)
@@ -122,11 +110,6 @@ def read_chunked(
         Rising indices along the first axis.
     parts : tuple of slice
         Slices of the second and later axes, each with its start and stop inside the shape; omitted axes are read whole.
-
-    Raises
-    ------
-    UnreadableScan
-        `truncated-file` or `too-large` for a chunk that is shorter or longer than it declares.
     """
     chunks = Chunks(dataset)
     length, *across = chunks.shape

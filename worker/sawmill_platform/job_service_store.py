@@ -194,13 +194,7 @@ class JobServiceStore:
         self.database.spare_room.fill(self.settings.disk_reserve_bytes)
 
     def check_folder(self) -> None:
-        """Check that the data folder is the one of the database.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer, or (`FolderUnavailable`) the folder is missing, empty or another one.
-        """
+        """Check that the data folder is the one of the database."""
         with self.database.read() as session:
             check_identity(session, self.files.folder)
 

@@ -224,13 +224,7 @@ def read_phantom(row: PhantomRow) -> StoredPhantom:
 
 
 def picture_of(row: PhantomRow) -> PhantomPicture:
-    """Return the data given with a phantom's picture, for the job that traces the picture.
-
-    Raises
-    ------
-    Conflict
-        The phantom was drawn and has no picture.
-    """
+    """Return the data given with a phantom's picture, for the job that traces the picture."""
     if row.picture is None:
         raise Conflict("phantom-without-picture", f"phantom {row.id!r} was drawn, it has no picture")
     return PhantomPicture.model_validate(row.picture)

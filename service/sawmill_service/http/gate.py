@@ -74,20 +74,6 @@ class Gate:
     """Middleware that refuses unknown hosts, other sites' writes, requests without a key, and large or damaged bodies.
 
     A browser sends the password of HTTP Basic with all requests of a page, so other sites are refused first.
-
-    Parameters
-    ----------
-    settings
-        Host names, to which the loopback names are added where the connection came in over loopback; whether browsers
-        may reach the service through a proxy; the largest bodies.
-    access
-        Lookup of the caller, in whose name the request is handled.
-    open_files
-        Paths of files that need no key.
-    refusals
-        Rate of refused requests.
-    stopping
-        End of the service, which ends the wait for a body.
     """
 
     def __init__(

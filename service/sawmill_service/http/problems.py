@@ -173,13 +173,7 @@ def complaint(error: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
-    """Convert one of FastAPI's errors, whose place begins with a part of the request.
-
-    Parameters
-    ----------
-    body
-        Body of the request, which tells the variants that were tried from the fields of the body.
-    """
+    """Convert one of FastAPI's errors, whose place begins with a part of the request."""
     location, message = complaint(error)
     place, *names = error["loc"]
     if place != ProblemPlace.BODY:

@@ -18,11 +18,6 @@ async def check_query(request: Request) -> None:
     """Refuse fields that the route does not know, and repeated fields that take one value; a dependency of every route.
 
     Pages are exempt, except those that read a model: an old bookmark still works.
-
-    Raises
-    ------
-    RequestValidationError
-        Names a similar known field, if there is one.
     """
     route: APIRoute = request.scope["route"]
     query = request.query_params

@@ -77,17 +77,7 @@ class Repeatable:
     keyed: KeyedRequest | None
 
     def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
-        """Create the resource, in one transaction with the answer for repeats.
-
-        Raises
-        ------
-        AnsweredBefore
-            The request is a repeat.
-        Refused
-            409 `secret-not-repeated`: the request is a repeat, and the answer had a secret.
-        Invalid
-            422 `idempotency-key-reused`.
-        """
+        """Create the resource, in one transaction with the answer for repeats."""
         if self.keyed is None:
             return make()
         keyed = replace(self.keyed, file_sha256=file_sha256)
@@ -112,11 +102,6 @@ class Repeatable:
 
         The block may refuse the request because the first request was answered in the meantime. The request is a repeat
         then too, unless a part of the body has been read, so that no checksum can be computed any more.
-
-        Raises
-        ------
-        AnsweredBefore, Invalid
-            See `check_sent`.
         """
         await self.check_sent()
         try:
@@ -127,17 +112,7 @@ class Repeatable:
             raise
 
     async def check_sent(self) -> None:
-        """Answer a repeat; its body is read for that: the file, or nothing if the request names an earlier file.
-
-        Raises
-        ------
-        AnsweredBefore
-            The request is a repeat, with the same file or none.
-        Invalid
-            422 `idempotency-key-reused`.
-        Refused
-            See `body_sha256` and `check_no_file`.
-        """
+        """Answer a repeat; its body is read for that: the file, or nothing if the request names an earlier file."""
         if self.keyed is None:
             return
         kept = await run_in_threadpool(self.repeats.find, self.keyed)

@@ -63,13 +63,7 @@ class Route(APIRoute):
 
 
 class Router(APIRouter):
-    """A router whose routes declare their rules: `@router.post("/scans", needs=Scope.SUBMIT)`.
-
-    Parameters
-    ----------
-    reading
-        Scope of each GET route that declares none. None: each declares its own.
-    """
+    """A router whose routes declare their rules: `@router.post("/scans", needs=Scope.SUBMIT)`."""
 
     def __init__(self, *, reading: Scope | None = None, **options: Any) -> None:
         super().__init__(route_class=Route, **options)
@@ -120,13 +114,7 @@ class Router(APIRouter):
 
 
 class RouteRules:
-    """Rules of all routes of an application.
-
-    Raises
-    ------
-    ValueError
-        A route declares no scope.
-    """
+    """Rules of all routes of an application."""
 
     def __init__(self, routes: Sequence[BaseRoute]) -> None:
         self.by_pattern: dict[str, dict[str, Rule]] = {}
@@ -169,12 +157,6 @@ def rule_of(request: Request) -> Rule:
 
 
 async def check_method(request: Request) -> None:
-    """Refuse a path without parameters that a pattern would take for an id; a dependency of every route.
-
-    Raises
-    ------
-    HTTPException
-        405, whose `Allow` the handler of problems adds.
-    """
+    """Refuse a path without parameters that a pattern would take for an id; a dependency of every route."""
     if request.method not in request.app.state.rules.by_pattern.get(request.url.path, {request.method}):
         raise HTTPException(405)

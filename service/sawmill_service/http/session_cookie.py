@@ -21,12 +21,6 @@ class SessionCookie:
     Browsers send the cookie when a person follows a link (`SameSite=Lax`), so that a link in a mail works without a new
     login. Following links changes nothing; a request that changes something needs the token of the session
     (`csrf_token`) and must not come from another site's page (`gate`).
-
-    Parameters
-    ----------
-    public_url
-        Address of the service. If it begins with `https:`, the cookie is for TLS only, whatever the proxy uses towards
-        the service.
     """
 
     def __init__(self, public_url: str | None) -> None:

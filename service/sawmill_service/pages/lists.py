@@ -105,13 +105,7 @@ TheSpan = Annotated[DaySpan, Depends(_day_span)]
 
 
 def parse_day(name: str, text: str) -> date | None:
-    """Parse the day in a field of this name; None where the field is empty.
-
-    Raises
-    ------
-    Refused
-        422 `invalid-day`.
-    """
+    """Parse the day in a field of this name; None where the field is empty."""
     if not text:
         return None
     try:
@@ -134,13 +128,7 @@ def day_of(day: date, zone: str) -> tuple[datetime, datetime]:
 
 
 def check_zone(text: str) -> str:
-    """Check the name of a time zone, which may be empty.
-
-    Raises
-    ------
-    Refused
-        422 `invalid-zone`.
-    """
+    """Check the name of a time zone, which may be empty."""
     try:
         return text and ZoneInfo(text).key
     except (ValueError, LookupError, OSError) as error:

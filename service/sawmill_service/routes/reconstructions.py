@@ -299,13 +299,7 @@ def name_reconstruction(
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:
-    """Complete the window of a query by the default window.
-
-    Raises
-    ------
-    Refused
-        422 `empty-window`.
-    """
+    """Complete the window of a query by the default window."""
     low = usual[0] if query.window_low is None else query.window_low
     high = usual[1] if query.window_high is None else query.window_high
     if not low < high:

@@ -28,17 +28,7 @@ _MOST_READS = 20  # reads of a few hundred events each, before anything is sent
 
 
 class Couriers:
-    """Tasks that send, one for each webhook with due events; used by one event loop.
-
-    Parameters
-    ----------
-    outbox
-        Events to send.
-    sending
-        Sender of messages.
-    jitter
-        Returns a number from 0 to 1 for each wait.
-    """
+    """Tasks that send, one for each webhook with due events; used by one event loop."""
 
     def __init__(self, outbox: Outbox, sending: WebhookSending, jitter: Callable[[], float]) -> None:
         self._outbox = outbox
@@ -48,13 +38,7 @@ class Couriers:
         self._under_way: dict[str, asyncio.Task[None]] = {}
 
     async def send_due(self) -> None:
-        """Begin to send what can be sent now, unless another process sends.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database does not answer; nothing is lost.
-        """
+        """Begin to send what can be sent now, unless another process sends."""
         if not await asyncio.to_thread(self._outbox.is_wanted):
             return
         if not await asyncio.to_thread(self._outbox.hold):

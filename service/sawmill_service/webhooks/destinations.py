@@ -30,13 +30,7 @@ class RefusedDestinationError(Exception):
 
 
 def check_entry(text: str) -> str:
-    """Check an entry of the setting, and return it unchanged.
-
-    Raises
-    ------
-    ValueError
-        The entry is neither a name, with a port or without, nor an address or a network.
-    """
+    """Check an entry of the setting, and return it unchanged."""
     if _network(text) is not None:
         return text
     match = _NAME.fullmatch(text)
@@ -58,13 +52,7 @@ def _network(text: str) -> Network | None:
 
 
 class AllowedDestinations:
-    """Entries of the setting.
-
-    Parameters
-    ----------
-    entries
-        Texts that `check_entry` accepts.
-    """
+    """Entries of the setting."""
 
     def __init__(self, entries: Iterable[str]) -> None:
         self._names: set[tuple[str, int]] = set()
@@ -81,13 +69,7 @@ class AllowedDestinations:
         return bool(self._names or self._networks)
 
     def check(self, destination: Destination) -> None:
-        """Refuse a destination that no entry allows; nothing is looked up.
-
-        Raises
-        ------
-        RefusedDestinationError
-            No destination is allowed, or not this host, or only `https`.
-        """
+        """Refuse a destination that no entry allows; nothing is looked up."""
         if not self:
             msg = f'nothing is sent anywhere: set {SETTING} to ["{_example(destination)}"] and start the service again'
             raise RefusedDestinationError(msg)
@@ -102,13 +84,7 @@ class AllowedDestinations:
             raise RefusedDestinationError(msg)
 
     def check_addresses(self, texts: Iterable[str], destination: Destination) -> list[str]:
-        """Return the addresses to which a destination's name leads, all of which must be allowed.
-
-        Raises
-        ------
-        RefusedDestinationError
-            An address is not allowed.
-        """
+        """Return the addresses to which a destination's name leads, all of which must be allowed."""
         checked = []
         for text in texts:
             address = _address(text)

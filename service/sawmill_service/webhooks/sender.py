@@ -20,17 +20,7 @@ POLL_S = 1.0
 
 
 class WebhookSender:
-    """Thread that sends, as a context manager; where no destination is allowed, no thread is started.
-
-    Parameters
-    ----------
-    outbox
-        Events to send.
-    allowed
-        Allowed destinations.
-    poll_s
-        Time between two polls, s.
-    """
+    """Thread that sends, as a context manager; where no destination is allowed, no thread is started."""
 
     def __init__(self, outbox: Outbox, allowed: AllowedDestinations, *, poll_s: float = POLL_S) -> None:
         self._outbox = outbox

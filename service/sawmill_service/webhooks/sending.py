@@ -87,19 +87,7 @@ def system_certificates() -> ssl.SSLContext:
 
 
 class WebhookSending:
-    """Sender of messages to allowed destinations.
-
-    Parameters
-    ----------
-    allowed
-        Allowed destinations.
-    resolve
-        Finds the addresses of a name; called once in each attempt.
-    certificates
-        Makes the context that verifies a receiver's certificate.
-    limit_s
-        Time limit of an attempt, s.
-    """
+    """Sender of messages to allowed destinations."""
 
     def __init__(
         self,

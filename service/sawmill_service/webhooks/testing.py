@@ -10,13 +10,7 @@ from sawmill_service.webhooks.messages import headers_of
 
 
 def send_test(webhooks: WebhookStore, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
-    """Send a test message, and wait in this thread for the answer or the time limit; the caller notes the result.
-
-    Raises
-    ------
-    NotFound
-        There is no such webhook.
-    """
+    """Send a test message, and wait in this thread for the answer or the time limit; the caller notes the result."""
     # Imported here: the HTTP client is not needed where nothing may be sent.
     from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 

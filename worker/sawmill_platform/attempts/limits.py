@@ -21,17 +21,7 @@ LARGEST = 2**63 - 1
 
 
 class Limits(NamedTuple):
-    """Limits of one attempt's process.
-
-    Attributes
-    ----------
-    data_bytes : int
-        Private memory.
-    processor_s : int
-        Processor time on all cores together.
-    file_bytes : int
-        Size of any written file.
-    """
+    """Limits of one attempt's process."""
 
     data_bytes: int
     processor_s: int

@@ -66,14 +66,7 @@ class Patience:
         self._still_s, self._used_s = 0.0, None
 
     def end(self, processor_s: float) -> Failure | None:
-        """Return why the attempt has to be ended now; None if the attempt may continue.
-
-        Parameters
-        ----------
-        processor_s
-            Processor time that the attempt's process has used. A reader that uses it and makes no progress is in a
-            loop, and the file is at fault; a process that does not waits for a disk, or was stopped.
-        """
+        """Return why the attempt has to be ended now; None if the attempt may continue."""
         step_s = self._time.look_s()
         self._taken_s += step_s
         self._still_s += step_s

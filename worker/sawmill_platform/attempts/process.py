@@ -60,19 +60,7 @@ class Running(Protocol):
 
 
 class AttemptProcess:
-    """A process in its own session, so that the process and all its children can be ended at once.
-
-    Parameters
-    ----------
-    process
-        Process that speaks `protocol`.
-    channel
-        Descriptor from which the process's messages are read; closed by `end`.
-    template_id
-        Id of the process that forks this one once everything is imported; null: the process imports everything itself.
-    undying_s
-        Time from SIGKILL until a process that still runs is given up.
-    """
+    """A process in its own session, so that the process and all its children can be ended at once."""
 
     def __init__(
         self, process: Running, channel: int, template_id: int | None = None, *, undying_s: float = UNDYING_S
@@ -91,13 +79,7 @@ class AttemptProcess:
         return self._process.poll() is None
 
     def wait_until_ready(self, timeout_s: float) -> None:
-        """Wait until the process has imported everything, while it uses processor time: the first import takes minutes.
-
-        Raises
-        ------
-        AttemptNotStarted
-            The process ended, or used no processor time for `timeout_s`.
-        """
+        """Wait until the process has imported everything, while it uses processor time: first imports take minutes."""
         importing = self._template_id or self._process.pid
         deadline, used_s = time.monotonic() + timeout_s, processor_s_of(importing)
         while not self._ready:
@@ -131,13 +113,7 @@ class AttemptProcess:
         return self._process.pid if self.alive else None
 
     def receive(self, timeout_s: float) -> list[AnyMessage]:
-        """Return the messages that arrive within a time; none if no message arrives, or the process `hung_up`.
-
-        Raises
-        ------
-        AttemptTalksNonsense
-            A line is not of the protocol, or has no end.
-        """
+        """Return the messages that arrive within a time; none if no message arrives, or the process `hung_up`."""
         waiting = select.poll()
         waiting.register(self._channel, select.POLLIN)
         if not waiting.poll(timeout_s * 1000):
@@ -168,11 +144,6 @@ class AttemptProcess:
 
         A process that the system does not end, for example while it waits for a disk that is away, is left to end
         later: nobody waits for it, and no other attempt uses its folder.
-
-        Returns
-        -------
-        int
-            Exit code; negative is a signal's number.
         """
         if not self.hung_up and not self._answered:  # otherwise it is ending by itself; its exit code is the reason
             self._signal(signal.SIGTERM)
@@ -219,15 +190,7 @@ class AttemptStarter(Protocol):
 
 
 class FreshProcesses:
-    """Starter of attempts, each in a process that imports everything itself.
-
-    Parameters
-    ----------
-    command
-        Command of a program that speaks `protocol`.
-    environment
-        Environment variables of the program.
-    """
+    """Starter of attempts, each in a process that imports everything itself."""
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
         self._command = tuple(command)

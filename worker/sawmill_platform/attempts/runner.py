@@ -53,22 +53,6 @@ Read = TypeVar("Read")
 class Runner:
     """Runner of claimed jobs, each in a process that is kept ready; threads may share a runner.
 
-    Parameters
-    ----------
-    store
-        Store in which jobs are claimed and results are kept.
-    settings
-        Leases, graces and limits.
-    stop
-        Event after which a running attempt has `stop_grace_s` left before its job returns to the queue.
-    attempts
-        Starter of the processes; the runner closes it with itself.
-    on_ended
-        Function that is called with the id of each job that has ended: other jobs may have waited for it.
-    on_able
-        Function that is called at the first look for a job, before it runs: a process is ready and the database
-        answers.
-
     Attributes
     ----------
     able : bool
@@ -98,28 +82,7 @@ class Runner:
         self._put_off_for = ""
 
     def run_next(self, selection: Selection = ANY) -> JobState | None:
-        """Claim the next job in turn and run it to the end of the attempt.
-
-        Parameters
-        ----------
-        selection
-            Jobs that may be claimed.
-
-        Returns
-        -------
-        JobState or None
-            The job's state afterwards (`queued`: the job is tried again), or None if there was no job to claim, if this
-            worker is stopping, or if another attempt owns the job by now.
-
-        Raises
-        ------
-        AttemptNotStarted
-            No process becomes ready. No job was claimed.
-        OSError
-            The system starts no process now. No job was claimed.
-        StorageFull, StorageUnavailable
-            The database cannot write, or the data folder is not in its place. No job was claimed.
-        """
+        """Claim the next job in turn and run it to the end of the attempt."""
         if self._stop.is_set():
             return None
         process = self._take_ready()
@@ -229,13 +192,7 @@ class Runner:
                 self._store.files.remove(output)
 
     def _put_off(self, claim: Claim, outage: Failure) -> JobState | None:
-        """Return a job to the queue because of an outage, as soon as its row can be written.
-
-        Returns
-        -------
-        JobState or None
-            None if this worker had to stop before: the job waits for its lease to run out.
-        """
+        """Return a job to the queue because of an outage, as soon as its row can be written."""
         said = ""
         while True:
             try:
@@ -300,13 +257,7 @@ class _Supervision:
         return answer
 
     def _begin(self, output: Path) -> Failed | None:
-        """Hand the job over to the process, or return why it cannot be handed over.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer, or the file that the job reads is missing.
-        """
+        """Hand the job over to the process, or return why it cannot be handed over."""
         try:
             self._given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
@@ -338,15 +289,7 @@ class _Supervision:
             return reading.result()
 
     def _check(self, answer: Succeeded, output: Path) -> tuple[Contract, bytes | None]:
-        """Return an attempt's result, and the digest of the file that it left, if it left one.
-
-        Raises
-        ------
-        InvalidOutput, pydantic.ValidationError
-            The files or the answer are not of this kind of job.
-        StorageFull, StorageUnavailable
-            The disk is full or fails, or this worker stops.
-        """
+        """Return an attempt's result, and the digest of the file that it left, if it left one."""
         result, file = self._store.jobs.check_output(self._claim.job.kind, answer.result, output)
         if file is None:
             return result, None
@@ -355,15 +298,7 @@ class _Supervision:
         return result, compute_digest(file)
 
     def _check_apart(self, file: Path, answer: Succeeded) -> None:
-        """Have another confined process read the file: on some damaged files the readers in C crash or loop.
-
-        Raises
-        ------
-        InvalidOutput
-            The file is not of this kind of job, or its reader crashes or does not end.
-        StorageUnavailable
-            The process met an outage.
-        """
+        """Have another confined process read the file: on some damaged files the readers in C crash or loop."""
         limit_s = min(reading_limit_s(file.stat().st_size), self._settings.stall_s or math.inf)
         folder = self._store.files.make_attempt_folder(self._claim.job_id, self._claim.attempt)
         process = self._process_for_check()

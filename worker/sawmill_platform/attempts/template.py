@@ -125,17 +125,7 @@ class Template:
 
 
 class ForkedProcess:
-    """A child of the template, with the interface of `subprocess.Popen`.
-
-    Parameters
-    ----------
-    assignment
-        Descriptor that leads to the child's standard input.
-    book
-        Descriptor with the template's entries.
-    book_timeout_s
-        Time for which the exit code is waited for after the child's end.
-    """
+    """A child of the template, with the interface of `subprocess.Popen`."""
 
     def __init__(self, assignment: int, book: int, *, book_timeout_s: float = BOOK_TIMEOUT_S) -> None:
         self._book_timeout_s = book_timeout_s
@@ -153,18 +143,7 @@ class ForkedProcess:
         return None
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the child's end; a child that is not forked yet ends by itself, as its standard input is closed.
-
-        Returns
-        -------
-        int
-            Exit code; negative is a signal's number. SIGKILL's if the template is gone and the code is unknown.
-
-        Raises
-        ------
-        subprocess.TimeoutExpired
-            The child still runs.
-        """
+        """Wait for the child's end; a child that is not forked yet ends by itself, as its standard input is closed."""
         deadline = None if timeout is None else time.monotonic() + timeout
         if self._code is None and self.pid is None:
             self._learn_id(0.0 if timeout is None else timeout)

@@ -60,13 +60,7 @@ def move_into(folder: Path) -> None:
 
 
 def confine_to(given: AttemptInput, output: Path) -> None:
-    """Confine this thread, and threads that it starts, to the job's own files, as far as Landlock and seccomp exist.
-
-    Raises
-    ------
-    StorageUnavailable
-        Only root's capabilities give access to these files, and the process has dropped the capabilities.
-    """
+    """Confine this thread, and threads that it starts, to the job's own files, as far as Landlock and seccomp exist."""
     if landlock.version() > 0:
         readable = [*installation(), given.kept, *([] if given.file is None else [given.file])]
         landlock.confine(readable, [output], held=map(Path, PROC))

@@ -35,17 +35,7 @@ _LIBC.syscall.restype = ctypes.c_long
 
 
 class Handled(NamedTuple):
-    """Bits of all that a version of the interface can restrict.
-
-    Attributes
-    ----------
-    file_rights : int
-        Rights to files.
-    tcp_rights : int
-        Rights to TCP: to bind, to connect.
-    scopes : int
-        Scopes beyond which nothing is reached: abstract Unix sockets, signals.
-    """
+    """Bits of all that a version of the interface can restrict."""
 
     file_rights: int
     tcp_rights: int

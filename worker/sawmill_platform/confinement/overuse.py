@@ -50,18 +50,6 @@ def overuse(
         Bytes that should stay free on the disk.
     most_threads
         Number of threads that an attempt may have.
-
-    Returns
-    -------
-    Failure or None
-        None if the attempt exceeds no limit.
-
-    Raises
-    ------
-    StorageFull
-        Less than the reserve is free on the disk, and the attempt has written some of what is missing.
-    FolderUnavailable
-        The attempt's folder is gone, or its disk fails.
     """
     threads = _threads(process_id)
     if len(threads) > most_threads:

@@ -43,13 +43,7 @@ def this_boot() -> str:
 
 
 class SharedClock:
-    """Clock for the time stamps of rows and for due times, the same for all processes on one database.
-
-    Parameters
-    ----------
-    read
-        Function that begins a transaction that reads.
-    """
+    """Clock for the time stamps of rows and for due times, the same for all processes on one database."""
 
     def __init__(self, read: Callable[[], AbstractContextManager[Session]]) -> None:
         self._transaction = read
@@ -58,13 +52,7 @@ class SharedClock:
         self._read_at_s = 0.0
 
     def __call__(self) -> datetime:
-        """Return the present time, in UTC.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer, and never has.
-        """
+        """Return the present time, in UTC."""
         return datetime.fromtimestamp(self._current_offset_s() + since_boot_s(), UTC)
 
     def off_s(self) -> float:

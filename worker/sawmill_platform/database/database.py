@@ -125,11 +125,6 @@ class Database:
 
         Functions that are passed to `after_commit` in the block are called after the commit, and not at all without
         one.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
         """
         with self.write() as session:
             whole = _Whole(self, session)
@@ -148,21 +143,7 @@ class Database:
     def upgrade(
         self, revision: str = "head", *, and_then: Callable[[Connection, bool], None] = lambda *_: None
     ) -> None:
-        """Bring the tables to a revision, the newest by default; safe when several processes start together.
-
-        Parameters
-        ----------
-        and_then
-            Called within the transaction, with whether the database had no tables before; if it raises, nothing is
-            changed.
-
-        Raises
-        ------
-        StorageMisconfigured
-            The tables are of a later version, or of a state between two releases.
-        StorageFull, StorageUnavailable
-            The database cannot write.
-        """
+        """Bring the tables to a revision, the newest by default; safe when several processes start together."""
         with self._setting_up() as connection:
             found = known_revision(connection)
             if revision != "head" or found != newest_revision():

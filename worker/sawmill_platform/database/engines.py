@@ -21,18 +21,7 @@ _FORMS = "sqlite:////path/to/file or postgresql://user:password@host/database"
 
 
 def make_engine(url: str, password_file: Path | None = None) -> Engine:
-    """Return an engine whose transactions give up in a few seconds, and whose writes are serialised on SQLite.
-
-    Parameters
-    ----------
-    password_file
-        File with the password of the URL's user; null: the URL itself contains the password, or none is needed.
-
-    Raises
-    ------
-    StorageMisconfigured
-        The URL is not of a supported database, there is no driver for it, or the file gives no password.
-    """
+    """Return an engine whose transactions give up in a few seconds, and whose writes are serialised on SQLite."""
     parsed = _parsed(url)
     if password_file is not None:
         parsed = _with_password(parsed, password_file)

@@ -56,15 +56,7 @@ class Door:
         self._waiting = threading.Lock()
 
     def begin(self, session: Session) -> None:
-        """Begin the session's transaction on the database.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database was away a moment ago, and whether it still is will be known soon.
-        DBAPIError, sqlalchemy.exc.TimeoutError
-            The database did not begin a transaction.
-        """
+        """Begin the session's transaction on the database."""
         away = self._away
         if away is None:
             self._ask(session)
@@ -77,13 +69,7 @@ class Door:
             raise StorageUnavailable(away)
 
     def check(self) -> None:
-        """Refuse work that would only be refused later, without a query to the database.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database was away a moment ago, and whether it still is will be known soon.
-        """
+        """Refuse work that would only be refused later, without a query to the database."""
         if self._away is not None and (time.monotonic() < self._wait_again_at or self._waiting.locked()):
             raise StorageUnavailable(self._away)
 
@@ -111,13 +97,7 @@ class WriterQueue:
 
     @contextmanager
     def turn(self) -> Iterator[None]:
-        """Wait until every thread that came before has ended its block; the block is this thread's turn.
-
-        Raises
-        ------
-        StorageUnavailable
-            One thread's turn takes too long.
-        """
+        """Wait until every thread that came before has ended its block; the block is this thread's turn."""
         turn, came_at = threading.Event(), time.monotonic()
         with self._changing:
             self._turns.append(turn)

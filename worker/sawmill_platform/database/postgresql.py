@@ -38,13 +38,7 @@ class PatientConnection(psycopg.Connection[Any]):
     fresh = True
 
     def wait(self, gen: PQGen[T], interval: float = _LOOK_S, timeout: float | None = None) -> T:
-        """Wait for an answer; psycopg calls this method for everything that a connection waits for.
-
-        Raises
-        ------
-        psycopg.OperationalError
-            No answer came in time.
-        """
+        """Wait for an answer; psycopg calls this method for everything that a connection waits for."""
         bounded = gen if self.patience_s is None else self._bounded(gen, self.patience_s)
         return super().wait(bounded, interval, timeout)
 

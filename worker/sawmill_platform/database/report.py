@@ -70,11 +70,6 @@ def damage_of(database: Database) -> list[str]:
     """Return the defects that SQLite reports in its file, in its own words; none for a database server.
 
     SQLite reads the whole file: some seconds a gigabyte.
-
-    Raises
-    ------
-    StorageUnavailable
-        The database does not answer.
     """
     if database.engine.dialect.name != "sqlite":
         return []

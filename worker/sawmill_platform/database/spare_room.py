@@ -14,13 +14,7 @@ SPARE_BYTES = 16 * PIECE_BYTES
 
 
 class SpareRoom:
-    """A file without content that uses disk space; processes share it.
-
-    Parameters
-    ----------
-    database
-        SQLite's file; null: a database server manages its own space.
-    """
+    """A file without content that uses disk space; processes share it."""
 
     def __init__(self, database: Path | None) -> None:
         self._path = None if database is None else Path(f"{database}.spare")

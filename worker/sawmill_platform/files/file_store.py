@@ -91,13 +91,7 @@ class FileStore:
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def check_there(self) -> None:
-        """Check that a data folder is in its place, without a query to the database for its identity.
-
-        Raises
-        ------
-        FolderUnavailable
-            The folder is missing or empty, or its disk fails.
-        """
+        """Check that a data folder is in its place, without a query to the database for its identity."""
         if read_identity(self.folder) is None:
             raise FolderUnavailable(f"the data folder {str(self.folder)!r} is missing, empty or not mounted")
 
@@ -239,13 +233,7 @@ class FileStore:
             self.delete(parting)
 
     def set_aside(self, path: Path) -> Path | None:
-        """Move a file or folder away from its name; `delete` must follow.
-
-        Returns
-        -------
-        Path or None
-            The path until then. None: the file is missing, or another process was faster.
-        """
+        """Move a file or folder away from its name; `delete` must follow."""
         parting = self.folder / "removed" / uuid4().hex
         try:
             path.rename(parting)
@@ -294,13 +282,7 @@ class FileStore:
         check_room(self.folder / "incoming", reserve_bytes, needed_by=needed_by)
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
-        """Move an upload to its owner.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The disk is full, or the upload took so long that it was removed as a leftover.
-        """
+        """Move an upload to its owner."""
         self.check_there()
         path = self.upload(kind, subject_id)
         with disk_outage_reported("storing the upload"):
@@ -415,13 +397,7 @@ class FileStore:
 
 
 def read_identity(folder: Path) -> str | None:
-    """Return the identity in a folder; None: there is none, for example if a share is not mounted.
-
-    Raises
-    ------
-    FolderUnavailable
-        The folder's disk fails, or the file cannot be read.
-    """
+    """Return the identity in a folder; None: there is none, for example if a share is not mounted."""
     with disk_outage_reported("reading its identity"):
         try:
             return (folder / IDENTITY).read_text(errors="replace").strip()
@@ -454,13 +430,7 @@ def is_read_only(folder: Path) -> bool:
 
 
 def refuse_read_only(folder: Path) -> None:
-    """Refuse a folder on a disk that cannot be written to.
-
-    Raises
-    ------
-    FolderUnavailable
-        The disk is mounted read-only or fails, or the folder is missing.
-    """
+    """Refuse a folder on a disk that cannot be written to."""
     if is_read_only(folder):
         raise FolderUnavailable(
             f"the data folder {str(folder)!r} is on a disk that is read-only now: look for the disk's errors in the "
@@ -516,13 +486,7 @@ def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
 
 
 def flush_tree(folder: Path) -> None:
-    """Make a folder and the files in it durable.
-
-    Raises
-    ------
-    StorageFull
-        The disk is full.
-    """
+    """Make a folder and the files in it durable."""
     with disk_outage_reported("a result"):
         for path in folder.rglob("*"):
             flush(path)

@@ -73,13 +73,7 @@ class Arriving:
             self._file: BinaryIO = path.open("xb")
 
     def write(self, chunk: bytes) -> None:
-        """Write the next bytes.
-
-        Raises
-        ------
-        UploadTooLarge, StorageFull
-            The file would exceed the largest upload, or the disk's space.
-        """
+        """Write the next bytes."""
         self._size += len(chunk)
         if self._size > self._max_bytes:
             raise UploadTooLarge(self._max_bytes)
@@ -153,15 +147,7 @@ async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
 
 
 def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
-    """Check that this number of bytes is free on a folder's disk.
-
-    Raises
-    ------
-    StorageFull
-        Less is free.
-    FolderUnavailable
-        The folder is missing, or its disk fails.
-    """
+    """Check that this number of bytes is free on a folder's disk."""
     with disk_outage_reported("measuring the disk"):
         free = shutil.disk_usage(folder).free
     if free < reserve_bytes:

@@ -61,15 +61,7 @@ class VerifiedResults:
         self._files: OrderedDict[Path, _Verification] = OrderedDict()
 
     def digest(self, path: Path) -> bytes:
-        """Return the sha256 of a result, verified since the file's last change; takes as long as reading the file.
-
-        Raises
-        ------
-        DamagedResult
-            The file is not the one that the job wrote.
-        FileNotFoundError
-            There is no file.
-        """
+        """Return the sha256 of a result, verified since the file's last change; takes as long as reading the file."""
         with self._lock:
             verification = self._files.setdefault(path, _Verification())
             self._files.move_to_end(path)

@@ -61,11 +61,6 @@ def flushed_file_system(folder: Path) -> Iterator[None]:
     """Make all that the block writes to the file system of a folder durable when the block ends well.
 
     One call for many small files takes a small part of the time that a call for each of them takes.
-
-    Raises
-    ------
-    OSError
-        The disk failed to keep something that was written to it since the block began.
     """
     descriptor = os.open(folder, os.O_RDONLY)  # opened first: failures are reported from here on
     try:
@@ -99,13 +94,7 @@ def flush_names(folder: Path) -> None:
 
 
 def open_regular(path: Path) -> io.BufferedReader:
-    """Open a regular file to read: no link is followed and no pipe waited for.
-
-    Raises
-    ------
-    OSError
-        The file cannot be opened, or is not regular.
-    """
+    """Open a regular file to read: no link is followed and no pipe waited for."""
     file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()

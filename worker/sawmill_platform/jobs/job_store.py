@@ -58,15 +58,7 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to run one attempt at a job, for as long as observers see its heartbeats.
-
-    Attributes
-    ----------
-    job : Job
-        The job in the state in which it was claimed.
-    selection : Selection
-        Jobs that the claiming worker takes.
-    """
+    """The right to run one attempt at a job, for as long as observers see its heartbeats."""
 
     job: Job
     selection: Selection = ANY
@@ -167,25 +159,6 @@ class Jobs:
         """Claim the next job: of the jobs that can start and have the highest priority, the oldest of the group.
 
         Among several groups, the group that was served longest ago is next.
-
-        Parameters
-        ----------
-        worker
-            Name of the claiming worker, for people.
-        selection
-            Jobs that the worker takes.
-
-        Returns
-        -------
-        Claim or None
-            None if there is no job. Of many callers at once, one gets a job.
-
-        Raises
-        ------
-        FolderUnavailable
-            The data folder is missing, empty, another one than the database's or read-only.
-        StorageFull, StorageUnavailable
-            The database cannot write.
         """
         identity = read_identity(self._files.folder)
         if identity is not None:
@@ -221,18 +194,7 @@ class Jobs:
             return None
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
-        """Report that the attempt is alive, with its progress.
-
-        Returns
-        -------
-        bool
-            Whether the cancellation of the job was requested.
-
-        Raises
-        ------
-        LeaseLost
-            The attempt no longer holds the job.
-        """
+        """Report that the attempt is alive, with its progress."""
         values: dict[str, Any] = {"beats": JobRow.beats + 1}
         if progress is not None:
             values["progress"] = asdict(progress)
@@ -262,15 +224,7 @@ class Jobs:
             return self._subjects.handed_over(session, self._files, found(session, JobRow, "job", job_id))
 
     def check_output(self, kind: JobKind, result: dict[str, Any], folder: Path) -> tuple[Contract, Path | None]:
-        """Return the result that an attempt's process sent, and the file that it left, unopened; null: it left none.
-
-        Raises
-        ------
-        InvalidOutput
-            The folder has other files than the kind leaves.
-        pydantic.ValidationError
-            The result is not of the type that jobs of this kind answer with.
-        """
+        """Return the result that an attempt's process sent, and the file that it left, unopened; null: it left none."""
         answer: Contract = declaration_of(kind).result.model_validate(result)
         return answer, self._subjects.output_file(kind, folder)
 
@@ -320,26 +274,7 @@ class Jobs:
         sha256: bytes | None = None,
         peak_memory_bytes: int | None = None,
     ) -> None:
-        """Publish an attempt's files and result, both or neither.
-
-        Parameters
-        ----------
-        claim
-            Claim of the attempt.
-        result
-            Answer of the job, as `check_output` returned it; stored with the job's subject.
-        output
-            Folder of the attempt, flushed (`flush_tree`) by its writer; renamed to the subject's folder.
-        sha256
-            Digest of the file in the folder, taken since no process of the attempt runs; null: the job left no file.
-        peak_memory_bytes
-            The largest memory that the attempt's process held, for its event.
-
-        Raises
-        ------
-        LeaseLost
-            The attempt no longer holds the job: nothing was published.
-        """
+        """Publish an attempt's files and result, both or neither."""
         kind, subject_id = claim.job.kind, claim.job.subject_id
         with self._ending() as session:
             row = _held(session, claim)
@@ -424,11 +359,6 @@ class Jobs:
         """Return whether no heartbeat has come since the pulse.
 
         The query is a write: while nobody can write, silence has no meaning.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
         """
         asked = update(JobRow).where(_silent(pulse)).values(beats=JobRow.beats).returning(JobRow.id)
         with self._database.write() as session:

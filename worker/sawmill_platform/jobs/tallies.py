@@ -88,13 +88,7 @@ class Tally:
 
 
 class Tallies:
-    """Counts, which add new events to events that were counted before.
-
-    Attributes
-    ----------
-    counted_to : int
-        Number of the newest event that has settled and is not read again.
-    """
+    """Counts, which add new events to events that were counted before."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -103,13 +97,7 @@ class Tallies:
         self._settled: dict[Fate, Amount] = {}
 
     def read(self) -> Tally:
-        """Count jobs and attempts.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer.
-        """
+        """Count jobs and attempts."""
         now = self._database.now()
         with self._lock, self._database.read() as session:
             self._settle(session, now - SETTLED)

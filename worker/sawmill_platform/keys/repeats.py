@@ -76,13 +76,7 @@ class KeptRequest:
     answer: KeptAnswer
 
     def answer_to(self, again: KeyedRequest) -> KeptAnswer:
-        """Return the answer if the repeated request is the same request.
-
-        Raises
-        ------
-        Invalid
-            The key belongs to another request.
-        """
+        """Return the answer if the repeated request is the same request."""
         if again == self.request:
             return self.answer
         msg = (

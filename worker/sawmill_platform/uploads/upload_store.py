@@ -222,13 +222,7 @@ class WrongOffset(Conflict):
 
 
 def use_up(session: Session, now: datetime, received: Received, kind: JobKind, subject_id: str) -> None:
-    """Note the use of an upload within the transaction that makes its resource; ignore a file that was not resumable.
-
-    Raises
-    ------
-    Conflict
-        Another request was faster, or the upload has gone.
-    """
+    """Note an upload's use within the transaction that makes its resource; ignore a file that was not resumable."""
     if received.upload_id is None:
         return
     complete = (UploadRow.id == received.upload_id, UploadRow.state == UploadState.COMPLETE)

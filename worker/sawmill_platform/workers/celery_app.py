@@ -161,17 +161,7 @@ class Waker:
 
 
 class CeleryWorker:
-    """A Celery worker process while it runs.
-
-    Parameters
-    ----------
-    app, settings
-        Application from `make_celery`, and its settings.
-    storage
-        Settings of the store that all machines share.
-    program
-        Program of the worker.
-    """
+    """A Celery worker process while it runs."""
 
     def __init__(
         self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, program: WorkerProgram[Any]
@@ -265,17 +255,7 @@ class CeleryWorker:
 def sweep_until(
     stop: threading.Event, store: JobServiceStore, app: Celery, settings: ExecutionSettings, wake: Callable[[str], None]
 ) -> None:
-    """Send lost wake-ups again until an event is set, one look every `housekeeping_s`; an outage is logged once.
-
-    Parameters
-    ----------
-    stop
-        Event that ends the sweep.
-    store, app, settings
-        Store of the jobs, application from `make_celery`, and its settings.
-    wake
-        Function that announces a job.
-    """
+    """Send lost wake-ups again until an event is set, one look every `housekeeping_s`; an outage is logged once."""
     trouble: str | None = None
     while not stop.wait(settings.housekeeping_s):
         before, trouble = trouble, report_of(str(settings.broker_url)).trouble

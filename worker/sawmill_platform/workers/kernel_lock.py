@@ -41,13 +41,7 @@ def kernel_lock(path: Path) -> Iterator[TextIO]:
 
 
 def holder_of(path: Path) -> str | None:
-    """Return the id of the process that holds a lock, without taking the lock; None: no process holds it.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    """
+    """Return the id of the process that holds a lock, without taking the lock; None: no process holds it."""
     try:
         with path.open() as lock:
             kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))

@@ -35,26 +35,7 @@ def run_worker(
     selection: Selection = ANY,
     idle_s: float = math.inf,
 ) -> None:
-    """Claim and run jobs until `stop` is set; a job that is running then is finished or returned to the queue.
-
-    Parameters
-    ----------
-    program, store, settings
-        Program of the worker, store of the jobs, and settings.
-    wake
-        Event that is set by code that adds a job or sets `stop`: an idle worker then looks before its time.
-    on_able
-        Function as for `Runner`.
-    selection
-        Jobs that the worker takes; other jobs are left to other workers.
-    idle_s
-        Time without a job after which the worker ends.
-
-    Raises
-    ------
-    AttemptNotStarted
-        No job can be run on this installation.
-    """
+    """Claim and run jobs until `stop` is set; a job that is running then is finished or returned to the queue."""
     wake = wake or threading.Event()
     runner = Runner(store, settings, stop, attempts=program.attempts(store, settings), on_able=on_able)
     housekeeping = program.housekeeping(store, settings, stop)

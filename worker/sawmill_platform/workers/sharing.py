@@ -14,15 +14,7 @@ VARIABLE = "NUMBA_NUM_THREADS"
 def threads_each(
     settings: ExecutionSettings, environment: Mapping[str, str] = os.environ, *, on_cores: int | None = None
 ) -> int:
-    """Return the number of threads of each attempt: the configured number, or a worker's share of the cores.
-
-    Parameters
-    ----------
-    settings, environment
-        The number of workers, and the configured number of threads; the settings go before the environment.
-    on_cores
-        Number of cores that the workers share; null: the number that this process may use.
-    """
+    """Return the number of threads of each attempt: the configured number, or a worker's share of the cores."""
     if settings.numba_num_threads is not None:
         return settings.numba_num_threads
     asked = environment.get(VARIABLE, "")

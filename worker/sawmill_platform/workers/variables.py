@@ -88,13 +88,7 @@ def variables_checked() -> Iterator[None]:
 
 
 def check_variables(environment: Mapping[str, str] = os.environ) -> None:
-    """Refuse a misspelt setting, which would otherwise leave the default in force without notice.
-
-    Raises
-    ------
-    UnknownVariableError
-        The error names the variable and the nearest known one.
-    """
+    """Refuse a misspelt setting, which would otherwise leave the default in force without notice."""
     unknown = sorted(name for name in environment if name.upper().startswith(PREFIX) and name.upper() not in KNOWN)
     if unknown:
         raise UnknownVariableError(_sentence(unknown[0]))

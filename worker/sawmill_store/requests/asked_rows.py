@@ -10,13 +10,7 @@ from sawmill_store.mill_tables import Answered, table_of
 
 
 def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
-    """Find the row with this id.
-
-    Raises
-    ------
-    NotFound
-        There is no row of this kind.
-    """
+    """Find the row with this id."""
     row = session.get(table_of(declared.kind), identifier)
     if row is None or row.job.kind is not declared.kind:
         raise NotFound(declared.noun, identifier)

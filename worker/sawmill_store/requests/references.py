@@ -18,25 +18,7 @@ from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, Sc
 
 
 def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
-    """Look up the references of a request.
-
-    Parameters
-    ----------
-    references
-        References of the kind, in the order in which they are looked up.
-    request
-        Fields of the request, and the references that were given with the request.
-
-    Returns
-    -------
-    tuple
-        The fields with every reference filled in, and the jobs to wait for.
-
-    Raises
-    ------
-    NotFound, Conflict
-        A referenced row does not exist or cannot be used, or a required reference is missing.
-    """
+    """Look up the references of a request."""
     fields = dict(request)
     needs = [_LOOK_UP[reference](session, fields) for reference in references]
     return fields, [job_id for job_id in needs if job_id is not None]

@@ -175,20 +175,7 @@ class RetentionKeeper:
         self._reached: list[tuple[RetentionKind, ColumnElement[bool]]] = []
 
     def remove_some(self) -> Removal | None:
-        """Remove the next batch, if there is one; the rules are read every ten minutes, and after a change.
-
-        Returns
-        -------
-        Removal or None
-            Summary of the removed batch. None: nothing that the rules reach may go now.
-
-        Raises
-        ------
-        StorageFull, StorageUnavailable
-            The database cannot write.
-        OSError
-            A file could not be removed: its row is gone, and `Leftovers` will remove the file.
-        """
+        """Remove the next batch, if there is one; the rules are read every ten minutes, and after a change."""
         with self._database.read() as session:
             revision = session.scalar(select(RetentionRow.revision).where(RetentionRow.number == THE_ROW))
         if revision != self._revision or self._now_s() >= self._due_s:

@@ -63,13 +63,7 @@ class AnnouncedPart:
     size_bytes: int | None
 
     def check(self, upload: Upload) -> None:
-        """Refuse a part that does not fit the upload, before a byte is read.
-
-        Raises
-        ------
-        Refused
-            400 `inconsistent-length`.
-        """
+        """Refuse a part that does not fit the upload, before a byte is read."""
         if self.size_bytes not in {None, upload.size_bytes}:
             detail = f"upload {upload.id!r} was declared with {upload.size_bytes} bytes, and not with Upload-Length"
             raise Refused(400, "inconsistent-length", f"{detail}, {self.size_bytes}")
@@ -77,26 +71,14 @@ class AnnouncedPart:
             self.check_end(upload.size_bytes - self.offset_bytes - self.part_bytes)
 
     def check_end(self, missing_bytes: int) -> None:
-        """Refuse a last part after which bytes are missing.
-
-        Raises
-        ------
-        Refused
-            400 `inconsistent-length`.
-        """
+        """Refuse a last part after which bytes are missing."""
         if self.is_last and missing_bytes:
             detail = f"Upload-Complete: ?1 says that the part is the last one, but {missing_bytes} bytes are missing"
             raise Refused(400, "inconsistent-length", f"{detail} after it: send all, or ?0")
 
 
 def announced_part(headers: Headers) -> AnnouncedPart:
-    """Read the headers of a part.
-
-    Raises
-    ------
-    Refused
-        400 `bad-upload-header`.
-    """
+    """Read the headers of a part."""
     offset_bytes = _read(headers, "Upload-Offset", _count_in, "a count of bytes, as in 1048576")
     if offset_bytes is None:
         detail = "Upload-Offset is missing: it must say where the part begins, and HEAD gives that offset"

@@ -24,18 +24,7 @@ class _Hash(Protocol):
 
 
 class BodySums:
-    """Check of the bytes of one body against its `Content-Digest` (RFC 9530), as they arrive.
-
-    Parameters
-    ----------
-    headers
-        Headers of the request.
-
-    Raises
-    ------
-    Refused
-        400 `bad-digest`: the header cannot be read.
-    """
+    """Check of the bytes of one body against its `Content-Digest` (RFC 9530), as they arrive."""
 
     def __init__(self, headers: Headers) -> None:
         self._expected = digests_of(headers)
@@ -75,13 +64,7 @@ def checked(receive: Receive, headers: Headers) -> Receive:
 
 
 def digests_of(headers: Headers) -> dict[str, bytes]:
-    """Return the digests of `Content-Digest` (RFC 9530) whose algorithm is known here, by algorithm.
-
-    Raises
-    ------
-    Refused
-        400 `bad-digest`: the header cannot be read.
-    """
+    """Return the digests of `Content-Digest` (RFC 9530) whose algorithm is known here, by algorithm."""
     header = all_lines(headers, "content-digest") or ""
     members = dictionary_in(header)
     if members is None:

@@ -44,11 +44,6 @@ async def check_csrf(request: Request) -> None:
 
     A browser adds the cookie to all requests to the service, whichever site's page sends them. Only our pages know the
     session's token.
-
-    Raises
-    ------
-    Refused
-        403 `csrf`. 413 `body-too-large`: the form is so large that its token is not read.
     """
     expected = caller_of(request).csrf_token
     if expected is None or request.method in SAFE_METHODS:

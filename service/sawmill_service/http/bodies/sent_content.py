@@ -55,11 +55,6 @@ class SentContent:
         Whether the bytes may be packed by gzip.
     begins
         Whether the bytes are the first ones of the file.
-
-    Raises
-    ------
-    Refused
-        415 `unsupported-media-type`, `unsupported-encoding`; 400 `bad-digest`.
     """
 
     def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
@@ -116,13 +111,7 @@ class Gunzip:
         self._taken = self._given = self._members = 0
 
     def unpack(self, part: bytes) -> Iterable[bytes]:
-        """Yield the bytes that a part holds, in pieces.
-
-        Raises
-        ------
-        Refused
-            400 `bad-encoding`: the part is no gzip. 413 `packed-too-well`: it would become far longer than any scan.
-        """
+        """Yield the bytes that a part holds, in pieces."""
         self._taken += len(part)
         while part:
             if self._member is None and self._members and (self._padded or part[0] == 0):

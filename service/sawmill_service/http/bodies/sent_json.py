@@ -35,12 +35,6 @@ async def check_body(request: Request) -> None:
     """Refuse objects with a repeated field, and texts that cannot be displayed; a dependency of every route.
 
     The body of a DELETE, which no route reads, is read if it has a digest, which the gate checks as the body arrives.
-
-    Raises
-    ------
-    RequestValidationError
-        Names the outermost repeated field with its values, since repetition is a fault of the program that wrote the
-        body; or names each text that cannot be displayed.
     """
     route: APIRoute = request.scope["route"]
     if route.body_field is None:

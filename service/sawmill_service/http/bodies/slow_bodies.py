@@ -11,13 +11,6 @@ class SlowBodies:
     """Middleware that refuses a body that stops, or arrives at less than the least mean rate.
 
     Only the time in which the service waited for the body counts: writing to a slow disk is not the client's fault.
-
-    Parameters
-    ----------
-    silence_s
-        Longest wait for a part, s.
-    grace_s, least_bytes_per_s
-        Mean rate that the body must have once the service has waited longer than the grace.
     """
 
     def __init__(self, app: ASGIApp, *, silence_s: float, grace_s: float, least_bytes_per_s: float) -> None:

@@ -42,13 +42,7 @@ _OF_REFERENCES = {
 
 
 def refuses(*codes: str) -> Responses:
-    """Describe the specific refusals of an operation, for `responses` in the decorator; common ones are added later.
-
-    Raises
-    ------
-    KeyError
-        `problem_texts/` gives a code no status.
-    """
+    """Describe the specific refusals of an operation, for `responses` in the decorator; common ones are added later."""
     return {status: {CODES_KEY: sorted(listed)} for status, listed in _by_status(codes).items()}
 
 

@@ -52,11 +52,6 @@ class Admission:
     Without that, one caller could hold all threads. A request counts until its answer begins: from then on, only the
     client is waited for. A stream of events counts until its end. Requests with a body are counted apart, so that slow
     uploads do not keep short requests out. So are requests that wait for a job or for memory, and checks of health.
-
-    Parameters
-    ----------
-    settings
-        Settings with the limits.
     """
 
     def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:

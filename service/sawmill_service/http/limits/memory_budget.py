@@ -37,11 +37,6 @@ class MemoryBudget:
 
     An answer waits until there is room for it. Callers take turns, and a caller's answers come in their order. One
     caller has at most half of the budget; an answer that needs more waits until its caller has nothing else.
-
-    Parameters
-    ----------
-    most_bytes
-        Size of the budget; a larger answer counts as all of it.
     """
 
     def __init__(self, most_bytes: int) -> None:
@@ -55,13 +50,7 @@ class MemoryBudget:
     async def reserved(
         self, caller: str, size_bytes: int, until_gone: Callable[[], Coroutine[Any, Any, None]]
     ) -> AsyncIterator[Reservation]:
-        """Hold memory within the block, once there is room for it.
-
-        Raises
-        ------
-        ClientDisconnect
-            `until_gone` has returned: nobody waits for the answer.
-        """
+        """Hold memory within the block, once there is room for it."""
         reservation = Reservation(caller, min(size_bytes, self._most_bytes))
         self._waiting.setdefault(caller, []).append(reservation)
         self._grant()

@@ -25,13 +25,7 @@ def too_many(detail: str, retry_after_s: int) -> Refused:
 
 
 def check_rate(text: str) -> str:
-    """Check that the library can read a text as one rate or several.
-
-    Raises
-    ------
-    ValueError
-        The text is no rate, or a rate that lets nothing through.
-    """
+    """Check that the library can read a text as one rate or several."""
     try:
         limits = parse_many(text)
     except ValueError as error:
@@ -45,13 +39,7 @@ _WRONG_RATE = "must be as in 1200/minute, or 1200/minute; 50/second, with at lea
 
 
 class BoundedMemory(MemoryStorage):
-    """The library's memory with a bound; without one, it inspects all counts in a new thread after each request.
-
-    Parameters
-    ----------
-    most_counts
-        Largest number of counts. Beyond it, expired counts are removed; if none has expired, the oldest tenth is.
-    """
+    """The library's memory with a bound; without one, it inspects all counts in a new thread after each request."""
 
     def __init__(self, most_counts: int = _MOST_COUNTS) -> None:
         super().__init__()
@@ -75,13 +63,7 @@ class BoundedMemory(MemoryStorage):
 
 
 class Rates:
-    """Counts by name in sliding windows.
-
-    Parameters
-    ----------
-    limits
-        Limits as the settings give them; all of them must hold.
-    """
+    """Counts by name in sliding windows."""
 
     def __init__(self, limits: str) -> None:
         self._limits = parse_many(limits)
@@ -89,13 +71,7 @@ class Rates:
         self._lock = threading.Lock()
 
     def take(self, *name: str) -> None:
-        """Count one request.
-
-        Raises
-        ------
-        Refused
-            429 `too-many-requests`, with the time after which to try again.
-        """
+        """Count one request."""
         with self._lock:
             for limit in self._limits:
                 if not self._windows.hit(limit, *name):
@@ -116,11 +92,6 @@ class FailedLogins:
 
     A wrong secret that is sent again is recognised, and neither looked up nor counted: a program that continues with
     an expired key guesses nothing.
-
-    Parameters
-    ----------
-    limits
-        Limits as the settings give them.
     """
 
     def __init__(self, limits: str) -> None:
@@ -132,13 +103,7 @@ class FailedLogins:
         return (network_of(address), secret_hash) in self._wrong
 
     def failed(self, address: str, secret_hash: str) -> None:
-        """Count a wrong secret from an address.
-
-        Raises
-        ------
-        Refused
-            429 `too-many-requests`: too many wrong secrets came before.
-        """
+        """Count a wrong secret from an address."""
         network = network_of(address)
         self._wrong[network, secret_hash] = None
         if len(self._wrong) > _MOST_WRONG:

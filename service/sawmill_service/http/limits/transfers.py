@@ -28,13 +28,7 @@ class Transfer:
         self._wait = anyio.CancelScope()
 
     async def until_ended(self, chunks: AsyncGenerator[bytes]) -> AsyncIterator[bytes]:
-        """Yield a body's chunks as they arrive.
-
-        Raises
-        ------
-        Busy
-            A later request has ended the transfer.
-        """
+        """Yield a body's chunks as they arrive."""
         chunk: bytes | None = b""
         while chunk is not None:
             if chunk:

@@ -19,22 +19,7 @@ _SPAN = re.compile(r"(\d{0,18})-(\d{0,18})")
 
 
 def check_conditions(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
-    """Return 304 for a client that has the answer already; None if the conditions let the answer be sent.
-
-    Parameters
-    ----------
-    headers
-        Headers of the request.
-    tag
-        Entity tag of the answer; a weak one meets no `If-Match` but `*`.
-    modified
-        `Last-Modified` of the answer; None: it has none, and conditions about the date are ignored.
-
-    Raises
-    ------
-    Refused
-        412 `precondition-failed`.
-    """
+    """Return 304 for a client that has the answer already; None if the conditions let the answer be sent."""
     # In the order of section 13.2.2.
     required, held = _listed(headers, "if-match"), _listed(headers, "if-none-match")
     if required:
@@ -54,11 +39,6 @@ def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
 
     A range in another unit, or of another version by `If-Range`, is ignored. A date in `If-Range` never matches: two
     versions may have been written within its second (section 13.1.5).
-
-    Raises
-    ------
-    Refused
-        400 `bad-range`. 416 `range-beyond-end`: all ranges are beyond the end of the answer.
     """
     header = headers.get("range")
     if header is None or headers.get("if-range") not in {None, tag}:

@@ -38,15 +38,7 @@ def key_of(path: str, made_of: Hashable) -> Hashable:
 
 
 class Digests:
-    """Digests of the newest answers by key, and small contents with their digests.
-
-    Parameters
-    ----------
-    large_from_bytes
-        Size from which a file counts as large; a smaller one is read within some 30 ms.
-    read_at_once
-        Large files that are read at once, each in a thread: the other threads remain for further requests.
-    """
+    """Digests of the newest answers by key, and small contents with their digests."""
 
     def __init__(self, *, large_from_bytes: int = LARGE_FROM_BYTES, read_at_once: int = 2) -> None:
         self._large_from_bytes = large_from_bytes
@@ -85,22 +77,6 @@ class Digests:
         """Return the digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
         If many requests need one file, one of them computes the digest, and the rest hold no thread.
-
-        Parameters
-        ----------
-        path, status
-            The file, and its status as it is sent.
-        compute
-            Function that computes the digest, or refuses the file.
-
-        Raises
-        ------
-        FileNotFoundError
-            The file is gone.
-        StorageUnavailable
-            The file has been replaced.
-        DamagedResult
-            `compute` refuses the file.
         """
         key = (path, identity_of(status))
         if (digest := self.known(key)) is not None:

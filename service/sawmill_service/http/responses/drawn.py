@@ -42,17 +42,7 @@ class Nrrd(Response):
 
 
 class Drawn(Response):
-    """An answer that is made in a thread once there is memory for it; headers that are set here replace its own.
-
-    Parameters
-    ----------
-    request
-        Request that it answers.
-    size_bytes
-        Peak of the memory in which the answer is made, all copies included.
-    make
-        Function that makes the answer.
-    """
+    """An answer that is made in a thread once there is memory for it; headers that are set here replace its own."""
 
     def __init__(self, request: Request, size_bytes: int, make: Callable[[], Response]) -> None:
         self.background = None

@@ -29,17 +29,7 @@ Answer = TypeVar("Answer")
 
 
 class JobEnds:
-    """Ends of jobs, for the requests that wait; one reader of events for all requests, and none while no request waits.
-
-    Parameters
-    ----------
-    feed
-        Feed of events.
-    stopping
-        End of the service, which ends every wait.
-    poll_s
-        Time between two reads of the feed, s.
-    """
+    """Ends of jobs for the requests that wait: one reader of events for all, and none while no request waits."""
 
     def __init__(self, feed: EventFeed, stopping: Stopping, poll_s: float) -> None:
         self._feed, self._stopping, self._poll_s = feed, stopping, poll_s
@@ -51,22 +41,7 @@ class JobEnds:
     async def read(
         self, read: Callable[[], Answer], wait_s: float, until_gone: Callable[[], Coroutine[Any, Any, None]]
     ) -> Answer:
-        """Return an answer once its job has ended, or its state after the wait.
-
-        Parameters
-        ----------
-        read
-            Function that returns the current state, of a job or of the resource that a job works on; runs in a thread.
-        wait_s
-            Longest wait, s; 0 does not wait.
-        until_gone
-            Coroutine that ends when the client has gone, which ends the wait.
-
-        Raises
-        ------
-        StorageUnavailable
-            The database does not answer when the wait begins or ends; in between it may be away.
-        """
+        """Return an answer once its job has ended, or its state after the wait."""
         answer = await run_in_threadpool(read)
         if wait_s <= 0.0 or not is_unfinished(answer):
             return answer

@@ -20,15 +20,7 @@ _LARGEST_IN_FULL = 1e15
 
 
 class Formats:
-    """Numbers and times in one language; an unknown value (None, or not finite) is written as unknown.
-
-    Parameters
-    ----------
-    locale
-        Locale of the language.
-    text
-        Catalogue of the language.
-    """
+    """Numbers and times in one language; an unknown value (None, or not finite) is written as unknown."""
 
     def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
         self._locale = locale

@@ -56,20 +56,7 @@ def locale_of(language: str) -> Locale:
 
 
 def preferred_language(chosen: str, accepted: str) -> str:
-    """Choose the language of the answer.
-
-    Parameters
-    ----------
-    chosen
-        Value of the browser's cookie; any text, or empty.
-    accepted
-        The header `Accept-Language` (RFC 9110, section 12.5.4).
-
-    Returns
-    -------
-    str
-        A key of `LANGUAGES`: the one chosen, else the best of those accepted, else English.
-    """
+    """Choose the language of the answer."""
     if chosen in LANGUAGES:
         return chosen
     by_weight = sorted((_weighed(part) for part in accepted.split(",")[:20]), reverse=True)

@@ -29,19 +29,7 @@ THEMES = ("auto", "light", "dark")
 
 
 class PageFrame:
-    """Page that answers one request, in the browser's language.
-
-    Attributes
-    ----------
-    caller : Caller
-        Caller who sees the page.
-    language : str
-        Key of `languages.LANGUAGES`.
-    text : gettext.NullTranslations
-        Catalogue of the language.
-    formats : Formats
-        Numbers and times as the language writes them.
-    """
+    """Page that answers one request, in the browser's language."""
 
     def __init__(self, request: Request) -> None:
         self._request = request
@@ -55,18 +43,7 @@ class PageFrame:
     def answer(
         self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
     ) -> HTMLResponse:
-        """Answer with a page for its caller, which no cache keeps, so that nobody finds it after the logout.
-
-        Parameters
-        ----------
-        template
-            Name of a file in `templates/pages`.
-        status, headers
-            Status and further headers of the answer.
-        values
-            Values by the names that the template uses, in addition to `caller`, `may`, `language` and what `base.html`
-            needs.
-        """
+        """Answer with a page for its caller, which no cache keeps, so that nobody finds it after the logout."""
         html = self.render(template, **values)
         answer = HTMLResponse(html, status, {"Cache-Control": "no-store", "Vary": "Cookie", **(headers or {})})
         self._keep_display_open(answer)
