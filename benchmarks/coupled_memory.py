@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where the temporary folder is made")
     options = parser.parse_args()
     measurement = Measurement.begin(
-        "worker/sawmill_tomography/reconstruction", "worker/sawmill_worker/use_cases/reconstruction"
+        "worker/sawmill_tomography/reconstruction", "worker/sawmill_calibration/reconstruction"
     )
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)

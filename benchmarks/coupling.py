@@ -16,10 +16,10 @@ from log_scans import whole_scan
 from scans import GRID
 from whole_logs import TUNING_SEED, WholeLog
 
+from sawmill_calibration.reconstruction.reconstruct import SLICES_AROUND
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_coupling, choose_weight
-from sawmill_worker.use_cases.reconstruction.reconstruct import SLICES_AROUND
 
 VIEWS = 20
 

@@ -17,6 +17,11 @@ from scans import TRUE_THETA
 from stack_total_variation import StackObjective
 from whole_logs import Rows
 
+from sawmill_calibration.reconstruction.reconstruct import (
+    SLICES_AROUND,
+    ReconstructionInput,
+    reconstruct_in_memory,
+)
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_tomography.reconstruction.iterative.cross_validation import parabola_minimum
@@ -25,11 +30,6 @@ from sawmill_tomography.reconstruction.iterative.first_image import mean_along_r
 from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_vocabulary import Handedness, Rotation
-from sawmill_worker.use_cases.reconstruction.reconstruct import (
-    SLICES_AROUND,
-    ReconstructionInput,
-    reconstruct_in_memory,
-)
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_calibration.conversion import to_phantom
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, GeometryError, Scanner, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
@@ -27,7 +28,6 @@ from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_tomography.sinograms.present_rows import filled
-from sawmill_worker.use_cases.conversion import to_phantom
 
 Stack = NDArray[np.float32]
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)

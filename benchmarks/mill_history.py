@@ -15,6 +15,7 @@ from pathlib import Path
 
 from waiting_job import do_waiting_job
 
+from sawmill_calibration.scans.simulation import write_simulated_scan
 from sawmill_command import examples
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -32,7 +33,6 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.physics import DetectorEffects, Physics
-from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 # Coarser cells than the example's scanner, and 120 views, the fewest that a drift check takes: a day costs a second.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)

@@ -10,17 +10,17 @@ from pydantic import TypeAdapter, ValidationError
 
 import sawmill_calibration
 from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, Theta
+from sawmill_calibration.calibration.calibrate import CalibrationInput, run_calibration
+from sawmill_calibration.calibration.plan import PlanInput, run_plan
+from sawmill_calibration.failures import input_errors_translated
 from sawmill_calibration.input_errors import options_of
+from sawmill_calibration.json_file import read_json
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, run_calibration
-from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
-from sawmill_worker.use_cases.failures import input_errors_translated
-from sawmill_worker.use_cases.json_file import read_json
 
 SCANNER = Scanner(859.46, 32, 36.0)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

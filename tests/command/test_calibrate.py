@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_calibration.failures import JobFailure
+from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.calibrations import CalibrationFile
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_tomography.geometry.geometry import Scanner, Theta
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
-from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.use_cases.scans.scan_rows import ScanRows
 
 pytestmark = pytest.mark.slow
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_calibration.scans import scan_rows
+from sawmill_calibration.scans.scan_rows import open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_vocabulary import DataKind, Progress
 from sawmill_worker.commands.options import ScanOptions
-from sawmill_worker.use_cases.scans import scan_rows
-from sawmill_worker.use_cases.scans.scan_rows import open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749)

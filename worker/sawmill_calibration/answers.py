@@ -11,10 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.html import html_of
+from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_calibration.calibration.result_file import read_calibration as read_result
+from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
+from sawmill_calibration.drift_checks.drift_check import DriftInput, mean_of_common_rows, run_drift
+from sawmill_calibration.drift_checks.given_geometry import GivenGeometry
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
+from sawmill_calibration.notebook_html import html_of
 from sawmill_calibration.phantoms import drawing_of
-from sawmill_calibration.scans import Scan, bare_scanner, unreported
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_calibration.scans.prepare import repeated
+from sawmill_calibration.scans.scan import Scan, bare_scanner, unreported
 from sawmill_contracts.calibrations import (
     CalibrationFile,
     CalibrationLimits,
@@ -32,13 +39,6 @@ from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration.result_file import read_calibration as read_result
-from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
-from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.use_cases.scans.prepare import repeated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -333,7 +333,7 @@ def calibrate(
         job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=stack, rows_named=scan.rows_chosen)
 
     def arrays() -> CalibrationArrays:
-        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays  # noqa: PLC0415 - as a command
+        from sawmill_calibration.calibration.calibration_files import report_arrays  # noqa: PLC0415 - as a command
 
         return report_arrays(outcome, job_input, stack, scan.rows)
 

@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
+from sawmill_calibration.failures import input_errors_translated
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.contracts.strict_json import read_strictly
-from sawmill_worker.use_cases.failures import input_errors_translated
 
 Options = TypeVar("Options")
 

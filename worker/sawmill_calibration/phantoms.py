@@ -4,13 +4,13 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from sawmill_calibration.conversion import from_phantom
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
+from sawmill_calibration.phantom_drawings import read_drawing, traced_drawing
 from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_worker.use_cases.conversion import from_phantom
-from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:

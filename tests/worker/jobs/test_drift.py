@@ -8,6 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sawmill_calibration.drift_checks.baselines import (
+    baselines_of,
+    read_answers,
+)
+from sawmill_calibration.drift_checks.drift_check import (
+    CommonMean,
+    DriftInput,
+    run_drift,
+)
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drift_baselines import KnownBaseline
@@ -22,15 +31,6 @@ from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases.drift.baselines import (
-    baselines_of,
-    read_answers,
-)
-from sawmill_worker.use_cases.drift.drift_check import (
-    CommonMean,
-    DriftInput,
-    run_drift,
-)
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))

@@ -3,16 +3,16 @@
 from datetime import datetime
 from pathlib import Path
 
+from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_calibration.calibration.second_witness import with_second_witness, witness_of
+from sawmill_calibration.scans.prepare import repeated
+from sawmill_calibration.scans.scan_rows import open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_contracts.calibrations import CalibrationLimits, CalibrationOptions, CalibrationResult
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
-from sawmill_worker.use_cases.scans.prepare import repeated
-from sawmill_worker.use_cases.scans.scan_rows import open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def calibrate_scan(
@@ -55,8 +55,8 @@ def calibrate_scan(
     result = calibration_result(calibration, calibration_input, witness=witness_of(calibration, calibration_input))
     if picture is not None:
         # Imported here because the module imports the reconstruction, which an answer without a report does not need.
+        from sawmill_calibration.calibration.calibration_files import report_arrays, write_report  # noqa: PLC0415
         from sawmill_worker.pictures.report_page import About  # noqa: PLC0415
-        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays, write_report  # noqa: PLC0415
 
         name = scan.path.name
         about = About(made_at=datetime.now().astimezone(), scan_name=name, phantom=drawing, origin=name)

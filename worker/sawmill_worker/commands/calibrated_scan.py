@@ -6,14 +6,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.failures import refused
+from sawmill_calibration.scans.scan_rows import ScanRows, open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.geometry_options import CalibrationSource
-from sawmill_worker.use_cases.calibration.result_file import read_calibration
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 @contextmanager

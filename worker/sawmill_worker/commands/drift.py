@@ -5,20 +5,20 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
+from sawmill_calibration.drift_checks.drift_check import (
+    DriftInput,
+    mean_of_common_rows,
+    run_drift,
+)
+from sawmill_calibration.drift_checks.given_geometry import GivenGeometry
+from sawmill_calibration.scans.scan_rows import ScanRows, open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_vocabulary import Progress, ProgressCallback
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
-from sawmill_worker.use_cases.drift.drift_check import (
-    DriftInput,
-    mean_of_common_rows,
-    run_drift,
-)
-from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 
 def check_drift(

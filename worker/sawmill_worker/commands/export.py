@@ -7,13 +7,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.failures import refused
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.output.rtk_xml import rtk_xml
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
-from sawmill_worker.use_cases.calibration.result_file import read_calibration
-from sawmill_worker.use_cases.failures import refused
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:

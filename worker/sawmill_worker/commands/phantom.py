@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from sawmill_calibration.calibration.plan import PlanInput, run_plan
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.plans import PlanOptions, PlanResult
 from sawmill_vocabulary import Theta
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
-from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
 def plan_phantoms(

@@ -16,7 +16,7 @@ def drawing_of(source: PhantomSource) -> PhantomDrawing:
     if source.is_built_in:
         return BUILT_IN_PHANTOMS[source.text]
     # Imported here because a built-in phantom needs no readers of files and pictures.
-    from sawmill_worker.use_cases.phantom_drawings import read_drawing, traced_drawing  # noqa: PLC0415
+    from sawmill_calibration.phantom_drawings import read_drawing, traced_drawing  # noqa: PLC0415
 
     if source.width_mm is not None:
         return traced_drawing(source.path, source.width_mm, name=source.path.stem)

@@ -6,6 +6,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from sawmill_calibration.failures import refused
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_calibration.scans.scan_rows import ScanRows, open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_formats.errors import NotStored
 from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Theta
@@ -13,10 +17,6 @@ from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 from sawmill_worker.commands.calibrated_scan import open_with_calibration
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 from sawmill_worker.commands.options import Pictures
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 MOSAIC_SLICES = 16
 

@@ -4,11 +4,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from sawmill_calibration.calibration.result_file import read_saved_calibration
+from sawmill_calibration.failures import refused
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.report_page import About, report_html
-from sawmill_worker.use_cases.calibration.result_file import read_saved_calibration
-from sawmill_worker.use_cases.failures import refused
 
 
 def write_report(path: Path, output: Path) -> bool:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sawmill_calibration.conversion import to_phantom
+from sawmill_calibration.scans.simulation import read_physics, write_simulated_scan
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.output.scan_writer import write_scan
@@ -16,8 +18,6 @@ from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_worker.commands.geometry_options import Position
 from sawmill_worker.commands.phantom_options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.scans.simulation import read_physics, write_simulated_scan
 
 
 def simulate_scan(

@@ -7,6 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_calibration.calibration.calibration_files import calibration_arrays, write_result
+from sawmill_calibration.calibration.compare import compared, geometry_of
+from sawmill_calibration.calibration.log_comparison import find_log_row, log_images
+from sawmill_calibration.calibration.second_witness import with_second_witness, witness_of
+from sawmill_calibration.failures import refused
+from sawmill_calibration.reconstruction.reconstruct import volume_unit
+from sawmill_calibration.scans.prepare import Stack, repeated
+from sawmill_calibration.scans.selection import chosen_rows, chosen_views
 from sawmill_contracts.calibrations import (
     CalibrationLimits,
     CalibrationOptions,
@@ -23,15 +32,6 @@ from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import of_averaged_rows
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
-from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
-from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
-from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
-from sawmill_worker.use_cases.scans.prepare import Stack, repeated
-from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

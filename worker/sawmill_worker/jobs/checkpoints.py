@@ -6,12 +6,12 @@ from typing import Any
 
 import structlog
 
+from sawmill_calibration.checkpoints import Arrays, MadeWith
 from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import check_room
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.software import software
-from sawmill_worker.use_cases.checkpoints import Arrays, MadeWith
 
 # Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
 # second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.

@@ -2,19 +2,19 @@
 
 from typing import Any
 
+from sawmill_calibration.drift_checks.drift_check import (
+    DriftInput,
+    mean_of_common_rows,
+    run_drift,
+)
+from sawmill_calibration.failures import refused
+from sawmill_calibration.scans.selection import chosen_rows, chosen_views
 from sawmill_contracts.drifts import Drift
 from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import of_averaged_rows
-from sawmill_worker.use_cases.drift.drift_check import (
-    DriftInput,
-    mean_of_common_rows,
-    run_drift,
-)
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

@@ -6,6 +6,10 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
+from sawmill_calibration.failures import refused
+from sawmill_calibration.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
+from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
+from sawmill_calibration.scans.selection import chosen_rows, chosen_views
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.output.scan_reader import open_scan
@@ -23,10 +27,6 @@ from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import declared_modules, shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
-from sawmill_worker.use_cases.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 # Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40

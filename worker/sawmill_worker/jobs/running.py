@@ -17,6 +17,7 @@ import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
+from sawmill_calibration.failures import input_errors_translated
 from sawmill_contracts import job_kinds
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
@@ -29,7 +30,6 @@ from sawmill_tomography.kernel_cache import only_read
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.use_cases.failures import input_errors_translated
 
 
 class _JobModule(Protocol):

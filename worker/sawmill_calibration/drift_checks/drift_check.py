@@ -1,0 +1,325 @@
+"""Drift check of a sinogram in memory, shared by the job and the command line."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_calibration.drift_checks.given_geometry import (
+    GivenGeometry,
+    corrected_theta,
+    found_column,
+    with_coarse_column,
+)
+from sawmill_calibration.failures import refused
+from sawmill_calibration.scans.averaged_rays import of_masked_rays
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
+from sawmill_contracts.drifts import DriftResult, TurnDisturbance
+from sawmill_contracts.reasons import CodedReason
+from sawmill_contracts.scanners import Tolerances
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.drift.change import (
+    DISTANCE_NOT_SEEN,
+    ENCODER_NOT_SEEN,
+    FLAT_FIELD_CHANGE_NOT_SEEN,
+    FLAT_FIELD_NOT_SEEN,
+    NOT_SEEN,
+    SIGNIFICANT,
+    ConjugateFit,
+    DetectorFit,
+    Disturbance,
+    DriftChange,
+    DriftError,
+    disturbed_turn,
+    drift_change,
+    likely_cause,
+    seen_vector,
+    zero_offset_mm,
+)
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
+from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_vocabulary.messages import Reason, Value
+from sawmill_vocabulary.movement_messages import LogMessage
+from sawmill_vocabulary.version import VERSION
+
+# Codes of refusals that interpolated rays may cause.
+MASKED_CAUSES = ("nothing-seen", "moved-too-far")
+
+
+@dataclass(frozen=True, eq=False)
+class CommonMean:
+    """Mean over the rows that every view has.
+
+    Attributes
+    ----------
+    sinogram : (views, detector) float64
+    deviations : (views, detector) float64 or None
+        Standard deviations of the sinogram, 0 for rays without a known one; None if no ray has one.
+    remarks : tuple of str
+        Sentences about what was left out.
+    """
+
+    sinogram: FloatArray
+    deviations: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class DriftInput:
+    """Input of a drift check: the mean of rows, the angle of each view, and the geometry to compare with.
+
+    Attributes
+    ----------
+    calibration : CalibrationResult or GivenGeometry
+        The geometry with which the scan is compared; a given geometry is only the start of the search.
+    log_radius_mm : float or None
+        Radius of the disc in which rays are counted; None selects the calibration's radius.
+    averaged_rows : int or None
+        Number of rows whose mean was sent; None if the rows themselves were sent.
+    preparation : tuple of str
+        Steps of reading; reported for a mean that was sent.
+    baselines : tuple of KnownBaseline
+        Baselines of the changes by method; the baseline of this scan's method is used.
+    """
+
+    mean: CommonMean
+    angles_rad: FloatArray
+    rows: tuple[int, int]
+    calibration: CalibrationResult | GivenGeometry
+    input_sha256: str
+    log_radius_mm: float | None = None
+    tolerance_mm: float = 0.5
+    tolerance_scale_percent: float = 0.5
+    averaged_rows: int | None = None
+    preparation: tuple[str, ...] = ()
+    baselines: tuple[KnownBaseline, ...] = ()
+
+
+def mean_of_common_rows(
+    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
+) -> CommonMean:
+    """Average the common rows of a stack (views, rows, detector): views must cross the same part of the log.
+
+    Refuse a stack in which no row is in every view.
+
+    Parameters
+    ----------
+    deviations : (views, rows, detector), optional
+        Standard deviations of the stack.
+    """
+    common = rows_of_all(stack)
+    if not common.any():
+        last = first_row + (common.size - 1) * row_step
+        raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
+    left_out = first_row + row_step * np.flatnonzero(~common)
+    remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
+    # Where no row is missing, this is a view of the stack: nothing is copied.
+    mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
+    if deviations is None:
+        return CommonMean(mean, None, remarks)
+    return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
+
+
+def run_drift(drift_input: DriftInput) -> DriftResult:
+    """Pair opposite rays or views and compare; errors of `sawmill_tomography` propagate."""
+    started = time.perf_counter()
+    reference = drift_input.calibration
+    nominal = reference if isinstance(reference, GivenGeometry) else None
+    scanner, calibrated = reference.scanner, reference.source_frame
+    refuse_log_beyond_source(drift_input.log_radius_mm, scanner)
+    radius_mm = drift_input.log_radius_mm or reference.radius_mm
+    mean = drift_input.mean
+    start = (
+        calibrated
+        if nominal is None
+        else with_coarse_column(scanner, calibrated, mean.sinogram, drift_input.angles_rad)
+    )
+    try:
+        fit = detector_fit(
+            scanner, mean.sinogram, drift_input.angles_rad, start, reference.rotation, deviations=mean.deviations
+        )
+    except DriftError as error:
+        masked = of_masked_rays(drift_input.preparation)
+        if masked is None or error.code not in MASKED_CAUSES:
+            raise
+        raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
+    came = () if drift_input.averaged_rows is None else drift_input.preparation
+    covariance = None if reference.covariance is None else np.array(reference.covariance)
+    absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    method = _method(fit)
+    baseline = next((each for each in drift_input.baselines if each.method == method), None)
+    changed, zero = absolute, None
+    if baseline is not None:
+        changed = drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
+        zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
+    turned_over = fit.rotation is not reference.rotation
+    within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
+    reason = (
+        _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
+        if nominal is None
+        else found_column(nominal, fit)
+    )
+    return DriftResult(
+        measured=_detector(seen_vector(fit)),
+        standard_deviation=_deviation(fit, fit.deviation),
+        covariance=fit.covariance.tolist(),
+        calibrated=_detector(seen_vector(calibrated)),
+        change=_detector(absolute.change),
+        change_standard_deviation=_deviation(fit, absolute.deviation),
+        significance=_deviation(fit, absolute.significance),
+        reference="given-geometry" if nominal else "calibration" if zero is None else "baseline",
+        theta=None if nominal is None else corrected_theta(nominal, fit),
+        baseline=zero,
+        moved=changed.moved and nominal is None,
+        ray_change_mm=changed.ray_change_mm,
+        ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
+        scale_change_percent=100.0 * changed.scale_change,
+        scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
+        radius_mm=radius_mm,
+        tolerance_mm=drift_input.tolerance_mm,
+        within_tolerance=within,
+        reason=reason,
+        coded_reason=CodedReason.of(reason) if nominal is None else None,
+        method=method,
+        not_seen=_not_seen(fit, zero),
+        rotation=fit.rotation,
+        rotation_ratio=fit.rotation_ratio,
+        rotation_decided=fit.rotation_decided,
+        relative_residual=fit.relative_residual,
+        encoder_bound_mm=fit.encoder_bound_mm,
+        disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
+        adjustments=[*came, *mean.remarks, *fit.adjustments],
+        scanner=reference.scanner,
+        views=int(drift_input.angles_rad.size),
+        rows=drift_input.rows,
+        time_s=time.perf_counter() - started,
+        software_version=VERSION,
+        input_sha256=drift_input.input_sha256,
+    )
+
+
+def _within(
+    changed: DriftChange, drift_input: DriftInput, zero: DriftBaseline | None, *, turned_over: bool
+) -> bool | None:
+    # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
+    allowed = max(drift_input.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
+    if turned_over or _is_far(zero, drift_input) or abs(changed.scale_change) > allowed:
+        return False
+    limit_mm, error_mm = _limit_mm(drift_input, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
+    if changed.ray_change_mm > limit_mm:
+        return False if changed.moved else None
+    return True if error_mm <= limit_mm else None
+
+
+def _limit_mm(drift_input: DriftInput, changed: DriftChange) -> float:
+    """Return the distance in mm that a log must see: without a movement that of a calibration that passes."""
+    if changed.moved:
+        return drift_input.tolerance_mm
+    return min(drift_input.tolerance_mm, _calibration_limit_mm(drift_input.calibration))
+
+
+def _calibration_limit_mm(calibration: CalibrationResult | GivenGeometry) -> float:
+    limits = None if isinstance(calibration, GivenGeometry) else calibration.limits
+    return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
+
+
+def _is_far(zero: DriftBaseline | None, drift_input: DriftInput) -> bool:
+    """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
+    return zero is not None and zero.ray_offset_mm > drift_input.tolerance_mm
+
+
+def _reason(
+    drift_input: DriftInput,
+    fit: DetectorFit,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
+) -> Reason:
+    of_the_turn = disturbed_turn(fit)
+    of_the_detector = _of_the_detector(drift_input, changed, zero, within=within, turned_over=turned_over)
+    return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
+
+
+def _of_the_detector(
+    drift_input: DriftInput,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
+) -> Reason:
+    allowed_mm = drift_input.tolerance_mm
+    if turned_over:
+        return LogMessage.TURNED_OVER()
+    if zero is not None and _is_far(zero, drift_input):
+        return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
+    moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
+    if within is None:
+        known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(drift_input, changed)}
+        return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
+    cause = likely_cause(drift_input.calibration.source_frame, changed)
+    if not within and changed.ray_change_mm > allowed_mm:
+        cause = LogMessage.MOVED(cause, **moved)
+    elif not within:
+        scale_percent = 100.0 * changed.scale_change
+        allowed_percent = drift_input.tolerance_scale_percent
+        cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
+    elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(drift_input.calibration)):
+        cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
+    elif changed.moved:
+        cause = LogMessage.WITHIN(cause, **moved)
+    return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.looks)
+
+
+def _method(fit: DetectorFit) -> DriftMethod:
+    return "opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs"
+
+
+def _reported(
+    baseline: KnownBaseline,
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    fit: DetectorFit,
+    changed: DriftChange,
+    radius_mm: float,
+) -> DriftBaseline:
+    return DriftBaseline(
+        **dict(baseline),
+        ray_offset_mm=zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
+        change=_detector(changed.change),
+        change_standard_deviation=_deviation(fit, changed.deviation),
+        significance=_deviation(fit, changed.significance),
+    )
+
+
+def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
+    of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
+    of_distance = [DISTANCE_NOT_SEEN] if fit.distance_held else []
+    of_few_views = [] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN]
+    return [*NOT_SEEN, *of_distance, *of_few_views]
+
+
+def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
+    if each.part == "encoder":
+        return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
+    return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
+
+
+def _detector(values: FloatArray) -> DetectorGeometry:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
+
+
+def _deviation(fit: DetectorFit, values: FloatArray) -> DetectorDeviation:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorDeviation(
+        cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance
+    )
