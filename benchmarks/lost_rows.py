@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.conversion import to_phantom
-from sawmill_calibration.phantoms import drawing_of
+from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, GeometryError, Scanner, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel

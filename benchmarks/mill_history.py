@@ -15,7 +15,7 @@ from pathlib import Path
 
 from waiting_job import do_waiting_job
 
-from sawmill_calibration.scans.simulation import write_simulated_scan
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command import examples
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk

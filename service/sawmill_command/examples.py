@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import structlog
 
-from sawmill_calibration.scans.simulation import write_simulated_scan
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command.seeding import examples_made
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk

@@ -11,7 +11,7 @@ from sawmill_calibration.conversion import to_phantom
 from sawmill_calibration.drift_checks.drift_check import (
     mean_of_common_rows,
 )
-from sawmill_calibration.phantoms import drawing_of
+from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 
 from sawmill_calibration import capacity
-from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_calibration.reconstruction.value_range import SAMPLED_VALUES, ValueRange
+from sawmill_calibration.reconstruction.reconstruct import (
+    SAMPLED_VALUES,
+    ReconstructionInput,
+    ValueRange,
+    run_reconstruction,
+)
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import Handedness, Rotation

@@ -199,9 +199,8 @@ def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, tmp_path
         counts=False,
         sha256="0" * 64,
         remarks=(),
-        on_progress=lambda _: None,
     )
-    needed = r"100000000 rows need 6144000000000 bytes in memory and \d+ are free; ask for fewer with --rows"
+    needed = r"100000000 rows need 6144000000000 bytes in memory and \d+ are free; ask for fewer"
     with pytest.raises(JobFailure, match=needed):
         rows.stack()
 

@@ -265,7 +265,7 @@ def test_another_scanners_calibration_is_refused(failure, result_file, tmp_path)
     flags = ("--data", "line-integrals", "--angles-deg", "3:6", "--calibration", result_file)
     reported = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
     assert reported["code"] == "contradiction"
-    assert "256 cells" in reported["detail"]
+    assert "num_detector_pixels 256 and the scan has 300" in reported["detail"]
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"state": "failed"}', '{"state": "succeeded"}', "\udcff"])

@@ -13,7 +13,7 @@ import pytest
 from live_service import JOB_S, SCANNER, Offline, Service, process, serving
 from tiers import first_by_day
 
-from sawmill_calibration.scans.simulation import write_simulated_scan
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
         read_calibration,
         reconstruct,
     )
-    from sawmill_calibration.input_errors import InputError
+    from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
-    from sawmill_calibration.simulated import simulate_log_scan, simulate_phantom_scan
+    from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
     from sawmill_tomography.geometry.geometry import FanBeamGeometry
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
@@ -50,9 +50,9 @@ _MODULES = {
         *("Calibration", "Drift", "Reconstruction"),
         *("calibrate", "drift", "read_calibration", "reconstruct"),
     ),
-    "sawmill_calibration.input_errors": ("InputError",),
+    "sawmill_calibration.failures": ("InputError",),
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
-    "sawmill_calibration.simulated": ("simulate_log_scan", "simulate_phantom_scan"),
+    "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
     "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),

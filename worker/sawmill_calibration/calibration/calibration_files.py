@@ -1,15 +1,13 @@
-"""Files of a calibration: the HDF5 file, and the report, which is drawn from the same answer and arrays."""
+"""File of a calibration: the answer, and the arrays from which the report is drawn."""
 
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.calibration.calibrate import CalibrationInput
-from sawmill_calibration.calibration.log_comparison import find_log_row, log_images
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
@@ -21,11 +19,7 @@ from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
 
-if TYPE_CHECKING:
-    from sawmill_worker.pictures.report_page import About
-
 PHANTOM_SIZE = 256
-PAGES = frozenset({".html", ".htm"})
 # Regularisation weight of the image of a phantom with views over less than a full turn: as smooth as with the weight
 # that cross-validation chooses for the measured disc (docs/understand/measured.md), in a tenth of the time.
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
@@ -54,24 +48,6 @@ def calibration_arrays(
     )
 
 
-def report_arrays(
-    calibration: CalibrationOutcome,
-    calibration_input: CalibrationInput,
-    stack: NDArray[np.float32],
-    rows: tuple[int, int],
-) -> CalibrationArrays:
-    """Compute the arrays of the report on a stack in memory, with the log that other rows may show.
-
-    Parameters
-    ----------
-    stack : (views, rows, detector) float32
-        The rows first..last of the scan.
-    """
-    log = find_log_row(calibration_input, rows, lambda row: stack[:, row - rows[0]])
-    images = None if log is None else log_images(log, calibration_input, calibration.geometry, None)
-    return calibration_arrays(calibration, calibration_input, images)
-
-
 def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArrays, *, log_unit: str) -> None:
     """Write result.h5 into the folder; `log_unit` is the unit of the log's images."""
     named = {
@@ -94,19 +70,6 @@ def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArr
         software_version=result.software_version,
         input_sha256=result.input_sha256,
     )
-
-
-def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArrays, about: "About") -> None:
-    """Write the report: a printable page if the name ends in `.html`, otherwise a single picture."""
-    # Imported here because no job needs drawing, and importing the picture's module takes longer than a calibration.
-    if path.suffix.lower() in PAGES:
-        from sawmill_worker.pictures.report_page import report_html  # noqa: PLC0415
-
-        path.write_text(report_html(result, about, arrays), encoding="utf-8")
-        return
-    from sawmill_worker.pictures.calibration_report import report_png  # noqa: PLC0415
-
-    path.write_bytes(report_png(result, arrays))
 
 
 def _phantom_image(

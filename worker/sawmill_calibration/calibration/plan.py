@@ -1,6 +1,4 @@
-"""Plan of a calibration from a phantom's drawing and a nominal geometry, shared by the job and the command line."""
-
-from dataclasses import dataclass
+"""Plan of a calibration from a phantom's drawing and a nominal geometry."""
 
 import numpy as np
 
@@ -14,24 +12,31 @@ from sawmill_vocabulary import Theta
 from sawmill_vocabulary.version import VERSION
 
 
-@dataclass(frozen=True)
-class PlanInput:
-    """Input of a plan."""
+def run_plan(
+    drawing: PhantomDrawing,
+    scanner: ScannerConstants,
+    theta: Theta,
+    options: PlanOptions,
+    log_radius_mm: float | None = None,
+) -> PlanResult:
+    """Predict the precision of a calibration of a scanner of this nominal theta.
 
-    drawing: PhantomDrawing
-    scanner: ScannerConstants
-    theta: Theta
-    log_radius_mm: float | None = None
+    Parameters
+    ----------
+    log_radius_mm : float, optional
+        Radius of the disc in which ray errors are counted, mm; the phantom's by default, at most 150.
 
-
-def run_plan(plan_input: PlanInput, options: PlanOptions) -> PlanResult:
-    """Plan a calibration; errors of `sawmill_tomography` propagate."""
+    Raises
+    ------
+    ValueError
+        The phantom determines nothing there: errors of `sawmill_tomography`.
+    """
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
-    fan = FanBeamGeometry(plan_input.scanner, plan_input.theta, angles_rad)
-    phantom = to_phantom(plan_input.drawing, options.size_tolerance_percent)
-    planned = plan(fan, phantom, noise=options.noise, log_radius_mm=plan_input.log_radius_mm)
+    fan = FanBeamGeometry(scanner, theta, angles_rad)
+    phantom = to_phantom(drawing, options.size_tolerance_percent)
+    planned = plan(fan, phantom, noise=options.noise, log_radius_mm=log_radius_mm)
     return PlanResult(
-        theta=plan_input.theta,
+        theta=theta,
         source_frame=fan.frame,
         standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
@@ -41,8 +46,8 @@ def run_plan(plan_input: PlanInput, options: PlanOptions) -> PlanResult:
         scale_uncertainty_percent=planned.scale.percent_95,
         noise_mm=planned.noise,
         views_cut_off=planned.views_cut_off,
-        phantom=plan_input.drawing.name,
-        scanner=plan_input.scanner,
+        phantom=drawing.name,
+        scanner=scanner,
         views=options.views,
         noise=options.noise,
         software_version=VERSION,

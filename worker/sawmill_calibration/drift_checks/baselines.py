@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_calibration.drift_checks.given_geometry import GivenGeometry
 from sawmill_calibration.failures import refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.drift_baselines import KnownBaseline
@@ -51,7 +51,7 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 
 
 def baselines_of(
-    answers: Iterable[tuple[str, DriftResult]], calibration: CalibrationResult | GivenGeometry, checked_sha256: str
+    answers: Iterable[tuple[str, DriftResult]], calibration: KnownGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
     """Compute baselines from answers of earlier drift checks against the same calibration, one for each method.
 

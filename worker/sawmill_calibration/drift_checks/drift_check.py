@@ -1,4 +1,4 @@
-"""Drift check of a sinogram in memory, shared by the job and the command line."""
+"""Drift check with a scan, as jobs, commands and Python users ask for it."""
 
 import time
 from dataclasses import dataclass
@@ -6,15 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.drift_checks.given_geometry import (
-    GivenGeometry,
-    corrected_theta,
-    found_column,
-    with_coarse_column,
-)
+from sawmill_calibration.drift_checks.given_geometry import corrected_theta, found_column, with_coarse_column
 from sawmill_calibration.failures import refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.averaged_rays import of_masked_rays
-from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
 from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
@@ -44,6 +40,7 @@ from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.log_radius import refuse_log_beyond_source
 from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_vocabulary import Progress
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import LogMessage
 from sawmill_vocabulary.version import VERSION
@@ -76,22 +73,22 @@ class DriftInput:
 
     Attributes
     ----------
-    calibration : CalibrationResult or GivenGeometry
+    calibration
         The geometry with which the scan is compared; a given geometry is only the start of the search.
-    log_radius_mm : float or None
+    log_radius_mm
         Radius of the disc in which rays are counted; None selects the calibration's radius.
-    averaged_rows : int or None
+    averaged_rows
         Number of rows whose mean was sent; None if the rows themselves were sent.
-    preparation : tuple of str
+    preparation
         Steps of reading; reported for a mean that was sent.
-    baselines : tuple of KnownBaseline
+    baselines
         Baselines of the changes by method; the baseline of this scan's method is used.
     """
 
     mean: CommonMean
     angles_rad: FloatArray
     rows: tuple[int, int]
-    calibration: CalibrationResult | GivenGeometry
+    calibration: KnownGeometry
     input_sha256: str
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
@@ -101,17 +98,62 @@ class DriftInput:
     baselines: tuple[KnownBaseline, ...] = ()
 
 
-def mean_of_common_rows(
-    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
-) -> CommonMean:
-    """Average the common rows of a stack (views, rows, detector): views must cross the same part of the log.
-
-    Refuse a stack in which no row is in every view.
+def check_drift(
+    scan: ScanRows,
+    calibration: KnownGeometry,
+    *,
+    log_radius_mm: float | None = None,
+    tolerance_mm: float = 0.5,
+    tolerance_scale_percent: float = 0.5,
+    baselines: tuple[KnownBaseline, ...] = (),
+) -> DriftResult:
+    """Compare a scan of a log with a calibration, or find the COR from a given geometry.
 
     Parameters
     ----------
-    deviations : (views, rows, detector), optional
-        Standard deviations of the stack.
+    log_radius_mm : float, optional
+        Radius of the disc in which rays are counted, mm; the calibration's by default.
+    tolerance_mm, tolerance_scale_percent : float
+        RMS ray distance, and change of the image's scale, up to which the scanner counts as not moved.
+    baselines : tuple of KnownBaseline
+        Baselines of the changes by method; the baseline of this scan's method is used.
+
+    Raises
+    ------
+    ValueError
+        The scan's views cannot be compared: `DriftError`, `InputError`.
+    """
+    if scan.averaged_rows is not None and scan.rows_named:
+        raise refused(
+            "rows-outside",
+            "rows {}:{} were asked for, but the scan is the mean of {} rows, which are not kept: leave rows out".format(
+                *scan.rows, scan.averaged_rows
+            ),
+        )
+    mean = mean_of_common_rows(scan.stack(), scan.rows[0], scan.row_step, scan.deviations)
+    scan.on_progress(Progress(fraction=0.5, stage="pair rays"))
+    drift_input = DriftInput(
+        mean=mean,
+        angles_rad=scan.angles_rad,
+        rows=scan.rows,
+        calibration=calibration,
+        input_sha256=scan.sha256,
+        log_radius_mm=log_radius_mm,
+        tolerance_mm=tolerance_mm,
+        tolerance_scale_percent=tolerance_scale_percent,
+        averaged_rows=scan.averaged_rows,
+        preparation=scan.remarks,
+        baselines=baselines,
+    )
+    return run_drift(drift_input)
+
+
+def mean_of_common_rows(
+    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
+) -> CommonMean:
+    """Average the rows (views, rows, detector) that every view has, so that all views cross the same part of the log.
+
+    Standard deviations have the stack's shape.
     """
     common = rows_of_all(stack)
     if not common.any():
@@ -224,7 +266,7 @@ def _limit_mm(drift_input: DriftInput, changed: DriftChange) -> float:
     return min(drift_input.tolerance_mm, _calibration_limit_mm(drift_input.calibration))
 
 
-def _calibration_limit_mm(calibration: CalibrationResult | GivenGeometry) -> float:
+def _calibration_limit_mm(calibration: KnownGeometry) -> float:
     limits = None if isinstance(calibration, GivenGeometry) else calibration.limits
     return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
 

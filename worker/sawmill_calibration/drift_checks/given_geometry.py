@@ -1,47 +1,14 @@
-"""A geometry measured by hand, for a drift check without a calibration: the start, and the corrected theta."""
+"""Drift checks without a calibration: the start from a geometry measured by hand, and the corrected theta."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from sawmill_contracts.geometry import ScannerConstants
+from sawmill_calibration.known_geometry import GivenGeometry
 from sawmill_tomography.drift.change import SIGNIFICANT, DetectorFit
-from sawmill_tomography.geometry.geometry import (
-    FanBeamGeometry,
-    FloatArray,
-    Scanner,
-    SourceFrame,
-    Theta,
-    cell_centres_mm,
-)
-from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
-from sawmill_vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM, Rotation
-
-
-@dataclass(frozen=True)
-class GivenGeometry:
-    """A geometry from nominal distances, without error bars."""
-
-    scanner: ScannerConstants
-    theta: Theta
-    rotation: Rotation
-
-    @property
-    def source_frame(self) -> SourceFrame:
-        """Source frame of theta."""
-        return self.theta.source_frame(self.scanner.source_to_cor_mm)
-
-    @property
-    def covariance(self) -> None:
-        """Covariance, which a given geometry does not have."""
-        return
-
-    @property
-    def radius_mm(self) -> float:
-        """Radius of the disc in which rays are compared: what the detector sees, at most the largest assumed log."""
-        seen = seen_radius_mm(FanBeamGeometry(self.scanner, self.theta, np.zeros(1)))
-        return min(LARGEST_ASSUMED_LOG_RADIUS_MM, seen)
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, cell_centres_mm
+from sawmill_vocabulary import Rotation
 
 
 def with_coarse_column(

@@ -3,14 +3,17 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.capacity import check_disk, memory_available
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
+from sawmill_calibration.known_geometry import KnownGeometry
 from sawmill_calibration.reconstruction.block_solvers import (
     BlockSolver,
     Images,
@@ -21,11 +24,11 @@ from sawmill_calibration.reconstruction.block_solvers import (
 )
 from sawmill_calibration.reconstruction.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
 from sawmill_calibration.reconstruction.method_findings import CurvePoints, gathered
-from sawmill_calibration.reconstruction.value_range import ValueRange
-from sawmill_calibration.reconstruction.volume_writer import VolumeOrigin, new_volume
+from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
@@ -66,6 +69,12 @@ PACE_SHARE, PACE_SECONDS = 0.05, 2.0
 EXTENT_ROWS = 17
 # Number of slices around the middle from which the coupling of slices is chosen.
 SLICES_AROUND = 6
+# Number of values from which a volume's range is determined, and the percentiles of the range.
+SAMPLED_VALUES = 4_000_000
+PERCENTILES = (0.1, 97.0, 99.9)
+# Metal is many times as dense as wood, and a nail that lies in a slice covers more than a thousandth of it. Knots are
+# below this number of times the 97th percentile, which lies in the wood.
+MOST_WOOD = 2.5
 
 
 @dataclass(frozen=True)
@@ -80,8 +89,6 @@ class ReconstructionInput:
         True if the line integrals were made from counts; the volume is then in 1/mm.
     rows, row_step
         The scan's rows, including the first and excluding the last; every row_step-th row is a slice.
-    preparation : tuple of str
-        The steps that prepared the scan's data.
     beam : BeamCorrection
         Scatter and hardening from the calibration that are still in the line integrals.
     """
@@ -99,6 +106,24 @@ class ReconstructionInput:
     row_step: int = 1
     beam: BeamCorrection = NOTHING_FOUND
 
+    @classmethod
+    def of(cls, scan: ScanRows, geometry: KnownGeometry) -> Self:
+        """Join a scan with a geometry, whose modules of the detector are taken."""
+        return cls(
+            read=scan.read,
+            angles_rad=scan.angles_rad,
+            rows=scan.rows,
+            scanner=replace(scan.scanner, detector_modules=geometry.scanner.detector_modules),
+            theta=geometry.theta,
+            rotation=geometry.rotation,
+            handedness=geometry.handedness,
+            input_sha256=scan.sha256,
+            counts=scan.counts,
+            preparation=scan.remarks,
+            row_step=scan.row_step,
+            beam=geometry.beam,
+        )
+
 
 def volume_unit(*, counts: bool) -> str:
     """Return the unit of a volume: counts give attenuation per mm; line integrals keep their own unit."""
@@ -106,10 +131,7 @@ def volume_unit(*, counts: bool) -> str:
 
 
 def with_beam_corrected(source: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
-    """Remove the calibration's scatter and hardening from the input, and add sentences that report the removal.
-
-    Where scatter is removed, the level of the air is removed too, because the level contains a part of the scatter.
-    """
+    """Remove the calibration's scatter, with the air's level, and hardening; add sentences that report it."""
     beam = source.beam
     if beam == NOTHING_FOUND or options.hardening is HardeningHandling.NONE:
         return replace(source, beam=NOTHING_FOUND)
@@ -170,17 +192,10 @@ def _hardening_sentence(hardening: BeamHardening, longest: float) -> str:
     return sentence
 
 
-@dataclass(frozen=True, eq=False)
-class ReconstructedVolume:
-    """A volume in memory.
+class ReconstructedVolume(NamedTuple):
+    """A volume (slices, x, y) float32 in the result's unit, and the result."""
 
-    Attributes
-    ----------
-    data : (slices, x, y) float32
-        The values, in the result's unit.
-    """
-
-    data: NDArray[np.float32]
+    data: Images
     result: ReconstructionResult
 
 
@@ -193,10 +208,7 @@ def run_reconstruction(
 ) -> ReconstructionResult:
     """Reconstruct each row into the volume's file, which appears when it is complete, and return the result.
 
-    Parameters
-    ----------
-    keeper
-        Keeps finished blocks, and the settings that were chosen for all blocks.
+    The keeper keeps finished blocks, and the settings that were chosen for all blocks.
 
     Raises
     ------
@@ -215,18 +227,7 @@ def run_reconstruction(
             keep_settings(keeper, chosen)
 
     solver = run.solver(settings, on_chosen)
-    origin = VolumeOrigin(
-        source.scanner,
-        source.theta,
-        source.rotation,
-        source.handedness,
-        source.rows,
-        source.input_sha256,
-        source.preparation,
-        source.row_step,
-    )
-    views = run.views
-    with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=source.counts), views=views) as volume:
+    with _new_volume(output, run.shape, source, options, run.views) as volume:
         kept = KeptVolume(volume, solver, keeper, settings)
         result, curve = run.reconstruct(solver, kept.write, kept.take_up)
         assert result.method is not None  # noqa: S101 - a new reconstruction has a report
@@ -239,7 +240,7 @@ def run_reconstruction(
 def reconstruct_in_memory(
     source: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
-    """Reconstruct each row into arrays in memory; otherwise the same as `run_reconstruction`."""
+    """Reconstruct each row into a volume in memory."""
     source = with_beam_corrected(source, options)
     run = _Run(source, options, report)
     data = np.empty(run.shape, np.float32)
@@ -249,6 +250,44 @@ def reconstruct_in_memory(
 
     result, _ = run.reconstruct(run.solver(), write)
     return ReconstructedVolume(data, result)
+
+
+def _new_volume(
+    path: Path,
+    shape: tuple[int, int, int],
+    source: ReconstructionInput,
+    options: ReconstructionOptions,
+    views: int,
+) -> AbstractContextManager[NewVolume]:
+    """Create a volume (slice, x, y) as HDF5 with all data about its origin."""
+    # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
+    parameters = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
+    pitch = source.scanner.row_pitch_mm
+    step = "" if source.row_step == 1 else f":{source.row_step}"
+    return new_reconstruction(
+        path,
+        shape,
+        pixel_mm=options.field_mm / options.size,
+        row_pitch_mm=None if pitch is None else pitch * source.row_step,
+        centre_mm=options.field_centre_mm,
+        # The scan's first row is at 0, so that volumes of other rows of the same scan have consistent positions.
+        first_slice_mm=(pitch or 0.0) * source.rows[0],
+        unit=volume_unit(counts=source.counts),
+        geometry={
+            **{name: value for name, value in asdict(source.scanner).items() if value is not None and value != ()},
+            **vars(source.theta),
+            "rotation": source.rotation.value,
+            "handedness": source.handedness.value,
+        },
+        parameters={
+            **parameters,
+            "views": views,
+            "rows": f"{source.rows[0]}:{source.rows[1]}{step}",
+            "preparation": list(source.preparation),
+        },
+        software_version=VERSION,
+        input_sha256=source.input_sha256,
+    )
 
 
 class _Run:
@@ -340,19 +379,7 @@ class _Run:
     def reconstruct(
         self, solver: BlockSolver, write: Write, take_up: Callable[[int], FinishedBlock | None] = lambda _: None
     ) -> tuple[ReconstructionResult, CurvePoints | None]:
-        """Reconstruct all blocks.
-
-        Parameters
-        ----------
-        write : callable
-            Takes the number of a block's first slice, the block's images, and the block's data for the report.
-        take_up : callable
-            Takes the number of a block's first slice; returns the data for the report if the block is already written.
-
-        Returns
-        -------
-        The result, and the data from which the parameters of the middle slice were chosen.
-        """
+        """Reconstruct all blocks but those that `take_up` wrote; return also how the middle slice's parameters came."""
         source, options = self._source, self._options
         seen, blocks = ValueRange(self.slices, options.size), dict[int, FinishedBlock]()
 
@@ -441,3 +468,24 @@ class _SliceProgress:
         fraction = done / (self._slices + 1)
         rounded = None if seconds_left is None else round(seconds_left, 1)
         self._report(Progress(fraction=fraction, stage="reconstruct", seconds_left=rounded))
+
+
+class ValueRange:
+    """Range in which a picture shows the wood, from every n-th pixel of a volume that is never in memory as a whole."""
+
+    def __init__(self, slices: int, size: int) -> None:
+        self._step = max(1, math.ceil(math.sqrt(slices * size * size / SAMPLED_VALUES)))
+        self._samples: list[NDArray[np.float32]] = []
+
+    def sample(self, block: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the sampled values of some slices (slices, x, y)."""
+        return block[:, :: self._step, :: self._step].ravel()
+
+    def add(self, sample: NDArray[np.float32]) -> None:
+        """Add a sample."""
+        self._samples.append(sample)
+
+    def percentiles(self) -> tuple[float, float]:
+        """Return the 0.1 and the 99.9 percentile of the added samples, the second without metal."""
+        low, wood, high = np.percentile(np.concatenate(self._samples), PERCENTILES)
+        return float(low), float(min(high, MOST_WOOD * wood) if wood > 0.0 else high)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sawmill_calibration.input_errors import InputError, input_errors, options_of
+from sawmill_calibration.failures import input_errors_translated, options_of, refused
 from sawmill_calibration.notebook_html import html_of
-from sawmill_calibration.scans.scan_rows import open_rows
+from sawmill_calibration.scans.scan_rows import ScanRows, open_rows, unreported
 from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_calibration.scans.selection import chosen_rows, chosen_views
 from sawmill_contracts.geometry import ScannerConstants
@@ -22,8 +22,8 @@ from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import (
     AirCorrection,
     DataKind,
+    DetectorModule,
     FaultyCells,
-    Progress,
     ProgressCallback,
     RingRemoval,
     RowAlignment,
@@ -32,10 +32,6 @@ from sawmill_vocabulary import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def unreported(_: Progress) -> None:
-    """Ignore progress."""
 
 
 def bare_scanner(constants: ScannerConstants) -> Scanner:
@@ -75,6 +71,8 @@ class Scan:
         Standard deviations of the line integrals, where they came with them.
     saturated_share : float
         Share of the detector's cells that are saturated, as far as it is known.
+    detector_modules : tuple of DetectorModule
+        Modules of the detector after the first, where the file states them.
     """
 
     line_integrals: NDArray[np.float32] = field(repr=False)
@@ -90,6 +88,7 @@ class Scan:
     averaged_rows: int | None = None
     deviations: NDArray[np.float32] | None = field(default=None, repr=False)
     saturated_share: float = 0.0
+    detector_modules: tuple[DetectorModule, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -125,21 +124,22 @@ class Scan:
         stack = np.ascontiguousarray(values[:, np.newaxis] if values.ndim == 2 else values)
         expected = (angles.size, scanner.num_detector_pixels)
         if stack.ndim != 3 or angles.ndim != 1 or (len(stack), stack.shape[2]) != expected or not stack.size:
-            raise InputError(
+            raise refused(
                 "wrong-shape",
                 f"line_integrals must be (views, cells) or (views, rows, cells) with {expected[0]} views, as "
                 f"angles_rad has, and {expected[1]} cells, as the scanner has, not {values.shape}",
             )
         if not (np.isfinite(stack).all() and np.isfinite(angles).all()):
-            raise InputError("not-finite", "line_integrals and angles_rad must be finite numbers")
+            raise refused("not-finite", "line_integrals and angles_rad must be finite numbers")
         digest = hashlib.sha256(stack.data).hexdigest()
         rows = (0, stack.shape[1])
         return cls(stack, angles, scanner, rows, row_pitch_mm=row_pitch_mm, from_counts=from_counts, sha256=digest)
 
     @property
     def constants(self) -> ScannerConstants:
-        """The scanner's constants with the rows' pitch."""
-        return options_of(ScannerConstants, {**vars(self.scanner), "row_pitch_mm": self.row_pitch_mm})
+        """The scanner's constants with the rows' pitch and the detector's modules."""
+        known = options_of(ScannerConstants, {**vars(self.scanner), "row_pitch_mm": self.row_pitch_mm})
+        return replace(known, detector_modules=self.detector_modules)
 
     @property
     def sinogram(self) -> FloatArray:
@@ -166,8 +166,7 @@ class Scan:
         if rows is None and views is None:
             return self
         total_views, total_rows, _ = self.line_integrals.shape
-        with input_errors():
-            part, kept = chosen_rows(rows, total_rows), chosen_views(views, total_views)
+        part, kept = chosen_rows(rows, total_rows), chosen_views(views, total_views)
         numbers = range(*self.rows, self.row_step)[part]
         return replace(
             self,
@@ -176,6 +175,7 @@ class Scan:
             rows=(numbers.start, numbers.stop),
             row_step=numbers.step,
             rows_chosen=self.rows_chosen or rows is not None,
+            deviations=None if self.deviations is None else self.deviations[kept, part],
         )
 
     def plot(self, row: int | None = None) -> "Figure":
@@ -199,6 +199,44 @@ class Scan:
             ("made of counts", "yes" if self.from_counts else "no"),
         ]
         return html_of("Scan", table, sentences=self.remarks)
+
+
+def rows_in_file(scan: Scan, rows: str) -> str:
+    """Convert rows A:B that count within a scan to rows of its file."""
+    numbers = range(*scan.rows, scan.row_step)[chosen_rows(rows, scan.line_integrals.shape[1])]
+    return f"{numbers.start}:{numbers.stop}"
+
+
+def rows_of_memory(
+    scan: Scan, *, rows: str | None = None, views: int | None = None, on_progress: ProgressCallback = unreported
+) -> ScanRows:
+    """Select a part of a scan for a calibration, a drift check or a reconstruction, which can read other rows too."""
+    part, numbers = scan.select(rows=rows, views=views), range(*scan.rows, scan.row_step)
+    kept = chosen_views(views, len(scan.line_integrals))
+
+    def read_row(row: int) -> NDArray[np.float32]:
+        if row in numbers:
+            lines: NDArray[np.float32] = scan.line_integrals[kept, numbers.index(row)]
+            return lines
+        return np.full((kept.size, scan.line_integrals.shape[2]), np.nan, np.float32)
+
+    return ScanRows(
+        read=lambda start, stop: part.line_integrals[:, start:stop],
+        read_row=read_row,
+        usable_rows=scan.rows,
+        angles_rad=part.angles_rad,
+        rows=part.rows,
+        row_step=part.row_step,
+        scanner=scan.constants,
+        counts=scan.from_counts,
+        sha256=scan.sha256,
+        remarks=scan.remarks,
+        on_progress=on_progress,
+        rows_named=part.rows_chosen,
+        averaged_rows=scan.averaged_rows,
+        deviations=part.deviations,
+        saturated_share=scan.saturated_share,
+    )
 
 
 def read_scan(
@@ -293,7 +331,7 @@ def read_scan(
             "align_rows": align_rows,
         },
     )
-    with input_errors():
+    with input_errors_translated():
         source = ScanSource(Path(path), options, _angles_given(angles_deg), views, rows)
         with open_rows(source, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
             return Scan(
@@ -310,6 +348,7 @@ def read_scan(
                 averaged_rows=averaged_rows,
                 deviations=used.deviations,
                 saturated_share=used.saturated_share,
+                detector_modules=used.scanner.detector_modules,
             )
 
 

@@ -1,4 +1,4 @@
-"""A scan without a service, for commands and notebooks: rows are read when they are needed."""
+"""The rows of a scan that a calibration, a drift check or a reconstruction works on, read when they are needed."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -32,9 +32,13 @@ MEMORY_SHARE = 0.9
 PREPARING_SHARE = 0.5
 
 
+def unreported(_: Progress) -> None:
+    """Ignore progress."""
+
+
 @dataclass(frozen=True, eq=False)
 class ScanRows:
-    """The requested rows and views, read when they are needed.
+    """The requested rows and views of a scan: what jobs, commands and Python users give to the library.
 
     Attributes
     ----------
@@ -45,12 +49,23 @@ class ScanRows:
         Returns (views, detector) float32 of any row of the scan, requested or not; NaN in views that lack the row.
     usable_rows : (first, after the last)
         The rows that enough views have.
+    angles_rad : (views,) float64
     rows, row_step
         The first row, the row after the last, and the step between requested rows.
+    counts : bool
+        True if the line integrals were made from counts.
+    remarks : tuple of str
+        The steps that prepared the data.
     on_progress : callable
         Called with the progress of the work after reading.
+    rows_named : bool
+        True if somebody named the rows; else the phantom's rows are found in a calibration.
+    averaged_rows : int or None
+        Number of rows whose mean was sent; None if the rows themselves were sent.
     deviations : (views, rows, detector) float32, or None
         Standard deviations of the requested rows; None if the scan has none.
+    saturated_share : float
+        Share of the detector's cells that are saturated, as far as it is known.
     """
 
     read: Callable[[int, int], Stack]
@@ -63,7 +78,9 @@ class ScanRows:
     counts: bool
     sha256: str
     remarks: tuple[str, ...]
-    on_progress: ProgressCallback
+    on_progress: ProgressCallback = unreported
+    rows_named: bool = False
+    averaged_rows: int | None = None
     deviations: Stack | None = None
     saturated_share: float = 0.0
 
@@ -72,9 +89,7 @@ class ScanRows:
         rows, free = len(range(*self.rows, self.row_step)), int(MEMORY_SHARE * memory_available())
         needed = 4 * self.angles_rad.size * rows * self.scanner.num_detector_pixels
         if needed > free:
-            raise refused(
-                "too-large", f"{rows} rows need {needed} bytes in memory and {free} are free; ask for fewer with --rows"
-            )
+            raise refused("too-large", f"{rows} rows need {needed} bytes in memory and {free} are free; ask for fewer")
         return self.read(0, rows)
 
 
@@ -131,8 +146,15 @@ def _needs_no_preparing(source: ScanSource) -> bool:
 @contextmanager
 def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback) -> Iterator[ScanRows]:
     with open_scan(source.path) as scan:
-        counts = scan.air_level is not None
-        yield _rows_of(scan, source, source_to_cor_mm, scan.angles_rad, on_progress, counts=counts)
+        yield rows_of(
+            scan,
+            _scanner(source_to_cor_mm, scan),
+            rows=source.rows,
+            views=source.views,
+            counts=scan.air_level is not None,
+            sha256=_sha256([source.path]),
+            on_progress=on_progress,
+        )
 
 
 @contextmanager
@@ -172,63 +194,73 @@ def _prepared_rows(
                 detector_pitch_mm=read.detector_pitch_mm,
                 report=_part_of(on_progress, 0.0, PREPARING_SHARE),
             )
-        rest = _part_of(on_progress, PREPARING_SHARE, 1.0)
         with open_scan(path) as scan:
-            yield _rows_of(
+            opened = rows_of(
                 scan,
-                source,
-                source_to_cor_mm,
-                read.angles_rad,
-                rest,
+                _scanner(source_to_cor_mm, scan),
+                rows=source.rows,
+                views=source.views,
                 counts=read.counts,
-                others=read.others,
+                sha256=_sha256([source.path, *read.others]),
                 remarks=prepared.remarks,
+                averaged_rows=source.options.averaged_rows,
+                on_progress=_part_of(on_progress, PREPARING_SHARE, 1.0),
             )
+            # The file's own angles, without the rounding to degrees.
+            views = chosen_views(source.views, scan.shape[0], scan.views_left_out)
+            yield replace(opened, angles_rad=read.angles_rad[views])
 
 
-def _rows_of(
+def rows_of(
     scan: OpenScan,
-    source: ScanSource,
-    source_to_cor_mm: float,
-    angles_rad: FloatArray,
-    on_progress: ProgressCallback,
+    scanner: ScannerConstants,
     *,
+    rows: str | None,
+    views: int | None,
     counts: bool,
-    others: tuple[Path, ...] = (),
+    sha256: str,
     remarks: tuple[str, ...] = (),
+    averaged_rows: int | None = None,
+    on_progress: ProgressCallback = unreported,
 ) -> ScanRows:
+    """Select rows A:B[:STEP] and a number of views of an open scan; all usable rows and views by default.
+
+    Raises
+    ------
+    InputError
+        The scan has no such rows, or fewer views.
+    """
     all_views, all_rows, _ = scan.shape
-    rows = range(all_rows)[chosen_rows(source.rows, all_rows, scan.usable_rows)]
-    views = chosen_views(source.views, all_views, scan.views_left_out)
-    lacking = None if scan.present is None else ~scan.present[views]
+    selected = range(all_rows)[chosen_rows(rows, all_rows, scan.usable_rows)]
+    used = chosen_views(views, all_views, scan.views_left_out)
+    lacking = None if scan.present is None else ~scan.present[used]
 
     def read(start: int, stop: int) -> Stack:
-        block = scan.rows(rows[start:stop], views)
+        block = scan.rows(selected[start:stop], used)
         usable = np.isfinite(block).all(axis=2)
         if lacking is not None:
-            usable |= lacking[:, rows.start : rows.stop : rows.step][:, start:stop]
+            usable |= lacking[:, selected.start : selected.stop : selected.step][:, start:stop]
         finite = usable.all(axis=0)
         if not finite.all():
-            row = rows[start + int(np.argmin(finite))]
+            row = selected[start + int(np.argmin(finite))]
             raise refused("not-finite", f"row {row} of the scan holds values that are no finite numbers; mend it")
         return block
 
-    def read_row(row: int) -> NDArray[np.float32]:
-        return scan.rows(range(row, row + 1), views)[:, 0]
-
     return ScanRows(
         read=read,
-        read_row=read_row,
+        read_row=lambda row: scan.rows(range(row, row + 1), used)[:, 0],
         usable_rows=scan.usable_rows or (0, all_rows),
-        angles_rad=angles_rad[views],
-        rows=(rows.start, rows.stop),
-        row_step=rows.step,
-        scanner=_scanner(source_to_cor_mm, scan),
+        angles_rad=scan.angles_rad[used],
+        rows=(selected.start, selected.stop),
+        row_step=selected.step,
+        scanner=scanner,
         counts=counts,
-        sha256=_sha256([source.path, *others]),
+        sha256=sha256,
         remarks=remarks,
         on_progress=on_progress,
-        deviations=scan.deviations_of(rows, views),
+        rows_named=rows is not None,
+        averaged_rows=averaged_rows,
+        deviations=scan.deviations_of(selected, used),
         saturated_share=scan.saturated_share,
     )
 

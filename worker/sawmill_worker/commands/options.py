@@ -1,7 +1,6 @@
 """Flags that several commands share, and checks of their use before any file is read."""
 # ruff: noqa: PLC0415 - imports inside functions, so that a command's help need not load the readers of files
 
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -46,16 +45,6 @@ def scan_source(path: Path, options: ScanOptions, *, views: int | None, rows: st
     from sawmill_calibration.scans.scan_source import ScanSource
 
     return ScanSource(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Paths of the pictures of a volume: middle slice, slices along the log, side view, and the curve of alpha."""
-
-    middle: Path | None
-    mosaic: Path | None
-    side: Path | None
-    alpha_curve: Path | None
 
 
 def given_angles(angles_deg: str | None, angles_file: Path | None) -> "AnglesGiven | None":
