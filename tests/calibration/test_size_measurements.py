@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 from pydantic import ValidationError
 
-from sawmill_calibration.calibration.size_measurements import measurement_reasons
+from sawmill_calibration.calibration.calibrate import measurement_reasons
 from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
 
 BOARD = {

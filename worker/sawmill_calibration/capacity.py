@@ -17,10 +17,7 @@ GIGABYTE = 1e9
 
 
 def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership: Path = MEMBERSHIP) -> int:
-    """Return the bytes that can be allocated without swapping: the least of machine, groups and this process.
-
-    Groups are the control groups in which a container or a systemd unit holds this process.
-    """
+    """Return the bytes that can be allocated without swapping: the least of machine, control groups and process."""
     lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
     machine = int(lines["MemAvailable"].split()[0]) * 1024
     free = free_bytes()

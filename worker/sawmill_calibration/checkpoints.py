@@ -11,15 +11,7 @@ MadeWith = Mapping[str, object]
 
 
 class Keeper(Protocol):
-    """A store of progress, as arrays under names, which also holds the progress of an earlier attempt.
-
-    Attributes
-    ----------
-    has_begun : bool
-        True if the work has taken so long that progress is worth keeping; a short job keeps nothing.
-    is_due : bool
-        True if it is time to keep the newest progress.
-    """
+    """A store of progress, as arrays under names, which also holds the progress of an earlier attempt."""
 
     @property
     def has_begun(self) -> bool:
@@ -30,15 +22,7 @@ class Keeper(Protocol):
         """True if it is time to keep progress."""
 
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
-        """Keep progress, in place of earlier progress of this name.
-
-        Parameters
-        ----------
-        arrays
-            Arrays of numbers.
-        made_with
-            Choices of the work on which the progress depends; `kept` requires the same choices.
-        """
+        """Keep arrays in place of earlier ones of this name, with the choices that `kept` must ask for again."""
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
         """Return what an earlier attempt kept; None if nothing is of the same input, options and version."""

@@ -16,13 +16,7 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:
-    """Return a phantom's drawing: a built-in one by its name, from a JSON file, or from a picture of a given width.
-
-    Raises
-    ------
-    InputError
-        The argument is none of these.
-    """
+    """Return a phantom's drawing by its built-in name, from a JSON file, or from a picture of this width."""
     if width_mm is not None:
         if isinstance(phantom, Phantom) or not Path(phantom).is_file():
             raise refused("phantom", f"phantom_width_mm belongs to the path of a picture (PNG), not to {phantom!r}")
@@ -43,13 +37,7 @@ def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> 
 def traced_drawing(
     path: Path, width_mm: float, *, name: str, size_tolerance: float = STANDARD_SIZE_TOLERANCE
 ) -> PhantomDrawing:
-    """Trace the drawing in a PNG whose width is `width_mm`.
-
-    Raises
-    ------
-    InputError
-        The picture cannot be read, or shows no phantom.
-    """
+    """Trace the drawing in a PNG of this width, or refuse it."""
     from sawmill_formats.input.picture import read_picture
     from sawmill_tomography.phantoms.tracing import trace
 

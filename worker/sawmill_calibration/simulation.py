@@ -241,18 +241,7 @@ def write_simulated_scan(
     detector_pitch_mm: float,
     row_pitch_mm: float | None,
 ) -> None:
-    """Write counts, flat and dark fields as an NXtomo file.
-
-    Parameters
-    ----------
-    angles_rad : (views,)
-        Angles as the scanner counts them.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written.
-    """
+    """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(
         path,
         counts=stack.counts,

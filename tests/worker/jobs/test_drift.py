@@ -12,11 +12,8 @@ from sawmill_calibration.drift_checks.baselines import (
     baselines_of,
     read_answers,
 )
-from sawmill_calibration.drift_checks.drift_check import (
-    CommonMean,
-    DriftInput,
-    run_drift,
-)
+from sawmill_calibration.drift_checks.drift_check import check_drift
+from sawmill_calibration.scans.scan import Scan, rows_of_memory
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drift_baselines import KnownBaseline
@@ -59,15 +56,9 @@ def known(calibration):
 
 @pytest.fixture
 def look(known, turn):
-    def at(sinogram, **changes):
-        given = DriftInput(
-            mean=CommonMean(sinogram),
-            angles_rad=turn(len(sinogram)),
-            rows=(0, 1),
-            calibration=known,
-            input_sha256="0" * 64,
-        )
-        return run_drift(replace(given, **changes))
+    def at(sinogram, angles_rad=None, **limits):
+        angles = turn(len(sinogram)) if angles_rad is None else angles_rad
+        return check_drift(rows_of_memory(Scan.from_arrays(sinogram, angles, MILL)), known, **limits)
 
     return at
 
@@ -328,7 +319,7 @@ def answers(disturbed, tmp_path):
     """What checks of three logs after the calibration printed."""
     paths = [tmp_path / f"{seed}.json" for seed in range(3)]
     for seed, path in enumerate(paths):
-        result = disturbed(seed, input_sha256=f"{seed:064}")
+        result = disturbed(seed).model_copy(update={"input_sha256": f"{seed:064}"})
         path.write_text(json.dumps({"state": "succeeded"} | result.model_dump(mode="json")))
     return paths
 

@@ -1,15 +1,14 @@
-"""Calibration from a sinogram in memory, shared by the job and the command line."""
+"""Calibration from a sinogram in memory, and its answer as a contract."""
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.calibration.size_measurements import measurement_reasons
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
 from sawmill_calibration.conversion import from_deviation, from_predicted, to_phantom
 from sawmill_contracts import calibrations as contracts
@@ -27,6 +26,8 @@ from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 from sawmill_vocabulary.version import VERSION
 
@@ -36,19 +37,14 @@ MOST_RUNS = 8
 ROWS_DONE, SEARCH_DONE = 0.5, 0.95
 # Interval between reports of search steps, s; number of steps that fill half of the remaining progress.
 STEPS_EVERY_S, MANY_STEPS = 1.0, 1000
+# A drawing contradicts a measurement if the two differ by more than this number of standard uncertainties.
+CONTRADICTION = 3.0
+AXES = {"x": 0, "y": 1}
 
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """Input of a calibration: a sinogram (views, detector), the angle of each view, and known properties.
-
-    Attributes
-    ----------
-    views : (views,) integers, or None
-        The numbers of the sinogram's views among the views that were read; views that lack all rows are left out.
-    log_rows : tuple of int
-        The rows whose log serves as the second witness.
-    """
+    """Mean sinogram (views, detector), each view's angle, and what is known; `views` are numbers among all read."""
 
     sinogram: FloatArray
     angles_rad: FloatArray
@@ -88,20 +84,9 @@ def run_calibration(
     rows_named: bool = False,
     keeper: Keeper = NOTHING_KEPT,
 ) -> tuple[CalibrationInput, CalibrationOutcome]:
-    """Calibrate by the requested method; errors of `sawmill_tomography` propagate.
+    """Calibrate by the requested method; return the input too, narrowed to the phantom's rows where these were found.
 
-    Parameters
-    ----------
-    stack : (views, rows, detector) float32, optional
-        Stack of the input's rows, in which the rows that show the phantom are found first.
-    rows_named
-        The user named the rows: all of them are used, and a remark names the rows that show another body.
-    keeper
-        Keeps the progress of the published search, which is long.
-
-    Returns
-    -------
-    The input, narrowed to the phantom's rows where these were found, and the calibration.
+    The stack (views, rows, detector) float32 has the input's rows: unless they were named, the phantom's are found.
     """
     if rows_named and stack is not None:
         calibration_input, stack = _with_odd_rows(calibration_input, stack), None
@@ -172,10 +157,7 @@ def _in_phantom_rows(
     options: contracts.CalibrationOptions,
     on_progress: ProgressCallback,
 ) -> tuple[CalibrationInput, CalibrationOutcome] | None:
-    """Narrow the input to the rows of the stack that show the phantom, and calibrate by the default method.
-
-    Return None where nothing changes from row to row, or no run of rows fits the phantom: then all rows are used.
-    """
+    """Calibrate with the rows that show the phantom; None where no row differs, or no run of rows fits the phantom."""
     stack = calibration_input.of_views(stack)
     runs = segments(stack)[:MOST_RUNS]
     if len(runs) <= 1:
@@ -221,11 +203,7 @@ def _as_published(
 
 
 class SearchProgress:
-    """Progress from the rounds of a search and the steps between rounds: from the fraction `start` to `end`.
-
-    The number of steps is not known in advance, so steps never reach the end; they are reported at most once a second
-    of the clock `monotonic`.
-    """
+    """Progress from `start` to `end` by a search's rounds, and once a second by its steps, whose number is unknown."""
 
     def __init__(
         self,
@@ -339,6 +317,25 @@ def calibration_result(
         comparison=comparison,
         second_witness=witness,
     )
+
+
+def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[Reason]:
+    """Yield a reason for each measurement that has expired, and for each measurement that contradicts the drawing."""
+    extent_mm = np.ptp(np.concatenate(to_phantom(drawing).outlines()), axis=0)
+    for measured in drawing.measurements:
+        values: dict[str, Value] = {
+            "what": measured.what,
+            "measured_mm": measured.measured_mm,
+            "error_mm": measured.standard_uncertainty_mm,
+        }
+        if measured.expired(today):
+            yield CalibrationMessage.MEASUREMENT_EXPIRED(**values, expired_on=str(measured.expires_on))
+        axis = AXES.get(measured.what)
+        if axis is None:
+            continue
+        drawn_mm = float(extent_mm[axis])
+        if abs(drawn_mm - measured.measured_mm) > CONTRADICTION * measured.standard_uncertainty_mm:
+            yield CalibrationMessage.NOT_AS_MEASURED(**values, drawn_mm=drawn_mm)
 
 
 def _hypotheses(alternatives: Alternatives) -> list[contracts.Hypothesis]:

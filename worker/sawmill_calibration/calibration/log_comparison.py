@@ -33,15 +33,7 @@ class LogRow:
 def find_log_row(
     calibration_input: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
 ) -> LogRow | None:
-    """Return the middle row of the longer run of rows outside the phantom's rows, if the row shows a log.
-
-    Parameters
-    ----------
-    rows : (first, after the last)
-        Rows that can be read.
-    read : callable
-        Returns the sinogram (views, detector) float32 of a row, of all views that were read; NaN in views without it.
-    """
+    """Return the middle of the longer run of `rows` outside the phantom's, read by number, if it shows a log."""
     first, after_last = max(
         (rows[0], calibration_input.rows[0]), (calibration_input.rows[1], rows[1]), key=lambda run: run[1] - run[0]
     )
@@ -60,10 +52,7 @@ def log_images(
     new_geometry: CalibratedGeometry,
     active: CalibratedGeometry | None,
 ) -> LogImages | None:
-    """Reconstruct the log with the new geometry, and with the active calibration's or, without one, unshifted.
-
-    Return None where the views cover less than a full turn.
-    """
+    """Reconstruct the log with the new geometry, and the active or an unshifted one; None for less than a turn."""
     field = 2.0 * MARGIN * (calibration_input.limits.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
     after = _image(log, calibration_input, new_geometry, field)
     if after is None:
@@ -79,11 +68,7 @@ def log_images(
 
 
 def unshifted(new_geometry: CalibratedGeometry) -> CalibratedGeometry:
-    """Return the geometry of a scanner as drawn: its constants, with source and detector neither shifted nor tilted.
-
-    No constant holds the detector's distance or the first angle: both are taken from the new geometry, so that the log
-    keeps its size and position.
-    """
+    """Return the geometry without shifts and tilt; no constant holds the new distance and first angle, which stay."""
     theta = Theta(new_geometry.frame.psi_rad, new_geometry.theta.detector_to_cor_mm, 0.0, 0.0, 0.0)
     frame = theta.source_frame(new_geometry.scanner.source_to_cor_mm)
     return replace(new_geometry, theta=theta, frame=frame, covariance=None)

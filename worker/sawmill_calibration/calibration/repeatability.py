@@ -48,13 +48,7 @@ def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityRe
 def _difference(
     first: str, first_result: CalibrationResult, second: str, second_result: CalibrationResult, share: float
 ) -> PairDifference:
-    """Compare two calibrations; errors alone take the rays, and the scale, beyond their limits in this share of cases.
-
-    Raises
-    ------
-    JobFailure
-        The calibrations belong to different scanners, or one has no error bars.
-    """
+    """Compare two calibrations, whose errors alone take rays, and scale, beyond their limits in this share of cases."""
     if replace(first_result.scanner, detector_modules=()) != replace(second_result.scanner, detector_modules=()):
         raise refused(
             "other-scanner", f"{first} and {second} have not the same scanner's constants: compare those of one scanner"

@@ -28,17 +28,7 @@ from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
 @dataclass(frozen=True)
 class SavedCalibration:
-    """Calibration data in a file.
-
-    Attributes
-    ----------
-    arrays : CalibrationArrays or None
-        None if the file has only the answer, as a JSON file does.
-    made_at : datetime or None
-        None if the file has no time.
-    header : dict
-        Additional fields of the service's JSON, for example `id` and `scan_id`.
-    """
+    """Answer of a file, the arrays and the time if it has them, and additional fields of the service's JSON."""
 
     result: CalibrationResult
     arrays: CalibrationArrays | None
@@ -47,13 +37,7 @@ class SavedCalibration:
 
 
 def read_calibration(path: Path) -> CalibrationResult:
-    """Read the calibration in a file; the format is recognised by the content and never by the name.
-
-    Raises
-    ------
-    JobFailure
-        The file holds no calibration.
-    """
+    """Read the calibration in a file, whose format is recognised by the content; refuse a file that holds none."""
     with _refusing(path):
         if h5py.is_hdf5(path):
             read_apart(path)
@@ -62,13 +46,7 @@ def read_calibration(path: Path) -> CalibrationResult:
 
 
 def read_saved_calibration(path: Path) -> SavedCalibration:
-    """Read the calibration in a file with all other data of the file.
-
-    Raises
-    ------
-    JobFailure
-        The file holds no calibration, or its arrays are damaged or do not agree.
-    """
+    """Read the calibration in a file with all other data; refuse arrays that are damaged or do not agree."""
     result = read_calibration(path)
     with _refusing(path):
         if h5py.is_hdf5(path):

@@ -42,20 +42,9 @@ def with_second_witness(
     rows: tuple[int, int],
     read: Callable[[int], NDArray[np.float32]],
 ) -> tuple[CalibrationInput, CalibrationOutcome]:
-    """Add the log in the phantom's scan, if the scan shows one, to the calibration as its second witness.
+    """Add the log in the rows A:B of the scan, or else where it is found, to the calibration as second witness.
 
-    Parameters
-    ----------
-    row_range : str or None
-        The rows A:B that show the log; None searches for them.
-    rows : (first, after the last)
-        Rows that can be read.
-    read : callable
-        Returns the sinogram (views, detector) of a row, of all views that were read; NaN in views that lack the row.
-
-    Returns
-    -------
-    The input, with a remark if a log could not be used, and the calibration.
+    `read` returns (views, detector) of any of the `rows`. The input gets a remark if a log could not be used.
     """
     if calibration.findings.error_bars is None or calibration_input.angles_rad.size < FEWEST_PAIRED_VIEWS:
         return calibration_input, calibration
@@ -80,10 +69,7 @@ def log_rows(
     rows: tuple[int, int],
     read: Callable[[int], NDArray[np.float32]],
 ) -> LogRows | None:
-    """Return the given rows, or the rows outside the phantom's that show another body and no air; None without any.
-
-    A row that is missing in one of the phantom's views is left out.
-    """
+    """Return the given rows, or those outside the phantom's that show another body in all views; None without any."""
     phantom_rows = calibration_input.rows
     candidates = _outside(phantom_rows, rows) if row_range is None else _requested(phantom_rows, row_range, rows)
     spaced = np.unique(np.linspace(0, len(candidates) - 1, MOST_ROWS).astype(int))

@@ -39,13 +39,7 @@ def known_baseline(
 
 
 def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
-    """Read the output of `drift --json` or answers of the service that hold results, each with the file's name.
-
-    Raises
-    ------
-    JobFailure
-        A file holds no answer of a drift check.
-    """
+    """Read the output of `drift --json`, or the service's answers, with each file's name; refuse any other file."""
     for path in paths:
         yield path.name, _read(path)
 
@@ -53,22 +47,9 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 def baselines_of(
     answers: Iterable[tuple[str, DriftResult]], calibration: KnownGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
-    """Compute baselines from answers of earlier drift checks against the same calibration, one for each method.
+    """Compute baselines from earlier drift checks, one for each method, or refuse them.
 
-    Parameters
-    ----------
-    answers
-        Answers, each with the name that a refusal gives.
-    known
-        The calibration; a given geometry has no baseline.
-    checked_sha256
-        Checksum of the scan that is checked, which must not be part of the baseline.
-
-    Raises
-    ------
-    JobFailure
-        An answer belongs to another calibration or to the scan that is checked, an answer is given twice, or a
-        method has too few answers.
+    They must be against this calibration, each of another scan than the checked one and enough of a method.
     """
     if isinstance(calibration, GivenGeometry):
         raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")

@@ -51,16 +51,7 @@ MASKED_CAUSES = ("nothing-seen", "moved-too-far")
 
 @dataclass(frozen=True, eq=False)
 class CommonMean:
-    """Mean over the rows that every view has.
-
-    Attributes
-    ----------
-    sinogram : (views, detector) float64
-    deviations : (views, detector) float64 or None
-        Standard deviations of the sinogram, 0 for rays without a known one; None if no ray has one.
-    remarks : tuple of str
-        Sentences about what was left out.
-    """
+    """Mean (views, detector) of the rows that every view has, and standard deviations, 0 for rays without one."""
 
     sinogram: FloatArray
     deviations: FloatArray | None = None
@@ -68,34 +59,12 @@ class CommonMean:
 
 
 @dataclass(frozen=True, eq=False)
-class DriftInput:
-    """Input of a drift check: the mean of rows, the angle of each view, and the geometry to compare with.
+class _Reference:
+    """The geometry to compare with, and what it may move."""
 
-    Attributes
-    ----------
-    calibration
-        The geometry with which the scan is compared; a given geometry is only the start of the search.
-    log_radius_mm
-        Radius of the disc in which rays are counted; None selects the calibration's radius.
-    averaged_rows
-        Number of rows whose mean was sent; None if the rows themselves were sent.
-    preparation
-        Steps of reading; reported for a mean that was sent.
-    baselines
-        Baselines of the changes by method; the baseline of this scan's method is used.
-    """
-
-    mean: CommonMean
-    angles_rad: FloatArray
-    rows: tuple[int, int]
     calibration: KnownGeometry
-    input_sha256: str
-    log_radius_mm: float | None = None
-    tolerance_mm: float = 0.5
-    tolerance_scale_percent: float = 0.5
-    averaged_rows: int | None = None
-    preparation: tuple[str, ...] = ()
-    baselines: tuple[KnownBaseline, ...] = ()
+    tolerance_mm: float
+    tolerance_scale_percent: float
 
 
 def check_drift(
@@ -132,78 +101,33 @@ def check_drift(
         )
     mean = mean_of_common_rows(scan.stack(), scan.rows[0], scan.row_step, scan.deviations)
     scan.on_progress(Progress(fraction=0.5, stage="pair rays"))
-    drift_input = DriftInput(
-        mean=mean,
-        angles_rad=scan.angles_rad,
-        rows=scan.rows,
-        calibration=calibration,
-        input_sha256=scan.sha256,
-        log_radius_mm=log_radius_mm,
-        tolerance_mm=tolerance_mm,
-        tolerance_scale_percent=tolerance_scale_percent,
-        averaged_rows=scan.averaged_rows,
-        preparation=scan.remarks,
-        baselines=baselines,
-    )
-    return run_drift(drift_input)
-
-
-def mean_of_common_rows(
-    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
-) -> CommonMean:
-    """Average the rows (views, rows, detector) that every view has, so that all views cross the same part of the log.
-
-    Standard deviations have the stack's shape.
-    """
-    common = rows_of_all(stack)
-    if not common.any():
-        last = first_row + (common.size - 1) * row_step
-        raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
-    left_out = first_row + row_step * np.flatnonzero(~common)
-    remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
-    # Where no row is missing, this is a view of the stack: nothing is copied.
-    mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
-    if deviations is None:
-        return CommonMean(mean, None, remarks)
-    return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
-
-
-def run_drift(drift_input: DriftInput) -> DriftResult:
-    """Pair opposite rays or views and compare; errors of `sawmill_tomography` propagate."""
     started = time.perf_counter()
-    reference = drift_input.calibration
-    nominal = reference if isinstance(reference, GivenGeometry) else None
-    scanner, calibrated = reference.scanner, reference.source_frame
-    refuse_log_beyond_source(drift_input.log_radius_mm, scanner)
-    radius_mm = drift_input.log_radius_mm or reference.radius_mm
-    mean = drift_input.mean
-    start = (
-        calibrated
-        if nominal is None
-        else with_coarse_column(scanner, calibrated, mean.sinogram, drift_input.angles_rad)
-    )
+    reference = _Reference(calibration, tolerance_mm, tolerance_scale_percent)
+    nominal = calibration if isinstance(calibration, GivenGeometry) else None
+    scanner, calibrated, angles_rad = calibration.scanner, calibration.source_frame, scan.angles_rad
+    refuse_log_beyond_source(log_radius_mm, scanner)
+    radius_mm = log_radius_mm or calibration.radius_mm
+    start = calibrated if nominal is None else with_coarse_column(scanner, calibrated, mean.sinogram, angles_rad)
     try:
-        fit = detector_fit(
-            scanner, mean.sinogram, drift_input.angles_rad, start, reference.rotation, deviations=mean.deviations
-        )
+        fit = detector_fit(scanner, mean.sinogram, angles_rad, start, calibration.rotation, deviations=mean.deviations)
     except DriftError as error:
-        masked = of_masked_rays(drift_input.preparation)
+        masked = of_masked_rays(scan.remarks)
         if masked is None or error.code not in MASKED_CAUSES:
             raise
         raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
-    came = () if drift_input.averaged_rows is None else drift_input.preparation
-    covariance = None if reference.covariance is None else np.array(reference.covariance)
+    came = () if scan.averaged_rows is None else scan.remarks
+    covariance = None if calibration.covariance is None else np.array(calibration.covariance)
     absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     method = _method(fit)
-    baseline = next((each for each in drift_input.baselines if each.method == method), None)
+    baseline = next((each for each in baselines if each.method == method), None)
     changed, zero = absolute, None
     if baseline is not None:
         changed = drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
-    turned_over = fit.rotation is not reference.rotation
-    within = None if nominal else _within(changed, drift_input, zero, turned_over=turned_over)
+    turned_over = fit.rotation is not calibration.rotation
+    within = None if nominal else _within(changed, reference, zero, turned_over=turned_over)
     reason = (
-        _reason(drift_input, fit, changed, zero, within=within, turned_over=turned_over)
+        _reason(reference, fit, changed, zero, within=within, turned_over=turned_over)
         if nominal is None
         else found_column(nominal, fit)
     )
@@ -224,7 +148,7 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         scale_change_percent=100.0 * changed.scale_change,
         scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
         radius_mm=radius_mm,
-        tolerance_mm=drift_input.tolerance_mm,
+        tolerance_mm=tolerance_mm,
         within_tolerance=within,
         reason=reason,
         coded_reason=CodedReason.of(reason) if nominal is None else None,
@@ -237,33 +161,50 @@ def run_drift(drift_input: DriftInput) -> DriftResult:
         encoder_bound_mm=fit.encoder_bound_mm,
         disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
         adjustments=[*came, *mean.remarks, *fit.adjustments],
-        scanner=reference.scanner,
-        views=int(drift_input.angles_rad.size),
-        rows=drift_input.rows,
+        scanner=scanner,
+        views=int(angles_rad.size),
+        rows=scan.rows,
         time_s=time.perf_counter() - started,
         software_version=VERSION,
-        input_sha256=drift_input.input_sha256,
+        input_sha256=scan.sha256,
     )
 
 
+def mean_of_common_rows(
+    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
+) -> CommonMean:
+    """Average the rows (views, rows, detector) that every view has: views must cross the same part of the log."""
+    common = rows_of_all(stack)
+    if not common.any():
+        last = first_row + (common.size - 1) * row_step
+        raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
+    left_out = first_row + row_step * np.flatnonzero(~common)
+    remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
+    # Where no row is missing, this is a view of the stack: nothing is copied.
+    mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
+    if deviations is None:
+        return CommonMean(mean, None, remarks)
+    return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
+
+
 def _within(
-    changed: DriftChange, drift_input: DriftInput, zero: DriftBaseline | None, *, turned_over: bool
+    changed: DriftChange, reference: _Reference, zero: DriftBaseline | None, *, turned_over: bool
 ) -> bool | None:
     # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
-    allowed = max(drift_input.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
-    if turned_over or _is_far(zero, drift_input) or abs(changed.scale_change) > allowed:
+    allowed = max(reference.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
+    if turned_over or _is_far(zero, reference) or abs(changed.scale_change) > allowed:
         return False
-    limit_mm, error_mm = _limit_mm(drift_input, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
+    limit_mm, error_mm = _limit_mm(reference, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
     if changed.ray_change_mm > limit_mm:
         return False if changed.moved else None
     return True if error_mm <= limit_mm else None
 
 
-def _limit_mm(drift_input: DriftInput, changed: DriftChange) -> float:
+def _limit_mm(reference: _Reference, changed: DriftChange) -> float:
     """Return the distance in mm that a log must see: without a movement that of a calibration that passes."""
     if changed.moved:
-        return drift_input.tolerance_mm
-    return min(drift_input.tolerance_mm, _calibration_limit_mm(drift_input.calibration))
+        return reference.tolerance_mm
+    return min(reference.tolerance_mm, _calibration_limit_mm(reference.calibration))
 
 
 def _calibration_limit_mm(calibration: KnownGeometry) -> float:
@@ -271,13 +212,13 @@ def _calibration_limit_mm(calibration: KnownGeometry) -> float:
     return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
 
 
-def _is_far(zero: DriftBaseline | None, drift_input: DriftInput) -> bool:
+def _is_far(zero: DriftBaseline | None, reference: _Reference) -> bool:
     """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
-    return zero is not None and zero.ray_offset_mm > drift_input.tolerance_mm
+    return zero is not None and zero.ray_offset_mm > reference.tolerance_mm
 
 
 def _reason(
-    drift_input: DriftInput,
+    reference: _Reference,
     fit: DetectorFit,
     changed: DriftChange,
     zero: DriftBaseline | None,
@@ -286,35 +227,35 @@ def _reason(
     turned_over: bool,
 ) -> Reason:
     of_the_turn = disturbed_turn(fit)
-    of_the_detector = _of_the_detector(drift_input, changed, zero, within=within, turned_over=turned_over)
+    of_the_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
     return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
 
 
 def _of_the_detector(
-    drift_input: DriftInput,
+    reference: _Reference,
     changed: DriftChange,
     zero: DriftBaseline | None,
     *,
     within: bool | None,
     turned_over: bool,
 ) -> Reason:
-    allowed_mm = drift_input.tolerance_mm
+    allowed_mm = reference.tolerance_mm
     if turned_over:
         return LogMessage.TURNED_OVER()
-    if zero is not None and _is_far(zero, drift_input):
+    if zero is not None and _is_far(zero, reference):
         return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
     moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
     if within is None:
-        known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(drift_input, changed)}
+        known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(reference, changed)}
         return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
-    cause = likely_cause(drift_input.calibration.source_frame, changed)
+    cause = likely_cause(reference.calibration.source_frame, changed)
     if not within and changed.ray_change_mm > allowed_mm:
         cause = LogMessage.MOVED(cause, **moved)
     elif not within:
         scale_percent = 100.0 * changed.scale_change
-        allowed_percent = drift_input.tolerance_scale_percent
+        allowed_percent = reference.tolerance_scale_percent
         cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
-    elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(drift_input.calibration)):
+    elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(reference.calibration)):
         cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
     elif changed.moved:
         cause = LogMessage.WITHIN(cause, **moved)

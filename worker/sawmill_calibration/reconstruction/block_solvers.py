@@ -70,29 +70,9 @@ MOST_FITTED_IMAGES = max(
 class LogTask:
     """The log to reconstruct.
 
-    Attributes
-    ----------
-    sample : (views, detector) float32
-        The line integrals of the middle slice; views that lack the slice are interpolated in angle.
-    radius_mm : float
-        Radius of the disc around the rotation centre that holds the log in every slice.
-    slices : int
-        Number of slices of the whole volume.
-    middle_row : int
-        Row of the scan from which the sample is.
-    counts : bool
-        True if the line integrals were made from counts, so that dark rays are noisier than bright rays.
-    beam : BeamCorrection
-        Scatter and hardening removed from the line integrals, which also makes dark rays noisier.
-    memory_bytes : int
-        Memory limit of all blocks together.
-    on_progress : callable
-        Called while a block is computed, with the completed work as a number of slices.
-    on_chosen : callable
-        Called with the solver's settings once parameters have been chosen for all slices.
-    around : callable
-        Returns the numbers of the sample and its neighbours, and their line integrals (slices, views, detector),
-        interpolated as the sample is.
+    The sample is the middle slice, of `middle_row`, (views, detector) float32, and `around` returns the numbers and
+    lines (slices, views, detector) of its neighbours; missing views are interpolated in angle. The disc of `radius_mm`
+    around the rotation centre holds the log in every slice. `on_progress` takes the work done in a block, in slices.
     """
 
     options: ReconstructionOptions
@@ -121,15 +101,7 @@ class Solved(NamedTuple):
 
 
 class BlockSolver(Protocol):
-    """A reconstruction method prepared for one log.
-
-    Attributes
-    ----------
-    step, concurrent : int
-        Number of slices in a block, and number of threads that may call the solver at once.
-    halo : int
-        Number of additional slices at either end of a block that help to solve the block.
-    """
+    """A method for one log, which solves blocks of `step` slices, and `halo` at either end, in `concurrent` threads."""
 
     step: int
     concurrent: int
@@ -140,13 +112,7 @@ class BlockSolver(Protocol):
         """Settings chosen once for the whole log; a solver created with the same settings solves blocks identically."""
 
     def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:
-        """Solve a block of line integrals (views, slices, detector); `first` is the number of the first slice.
-
-        Only the slices in `part` are returned; the neighbouring slices help to solve them.
-
-        Rows that a view lacks are NaN in every cell. Methods that can leave out rays ignore the missing rows; for other
-        methods the missing rows are interpolated in angle.
-        """
+        """Solve the slices `part` of a block (views, slices, detector) from slice `first` on; lacking rows are NaN."""
 
     def report(self, findings: BlockFindings) -> MethodReport:
         """Return the report of the findings in all blocks."""
@@ -167,20 +133,7 @@ def method_of(name: ReconstructionMethod, options: ReconstructionOptions) -> Met
 def solver_of(
     name: ReconstructionMethod, task: LogTask, recommended: Recommendation | None, settings: Settings | None = None
 ) -> BlockSolver:
-    """Create the solver of a method.
-
-    Parameters
-    ----------
-    recommended : Recommendation or None
-        The criterion by which `auto` chose the method.
-    settings : mapping, optional
-        Settings of an earlier solver of the same task; by default settings are chosen.
-
-    Raises
-    ------
-    sawmill_platform.contracts.attempts.JobFailure
-        One slice does not fit into the memory, or the slice from which parameters are chosen is empty.
-    """
+    """Create the solver of a method, with an earlier one's settings if given; refuse a slice too large or empty."""
     method, general = method_of(name, task.options), BlockFindings()
     if task.options.uncertainty:
         general.remark(NO_UNCERTAINTY)
@@ -256,9 +209,7 @@ class _FittedSolver:
     """Solver by a fitted method: one block after another, on a grid that holds the whole log, with air levelled to 0.
 
     A field far smaller than the log has its own fine grid, fitted to the residual of the larger pixels outside it.
-
-    Parameters that are not given are chosen from the middle slice and are the same along the log. An empty slice gives
-    an empty image, because parameters cannot be scaled to it.
+    Parameters that are not given are chosen from the middle slice for the whole log.
     """
 
     concurrent = 1

@@ -20,15 +20,7 @@ SETTINGS = "settings"
 
 @dataclass(frozen=True, eq=False)
 class FinishedBlock:
-    """Data for the report from a block whose slices are written.
-
-    Attributes
-    ----------
-    sample : (values,) float32
-        Sample of the block's values.
-    fewest_views : int
-        Smallest number of views of a slice in the block.
-    """
+    """Data for the report from a written block: sampled values, findings, and the fewest views of a slice."""
 
     sample: NDArray[np.float32]
     findings: BlockFindings

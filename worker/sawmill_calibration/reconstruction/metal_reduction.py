@@ -19,17 +19,9 @@ Images = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class WithoutMetal:
-    """A block whose rays through metal are interpolated, or less the metal.
+    """A block (slices, views, detector) whose rays through metal are interpolated, or less the metal.
 
-    Attributes
-    ----------
-    lines : (slices, views, detector) float32
-    metal : mapping of int to LogMetal
-        LogMetal by the slice's index in the block.
-    untreated : frozenset of int
-        Indices of the slices with so much metal that their rays are used as they are.
-    uncertainty : (slices, views, detector) float32, optional
-        Further standard deviation of rays through metal, infinite for rays to be left out; None if there are none.
+    Metal is by the slice's index; the uncertainty of rays through it is infinite for rays to be left out.
     """
 
     lines: Images
@@ -54,19 +46,7 @@ class WithoutMetal:
 
 
 class MetalReduction:
-    """Reduction of metal in the blocks of a log.
-
-    Parameters
-    ----------
-    radius_mm : float
-        Radius of the disc around the rotation centre that holds the log.
-    leave_out : bool
-        True if the method leaves out rays through metal rather than using interpolated rays.
-    weigh : bool
-        True if the method keeps rays through thin metal, less the metal, with a small weight.
-    enabled : bool
-        False returns every block unchanged.
-    """
+    """Reduction of metal in the blocks of a log: rays are interpolated, left out, or weighed where metal is thin."""
 
     def __init__(
         self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, weigh: bool, enabled: bool

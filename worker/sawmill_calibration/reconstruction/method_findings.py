@@ -17,17 +17,7 @@ from sawmill_vocabulary.image_messages import ImageMessage
 
 @dataclass
 class MetalCount:
-    """Count of metal in some slices.
-
-    Attributes
-    ----------
-    slices : int
-        Number of slices that show metal.
-    samples, all_samples : int
-        Number of line integrals of these slices through or next to metal, and number of all their line integrals.
-    untreated_slices : int
-        Number of further slices, with so much metal that their rays are used as they are.
-    """
+    """Number of slices with metal, of its line integrals and of all in them, and of slices used as they are."""
 
     slices: int = 0
     samples: int = 0
@@ -37,13 +27,7 @@ class MetalCount:
 
 @dataclass
 class CurvePoints:
-    """Data from which the parameters of a slice were chosen: columns, and the chosen parameters.
-
-    Attributes
-    ----------
-    slices_from_middle : int
-        Distance of the slice from the middle of the log.
-    """
+    """Data from which the parameters of a slice near the middle were chosen: columns, and the chosen parameters."""
 
     slices_from_middle: int
     columns: dict[str, list[float] | float]

@@ -79,18 +79,9 @@ MOST_WOOD = 2.5
 
 @dataclass(frozen=True)
 class ReconstructionInput:
-    """Input of a reconstruction: line integrals, read when they are needed, and the geometry of the scan.
+    """Line integrals (views, slices, detector), read by slice number, and the geometry; slices are row_step rows apart.
 
-    Attributes
-    ----------
-    read : callable
-        Returns (views, rows, detector) float32 of the slices start..stop; NaN in every cell of rows that a view lacks.
-    counts : bool
-        True if the line integrals were made from counts; the volume is then in 1/mm.
-    rows, row_step
-        The scan's rows, including the first and excluding the last; every row_step-th row is a slice.
-    beam : BeamCorrection
-        Scatter and hardening from the calibration that are still in the line integrals.
+    `beam` are the calibration's scatter and hardening that are still in the line integrals.
     """
 
     read: ReadRows

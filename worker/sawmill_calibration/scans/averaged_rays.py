@@ -12,30 +12,14 @@ from sawmill_vocabulary.reading_messages import PreparingMessage
 
 
 class AveragedRays:
-    """Rays of a scan that was sent as a mean over rows, block by block.
-
-    Parameters
-    ----------
-    averaged : AveragedRows
-        The mean as it was sent.
-    shape : tuple of int
-        (views, 1, detector).
-
-    Attributes
-    ----------
-    deviations : (views, detector) float32, or None
-        Standard deviations of the rays as they are used; 0 for rays without a known one, None if no ray has one.
-    """
+    """Rays of a scan (views, 1, detector) that was sent as a mean of rows; deviations are 0 where not known."""
 
     def __init__(self, averaged: AveragedRows, shape: tuple[int, int, int]) -> None:
         self._averaged, self._shape, self._masked, self._samples = averaged, shape, 0, 0
         self.deviations = None if averaged.deviations is None else averaged.deviations.copy()
 
     def bridge(self, samples: NDArray[np.float32], first_view: int) -> None:
-        """Interpolate masked rays, NaN among samples (views, 1, detector), in place.
-
-        No interpolated ray gets a smaller deviation than the measured rays of its view.
-        """
+        """Interpolate masked rays, NaN in (views, 1, detector), in place; their deviations are at least the median."""
         rays = samples[:, 0]
         masked = np.isnan(rays)
         self._samples += masked.size

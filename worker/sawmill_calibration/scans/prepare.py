@@ -36,18 +36,7 @@ LARGEST_DRIFT = 0.3
 
 @dataclass(frozen=True)
 class PreparedScan:
-    """Description of a prepared scan.
-
-    Attributes
-    ----------
-    shape : (views, rows, detector)
-    remarks : tuple of Reason
-        Steps that were applied to the data, including reading.
-    usable_rows : (first, one after the last) or None
-        The rows that enough views have; None if no view lacks rows.
-    views_left_out : tuple of int
-        Numbers of the views that are corrupt.
-    """
+    """Shape (views, rows, detector) of a prepared scan, the steps, rows that enough views have, and corrupt views."""
 
     shape: tuple[int, int, int]
     remarks: tuple[Reason, ...]
@@ -231,10 +220,7 @@ class _RowPreparation:
         return np.where(self._corrector.result().faulty, np.float32(0.0), self._exposure.air_level)
 
     def estimate(self, stack: Stack) -> None:
-        """Convert any rows (views, rows, detector) to line integrals in place, before their row numbers are known.
-
-        Faulty cells are also unknown at this time: each sample is replaced by the median of itself and its neighbours.
-        """
+        """Convert (views, rows, detector) in place while row numbers and faulty cells are unknown: medians of 3."""
         if self._exposure is not None:
             self._exposure.same_in_all_rows().to_line_integrals(stack)
         for image in stack:  # image by image, so that the temporary arrays fit into memory with a block

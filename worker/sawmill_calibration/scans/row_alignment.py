@@ -25,18 +25,7 @@ AIR_ROWS = 9
 
 @dataclass(frozen=True, eq=False)
 class AlignedRows:
-    """Shifts of the views, and the rows that exist afterwards.
-
-    Attributes
-    ----------
-    shifts : RowShifts
-    present : (views, rows) bool
-        The rows that each view has after the shift.
-    usable : (first, one after the last)
-        The rows that enough views have.
-    mixed : bool
-        True if a row holds samples of several detector rows after the shift.
-    """
+    """Shifts of the views, and rows (views, rows) and usable rows afterwards; mixed: of several detector rows."""
 
     shifts: RowShifts
     present: Rows
@@ -65,15 +54,7 @@ class AlignedRows:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Views (rows, cells) of a dataset, one after another; about `at_a_time` are read together.
-
-    Attributes
-    ----------
-    present : (views, rows) bool
-        The rows that each view has.
-    done : callable
-        Called with the number of samples of each block that was processed.
-    """
+    """Views (rows, cells) of a dataset, about `at_a_time` read together; `done` takes the number of samples."""
 
     data: h5py.Dataset
     present: Rows
@@ -122,19 +103,7 @@ def align_rows(
 
     Where rows were lost on their way from the detector, each sample is moved back to its detector row first, because
     flat fields, dead cells and air belong to detector rows. Where the log moved, or nothing is moved, the rows of the
-    file are the rows of the detector.
-
-    Parameters
-    ----------
-    estimate : callable
-        Converts samples (views, rows, cells) to line integrals in place, from which the shifts are found.
-    prepare : callable, optional
-        Prepares all rows of the file; None where there is nothing to prepare.
-
-    Raises
-    ------
-    RowsError
-        The views cannot be aligned.
+    file are the rows of the detector. `estimate` converts samples (views, rows, cells) in place to find the shifts.
     """
     shifts: RowShifts | None = None
     if not views.present.all():

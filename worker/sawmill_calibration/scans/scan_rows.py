@@ -223,13 +223,7 @@ def rows_of(
     averaged_rows: int | None = None,
     on_progress: ProgressCallback = unreported,
 ) -> ScanRows:
-    """Select rows A:B[:STEP] and a number of views of an open scan; all usable rows and views by default.
-
-    Raises
-    ------
-    InputError
-        The scan has no such rows, or fewer views.
-    """
+    """Select rows A:B[:STEP] and a number of views of an open scan, all usable ones by default; or refuse them."""
     all_views, all_rows, _ = scan.shape
     selected = range(all_rows)[chosen_rows(rows, all_rows, scan.usable_rows)]
     used = chosen_views(views, all_views, scan.views_left_out)

@@ -10,13 +10,7 @@ from sawmill_contracts.row_ranges import parse_rows
 
 
 def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None = None) -> slice:
-    """Parse the rows A:B or A:B:STEP, or select all usable rows; refuse rows that the scan does not have.
-
-    Parameters
-    ----------
-    usable : (first, one after the last), optional
-        The rows that enough views have; all by default.
-    """
+    """Parse rows A:B or A:B:STEP, or select all usable (first, after the last); refuse rows that the scan lacks."""
     first, last = usable or (0, available)
     if rows is None:
         return slice(first, last)
@@ -32,13 +26,7 @@ def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None
 
 
 def chosen_views(views: int | None, available: int, left_out: Sequence[int] = ()) -> NDArray[np.intp]:
-    """Return indices of every (usable / views)-th usable view, or of all of them; refuse more views than usable.
-
-    Parameters
-    ----------
-    left_out
-        Views that the preparation of the scan found to be corrupt.
-    """
+    """Return indices of every (usable / views)-th usable view, or of all of them; refuse more views than usable."""
     usable = np.setdiff1d(np.arange(available), left_out)
     if views is None:
         return usable

@@ -17,14 +17,7 @@ from sawmill_worker.commands.options import ExportTarget
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at the given views for a toolkit.
-
-    Raises
-    ------
-    JobFailure, UnreadableScan
-        The file holds no calibration, the number of angles differs from the number of views, or the detector has
-        modules, which none of the toolkits can state.
-    """
+    """Write a calibration's geometry at the given views for a toolkit; none of them knows a detector of modules."""
     result = read_calibration(calibration)
     if result.scanner.detector_modules:
         cells = ", ".join(str(module.first_cell) for module in result.scanner.detector_modules)

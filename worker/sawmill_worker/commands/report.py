@@ -15,13 +15,7 @@ PAGES = frozenset({".html", ".htm"})
 
 
 def write_report(path: Path, output: Path) -> bool:
-    """Write the report of the calibration in a file as one HTML page; return whether it has pictures of the scan.
-
-    Raises
-    ------
-    JobFailure
-        The file holds no calibration, the arrays are damaged or do not agree, or the time is beyond the calendar.
-    """
+    """Write the report of the calibration in a file as an HTML page; return whether it has pictures of the scan."""
     record = read_saved_calibration(path)
     about = About(
         calibration_id=_text(record.header, "id"),

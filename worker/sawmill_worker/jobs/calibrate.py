@@ -3,9 +3,8 @@
 from dataclasses import asdict, replace
 from typing import Any
 
-from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
+from sawmill_calibration.calibration.calibrate_scan import calibrate_scan, compared, geometry_of
 from sawmill_calibration.calibration.calibration_files import write_result
-from sawmill_calibration.calibration.compare import compared, geometry_of
 from sawmill_calibration.failures import refused
 from sawmill_calibration.reconstruction.reconstruct import volume_unit
 from sawmill_calibration.scans.scan_rows import ScanRows, rows_of

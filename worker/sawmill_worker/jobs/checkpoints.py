@@ -21,17 +21,10 @@ MOST_ANNOUNCED = 100
 
 
 class AttemptKeeper:
-    """A `Keeper` for one attempt.
+    """A `Keeper` for one attempt, whose progress depends on the `origin` (JSON) and the software.
 
-    A checkpoint that does not fit on the disk is left out, because a job can finish without checkpoints. The next
-    checkpoint is due after the usual pause, and the log has one line until a checkpoint fits again.
-
-    Parameters
-    ----------
-    origin : mapping
-        JSON-able values on which the progress depends. The software version is added.
-    still_to_write_bytes : int
-        Disk space that the attempt's results may need; checkpoints leave it free.
+    A checkpoint that does not fit on the disk, with the bytes that the results need, is left out: a job can finish
+    without. The next is due after the usual pause, and the log has one line until a checkpoint fits again.
     """
 
     def __init__(self, attempt: MillAttempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:

@@ -45,21 +45,11 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def _keeper(
-    attempt: MillAttempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked
-) -> AttemptKeeper:
-    slices = len(range(*reconstruction_input.rows, reconstruction_input.row_step))
-    origin = {
-        "input_sha256": reconstruction_input.input_sha256,
-        "options": options.model_dump(mode="json"),
-        "rows": (*reconstruction_input.rows, reconstruction_input.row_step),
-        "views": len(reconstruction_input.angles_rad),
-        "scanner": asdict(reconstruction_input.scanner),
-        "theta": asdict(reconstruction_input.theta),
-        "beam": asdict(reconstruction_input.beam),
-        "rotation": reconstruction_input.rotation,
-        "handedness": reconstruction_input.handedness,
-    }
+def _keeper(attempt: MillAttempt, source: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+    slices = len(range(*source.rows, source.row_step))
+    known = {name: value for name, value in vars(source).items() if name not in {"read", "angles_rad"}}
+    parts = {name: asdict(known[name]) for name in ("scanner", "theta", "beam")}
+    origin = {**known, **parts, "options": options.model_dump(mode="json"), "views": len(source.angles_rad)}
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 

@@ -64,13 +64,7 @@ def attempt(
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:
-    """Do the job.
-
-    Raises
-    ------
-    sawmill_platform.contracts.attempts.JobFailure
-        The input cannot be used; the sentence gives the reason. Any other exception is a defect of the product.
-    """
+    """Do the job; input that cannot be used is a `JobFailure`, any other exception a defect of the product."""
     with input_errors_translated():
         return _MODULES[attempt.job.kind].run(attempt)
 
@@ -89,12 +83,6 @@ def make_ready(attempt: MillAttempt) -> None:
 
 
 def needs_of(attempt: MillAttempt) -> Needs:
-    """Return the memory and the file size that the job may need.
-
-    Raises
-    ------
-    sawmill_platform.contracts.attempts.JobFailure
-        The scan, calibration or phantom of the job cannot be used.
-    """
+    """Return the memory and the file size that the job may need; a scan, calibration or phantom may be refused."""
     with input_errors_translated():
         return _MODULES[attempt.job.kind].needs(attempt)
