@@ -65,10 +65,13 @@ class CalibrationInput:
         return read if self.views is None else read[self.views]
 
     def of_rows(self, stack: NDArray[np.float32], rows: tuple[int, int]) -> "CalibrationInput":
-        """Replace the sinogram by the mean over rows of a stack (views, rows, detector) with the sinogram's views."""
-        mean = mean_of_rows(stack)
+        """Narrow the input, with a remark, to rows of its stack (views, rows, detector) with the sinogram's views."""
+        first, last = rows
+        remark = AdjustmentMessage.PHANTOM_ROWS(rows="{}:{}".format(*self.rows), used=f"{first}:{last}")
+        mean = mean_of_rows(stack[:, first - self.rows[0] : last - self.rows[0]])
         views = mean.views if self.views is None else self.views[mean.views]
-        return replace(self, sinogram=mean.sinogram, angles_rad=self.angles_rad[mean.views], rows=rows, views=views)
+        narrowed = replace(self, sinogram=mean.sinogram, angles_rad=self.angles_rad[mean.views], rows=rows, views=views)
+        return narrowed.with_remark(remark)
 
     def with_remark(self, remark: str) -> "CalibrationInput":
         """Add a remark."""
@@ -116,11 +119,9 @@ def _narrowed(
     kept = keeper.kept("rows")
     if kept is not None:
         first, last = kept["rows"].tolist()
-        return (
-            calibration_input
-            if (first, last) == calibration_input.rows
-            else _of_rows(calibration_input, calibration_input.of_views(stack), (first, last))
-        )
+        unchanged = (first, last) == calibration_input.rows
+        views = calibration_input.of_views(stack)
+        return calibration_input if unchanged else calibration_input.of_rows(views, (first, last))
     result = _in_phantom_rows(calibration_input, stack, options, on_progress)
     narrowed = calibration_input if result is None else result[0]
     if keeper.has_begun:
@@ -128,27 +129,12 @@ def _narrowed(
     return narrowed
 
 
-def _of_rows(
-    calibration_input: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
-) -> CalibrationInput:
-    """Narrow the input to some rows of a stack, and add a remark about the rows."""
-    first, last = rows
-    span = "{}:{}".format(*calibration_input.rows)
-    remark = AdjustmentMessage.PHANTOM_ROWS(rows=span, used=f"{first}:{last}")
-    narrowed = calibration_input.of_rows(
-        stack[:, first - calibration_input.rows[0] : last - calibration_input.rows[0]], rows
-    )
-    return narrowed.with_remark(remark)
-
-
 def _with_odd_rows(calibration_input: CalibrationInput, stack: NDArray[np.float32]) -> CalibrationInput:
     """Add a remark that names the rows of a stack which show another body than most rows do."""
     first, last = calibration_input.rows
-    odd = [str(first + row) for row in odd_rows(stack)]
-    if not odd:
-        return calibration_input
-    remark = AdjustmentMessage.ODD_ROWS(rows=f"{first}:{last}", odd=", ".join(odd))
-    return calibration_input.with_remark(remark)
+    odd = ", ".join(str(first + row) for row in odd_rows(stack))
+    remark = AdjustmentMessage.ODD_ROWS(rows=f"{first}:{last}", odd=odd)
+    return calibration_input.with_remark(remark) if odd else calibration_input
 
 
 def _in_phantom_rows(
@@ -165,20 +151,17 @@ def _in_phantom_rows(
     results: list[tuple[CalibrationInput, CalibrationOutcome]] = []
     for number, run in enumerate(runs, start=1):
         rows = (calibration_input.rows[0] + run.start, calibration_input.rows[0] + run.stop)
-        narrowed = _of_rows(calibration_input, stack, rows)
+        narrowed = calibration_input.of_rows(stack, rows)
         start, end = (ROWS_DONE * each / len(runs) for each in (number - 1, number))
         reporting = SearchProgress(on_progress, start, end, stage="rows")
         try:
-            results.append(
-                (narrowed, calibrate(_task(narrowed, options), seed=options.seed, on_step=reporting.on_step))
-            )
+            task = _task(narrowed, options)
+            results.append((narrowed, calibrate(task, seed=options.seed, on_step=reporting.on_step)))
         except CalibrationError:  # these rows show something else
             continue
         finally:
             on_progress(Progress(fraction=end, stage="rows"))
-    if not results:
-        return None
-    return min(results, key=lambda one: one[1].findings.fit.relative_residual)
+    return min(results, key=lambda one: one[1].findings.fit.relative_residual, default=None)
 
 
 def _as_published(

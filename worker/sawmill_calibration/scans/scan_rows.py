@@ -128,16 +128,9 @@ def _needs_no_preparing(source: ScanSource) -> bool:
     """Return whether no flag must be compared with the file or applied to it."""
     options = source.options
     of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows, options.axes)
-    beside = (*of_file, options.flats, options.darks)
-    bare = all(given is None for given in beside)
-    if not (
-        bare
-        and not options.transpose
-        and options.data is DataKind.LINE_INTEGRALS
-        and source.prepare == PrepareOptions()
-    ):
-        return False
-    if not is_own_scan(source.path):
+    bare = all(value is None for value in (*of_file, options.flats, options.darks)) and not options.transpose
+    unprepared = all(getattr(options, name) == field.default for name, field in PrepareOptions.model_fields.items())
+    if not (bare and unprepared and options.data is DataKind.LINE_INTEGRALS and is_own_scan(source.path)):
         return False
     with open_scan(source.path) as scan:
         return options.detector_pitch_mm in {None, scan.detector_pitch_mm}
@@ -171,7 +164,7 @@ def _prepared_rows(
             angles_deg=source.angles,
             detector_pitch_mm=source.options.detector_pitch_mm,
             row_pitch_mm=source.options.row_pitch_mm,
-            rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
+            rows_missing=source.options.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
             transpose=source.options.transpose,
             axes=source.options.axes,
@@ -189,7 +182,7 @@ def _prepared_rows(
                 )
             prepared = prepare_scan(
                 read,
-                source.prepare,
+                source.options,
                 path,
                 detector_pitch_mm=read.detector_pitch_mm,
                 report=_part_of(on_progress, 0.0, PREPARING_SHARE),

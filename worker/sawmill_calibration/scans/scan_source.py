@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.scans import UnregisteredScanOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AnglesGiven
@@ -20,11 +19,6 @@ class ScanSource:
     angles: AnglesGiven | None = None
     views: int | None = None
     rows: str | None = None
-
-    @property
-    def prepare(self) -> PrepareOptions:
-        """Preparation of the data on reading."""
-        return PrepareOptions(**{name: getattr(self.options, name) for name in PrepareOptions.model_fields})
 
 
 @contextmanager
