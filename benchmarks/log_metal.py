@@ -20,6 +20,7 @@ from nailed_logs import SCANNER, THETA, Nail, NailedLog, views_all_round
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_tomography.drift.change import DriftError
@@ -30,7 +31,6 @@ from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 
 FIELD_MM = 320.0
 # Diameter in mm, length in mm (0 across the slice), attenuation as a multiple of the wood's.

@@ -14,6 +14,11 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from whole_logs import Rows
 
+from sawmill_calibration.reconstruction.reconstruct import (
+    SLICES_AROUND,
+    ReconstructionInput,
+    reconstruct_in_memory,
+)
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_tomography.reconstruction.iterative.cross_validation import parabola_minimum
@@ -21,11 +26,6 @@ from sawmill_tomography.reconstruction.iterative.descent import Floats
 from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_vocabulary import Handedness, Rotation
-from sawmill_worker.use_cases.reconstruction.reconstruct import (
-    SLICES_AROUND,
-    ReconstructionInput,
-    reconstruct_in_memory,
-)
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)

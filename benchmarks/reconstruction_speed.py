@@ -28,6 +28,7 @@ from published_pipeline import PublishedObjective
 from scanners import SCANNER
 from scipy.optimize import nnls
 
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_formats.output.scan_reader import open_scan
@@ -44,7 +45,6 @@ from sawmill_tomography.reconstruction._fbp_numba import back_project_16
 from sawmill_tomography.reconstruction.fbp import Preparation, fbp
 from sawmill_tomography.reconstruction.stack import most_concurrent, reconstruct_stack
 from sawmill_vocabulary import FilterName, Handedness, Progress, ReconstructionMethod, Rotation
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500

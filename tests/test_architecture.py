@@ -226,7 +226,7 @@ def test_what_runs_idle_holds_no_library_that_only_work_needs(resting):
     assert not loaded & {"numpy", "scipy", "numba", "h5py", "PIL", "matplotlib", "alembic", "celery"}
     if "sawmill_service" in resting:
         assert "sawmill_service.app" in loaded
-        science = ("sawmill_tomography", "sawmill_formats.input", "sawmill_worker.jobs", "sawmill_worker.use_cases")
+        science = ("sawmill_tomography", "sawmill_formats.input", "sawmill_worker.jobs", "sawmill_calibration")
         assert not of(("numba", "scipy", "skimage", "matplotlib", *science), loaded)
 
 

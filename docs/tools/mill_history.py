@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command import examples
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -31,7 +32,6 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.physics import DetectorEffects, Physics
-from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from waiting_job import do_waiting_job

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import structlog
 
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command.seeding import examples_made
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.declared_kinds import asked_kinds
@@ -48,7 +49,6 @@ from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stack
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
-from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 SEED = 2206
 # The published scanner (arXiv 2206.14444) with another geometry.

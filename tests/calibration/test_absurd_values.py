@@ -10,17 +10,15 @@ from pydantic import TypeAdapter, ValidationError
 
 import sawmill_calibration
 from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, Theta
-from sawmill_calibration.input_errors import options_of
+from sawmill_calibration.calibration.calibrate import CalibrationInput, run_calibration
+from sawmill_calibration.calibration.plan import run_plan
+from sawmill_calibration.failures import input_errors_translated, options_of, read_json
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, run_calibration
-from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
-from sawmill_worker.use_cases.failures import input_errors_translated
-from sawmill_worker.use_cases.json_file import read_json
 
 SCANNER = Scanner(859.46, 32, 36.0)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
@@ -215,8 +213,9 @@ def outcomes_of(count, seed, answer):
 
 def test_a_plan_of_anything_is_an_answer_or_a_sentence():
     def plan(draw, drawing, scanner, theta):
-        given = PlanInput(drawing, scanner, theta, draw.choice([None, 1e-9, 150.0, 1e5]))
-        run_plan(given, PlanOptions(views=draw.choice([3, VIEWS]), noise=draw.choice([0.02, 1e-9, 1.0])))
+        radius_mm = draw.choice([None, 1e-9, 150.0, 1e5])
+        options = PlanOptions(views=draw.choice([3, VIEWS]), noise=draw.choice([0.02, 1e-9, 1.0]))
+        run_plan(drawing, scanner, theta, options, radius_mm)
 
     assert min(outcomes_of(400, 3, plan).values()) > 30
 

@@ -66,17 +66,8 @@ def stack(scans: Path) -> Path:
 @pytest.fixture(scope="session")
 def result_file(scans: Path, phantom_scan: Path) -> Path:
     """What `calibrate --json` printed of the phantom's scan."""
-    answer = invoke(
-        "calibrate",
-        phantom_scan,
-        "--data",
-        "line-integrals",
-        "--source-to-cor-mm",
-        859.46,
-        "--phantom",
-        "l-shape",
-        "--json",
-    )
+    flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
+    answer = invoke("calibrate", phantom_scan, *flags)
     (scans / "result.json").write_text(answer.stdout)
     return scans / "result.json"
 

@@ -25,21 +25,6 @@ def parts(scans, stack):
     return scans
 
 
-def reconstruct(run, path, output, *flags):
-    run("reconstruct", path, *GEOMETRY, "--data", "counts", "-o", output, *flags)
-    with h5py.File(output) as file:
-        return file["entry/data/data"][()], file["entry/process/input_sha256"][()]
-
-
-def test_flats_and_darks_beside_the_views_give_the_same_volume(run, parts, stack, tmp_path):
-    given = ("--flats", parts / "flats.npy", "--darks", parts / "darks.npy", "--angles-file", parts / "angles.txt")
-    volume, checksum = reconstruct(run, parts / "views.npy", tmp_path / "a.h5", *given, *PITCH)
-    expected, other_checksum = reconstruct(run, stack, tmp_path / "b.h5")
-    # The same numbers by the same way; the angles went through a text of 12 digits.
-    np.testing.assert_allclose(volume, expected, atol=1e-6 * np.abs(expected).max())
-    assert checksum != other_checksum
-
-
 def test_counts_without_flats_name_the_flag(failure, parts, tmp_path):
     given = (*GEOMETRY, "--data", "counts", "-o", tmp_path / "out.h5", "--angles-file", parts / "angles.txt")
     answer = failure("reconstruct", parts / "views.npy", *given, *PITCH)
@@ -66,12 +51,6 @@ def master(scans, stack):
         for name in ("definition", "instrument", "sample"):
             file[f"entry/{name}"] = h5py.ExternalLink(stack.name, f"/entry/{name}")
     return scans / "master.h5"
-
-
-def test_linked_data_give_the_same_volume(run, master, stack, tmp_path):
-    volume, _ = reconstruct(run, master, tmp_path / "a.h5", "--follow-links")
-    expected, _ = reconstruct(run, stack, tmp_path / "b.h5")
-    np.testing.assert_array_equal(volume, expected)
 
 
 def test_without_the_flag_the_refusal_names_it(failure, run, master, tmp_path):
@@ -103,19 +82,6 @@ def folder(parts):
         for index, image in enumerate(np.load(parts / f"{name}.npy")):
             tifffile.imwrite(parts / name / f"image-{index}.tif", image)
     return parts / "views"
-
-
-def test_a_folder_of_images_gives_the_same_volume(run, parts, folder, stack, tmp_path):
-    given = ("--flats", parts / "flats", "--darks", parts / "darks.npy", "--angles-file", parts / "angles.txt", *PITCH)
-    volume, checksum = reconstruct(run, folder, tmp_path / "a.h5", *given)
-    expected, _ = reconstruct(run, stack, tmp_path / "b.h5")
-    np.testing.assert_allclose(volume, expected, atol=1e-6 * np.abs(expected).max())
-    # Another flat field is another input.
-    flat = parts / "flats/image-3.tif"
-    image = tifffile.imread(flat)
-    tifffile.imwrite(flat, image + np.uint16(1))
-    assert reconstruct(run, folder, tmp_path / "c.h5", *given)[1] != checksum
-    tifffile.imwrite(flat, image)
 
 
 def test_inspect_a_folder(run, folder):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_calibration.scans import scan_rows
+from sawmill_calibration.scans.scan_rows import open_rows
+from sawmill_calibration.scans.scan_source import ScanSource
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_vocabulary import DataKind, Progress
 from sawmill_worker.commands.options import ScanOptions
-from sawmill_worker.use_cases.scans import scan_rows
-from sawmill_worker.use_cases.scans.scan_rows import open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749)
@@ -159,15 +159,6 @@ def test_damage_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path
     assert reported["code"] == "broken-file"
 
 
-def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
-    flags = ("--data", "counts", "--rows", "2:3", "--method", "fbp")
-    run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "theta.h5")
-    run("reconstruct", stack, *flags, "--calibration", result_file, "-o", tmp_path / "calibration.h5")
-    given, found = volume(tmp_path / "theta.h5"), volume(tmp_path / "calibration.h5")
-    assert relative_error(given, found) < 0.05
-    assert relative_error(given[0], log_truth) < 0.25
-
-
 def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_path):
     """The scan has 90 views: from fewer, FBP with the right geometry misses as much as with a wrong one."""
     scan, cells = tmp_path / "log.h5", ("--detector-pixels", 256, "--views", 90)
@@ -181,14 +172,6 @@ def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_pa
     assert "Check the geometry" in wrong.stderr
     fitted = run("reconstruct", scan, *flags, "--theta", THETA[1], "--method", "tikhonov", "--size", 64)
     assert "times the noise" in fitted.stderr
-
-
-def test_a_theta_that_is_off_gives_a_worse_image(run, stack, log_truth, tmp_path):
-    flags = ("--data", "counts", "--rows", "2:3", "--source-to-cor-mm", 859.46, "--method", "fbp")
-    run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "right.h5")
-    run("reconstruct", stack, *flags, "--theta", "2.55,720,340,20,0.281", "-o", tmp_path / "wrong.h5")
-    right, wrong = (relative_error(volume(tmp_path / f"{name}.h5")[0], log_truth) for name in ("right", "wrong"))
-    assert wrong > 1.3 * right
 
 
 def test_the_sense_of_rotation_comes_with_theta(run, phantom_scan, tmp_path):
@@ -265,20 +248,7 @@ def test_another_scanners_calibration_is_refused(failure, result_file, tmp_path)
     flags = ("--data", "line-integrals", "--angles-deg", "3:6", "--calibration", result_file)
     reported = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
     assert reported["code"] == "contradiction"
-    assert "256 cells" in reported["detail"]
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"state": "failed"}', '{"state": "succeeded"}', "\udcff"])
-def test_a_result_that_is_none_is_refused(failure, stack, tmp_path, text):
-    (tmp_path / "result.json").write_text(text, errors="surrogateescape")
-    flags = ("--data", "counts", "--calibration", tmp_path / "result.json", "-o", tmp_path / "out.h5")
-    assert failure("reconstruct", stack, *flags)["code"] == "calibration"
-
-
-def test_a_partial_turn_is_refused(failure, bare_scan, tmp_path):
-    flags = ("--data", "line-integrals", "--angles-deg", "0:3", "--detector-pitch-mm", 4.508593749, *THETA)
-    reported = failure("reconstruct", bare_scan, *flags, "--method", "fbp", "-o", tmp_path / "out.h5")
-    assert reported["code"] == "geometry"
+    assert "num_detector_pixels 256 and the scan has 300" in reported["detail"]
 
 
 def test_a_field_past_the_source_is_refused(failure, stack, tmp_path):

@@ -23,20 +23,6 @@ def test_result_h5_alone_is_enough_to_reconstruct(run, stack, result_file, resul
     assert np.array_equal(volume(tmp_path / "json.h5"), volume(tmp_path / "hdf5.h5"))
 
 
-def test_result_h5_alone_is_enough_to_export(run, result_file, result_hdf5, tmp_path):
-    flags = ("--to", "astra", "--views", 12, "--angles-deg", "15:30")
-    run("export", *flags, "--calibration", result_file, "-o", tmp_path / "json.txt")
-    run("export", *flags, "--calibration", result_hdf5, "-o", tmp_path / "hdf5.txt")
-    assert (tmp_path / "json.txt").read_text() == (tmp_path / "hdf5.txt").read_text()
-
-
-def test_the_scanner_of_result_h5_must_be_the_scan_s(failure, stack, result_hdf5, tmp_path):
-    flags = ("--data", "counts", "--calibration", result_hdf5, "-o", tmp_path / "out.h5")
-    reported = failure("reconstruct", stack, *flags, "--source-to-cor-mm", 860)
-    assert reported["code"] == "contradiction"
-    assert "859.46" in reported["detail"]
-
-
 def as_picture(path, _result):
     Image.new("L", (32, 32), 128).save(path, format="PNG")
 

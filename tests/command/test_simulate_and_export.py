@@ -49,20 +49,9 @@ def test_handedness_rotation_and_position_are_taken(run, tmp_path):
 
 
 def test_noise_and_background_are_seeded(run, tmp_path):
+    flags = (*EXACT, "--noise", 0.02, "--background", 3, "--seed", 4)
     for name in ("first", "second"):
-        run(
-            "simulate",
-            "l-shape",
-            *EXACT,
-            "--noise",
-            0.02,
-            "--background",
-            3,
-            "--seed",
-            4,
-            "-o",
-            tmp_path / f"{name}.h5",
-        )
+        run("simulate", "l-shape", *flags, "-o", tmp_path / f"{name}.h5")
     first, second = (frames(tmp_path / f"{name}.h5")[:, 0] for name in ("first", "second"))
     clean = expected(turn(12))
     assert np.array_equal(first, second)
@@ -110,18 +99,8 @@ def test_wrong_use_is_refused(wrong_use, tmp_path, body, flags, complaint):
 
 
 def test_an_impossible_geometry_is_refused(run, tmp_path):
-    result = run(
-        "simulate",
-        "l-shape",
-        "--theta",
-        "0,700,0,0,10",
-        *SMALL,
-        "--data",
-        "line-integrals",
-        "-o",
-        tmp_path / "x.h5",
-        code=1,
-    )
+    flags = ("--theta", "0,700,0,0,10", *SMALL, "--data", "line-integrals", "-o", tmp_path / "x.h5")
+    result = run("simulate", "l-shape", *flags, code=1)
     assert result.stderr.startswith("geometry: ")
 
 
@@ -140,18 +119,9 @@ def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
 def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path):
     known = json.loads(result_file.read_text())
     (tmp_path / "reversed.json").write_text(json.dumps({**known, "rotation": "reversed"}))
-    flags = ("--to", "astra", "--views", 3)
-    run(
-        "export",
-        *flags,
-        "--calibration",
-        tmp_path / "reversed.json",
-        "--angles-deg",
-        "-10:-20",
-        "-o",
-        tmp_path / "a.txt",
-    )
-    run("export", *flags, "--calibration", result_file, "--angles-deg", "10:20", "-o", tmp_path / "b.txt")
+    for name, path, angles in (("a", tmp_path / "reversed.json", "-10:-20"), ("b", result_file, "10:20")):
+        flags = ("--to", "astra", "--views", 3, "--angles-deg", angles, "-o", tmp_path / f"{name}.txt")
+        run("export", "--calibration", path, *flags)
     assert np.allclose(np.loadtxt(tmp_path / "a.txt"), np.loadtxt(tmp_path / "b.txt"))
 
 

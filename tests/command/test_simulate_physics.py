@@ -39,17 +39,8 @@ def physics_file(tmp_path):
 def test_counts_show_what_the_file_names(run, tmp_path, physics_file):
     """Nothing until the slip in the middle; then 20 mm, some eight cells, at the shadow's edges. Twelve bits."""
     for name, content in (("still", {"detector": {"bits": 12}}), ("slipped", SLIPPED)):
-        run(
-            "simulate",
-            "l-shape",
-            "--physics",
-            physics_file(content),
-            *SMALL,
-            "-o",
-            tmp_path / f"{name}.h5",
-            "--rows",
-            2,
-        )
+        flags = ("--physics", physics_file(content), *SMALL, "--rows", 2)
+        run("simulate", "l-shape", *flags, "-o", tmp_path / f"{name}.h5")
     still, slipped = (frames(tmp_path / f"{name}.h5").astype(float) for name in ("still", "slipped"))
     assert still.shape == slipped.shape == (12, 2, 256)
     assert np.array_equal(still[:6], slipped[:6])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from live_service import SCANNER, Offline, Service, serving
 
+from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.projection.simulate import simulate_stack
-from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
 VIEWS, PHANTOM_ROWS, LOG_ROWS, ROW_PITCH_MM = 180, 2, 2, 3.0

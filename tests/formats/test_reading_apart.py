@@ -14,12 +14,12 @@ from damaged_files import endless
 from system_calls import at_call, refusing
 
 from sawmill_calibration import read_scan
+from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.hdf5.listing import hdf5_parts
 from sawmill_formats.input.reading import reading_bounds
 from sawmill_formats.reading_apart import read_apart
-from sawmill_worker.use_cases.calibration.result_file import read_calibration
-from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
 
 LIMIT_S = 1.5  # a process that starts takes a third of it
 

@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import select, update
 from structlog.testing import capture_logs
 
+from sawmill_calibration.drift_checks.chart import follow
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.history import HistoryKind
@@ -18,7 +19,6 @@ from sawmill_mill.alarms import alarm_sentence
 from sawmill_store.drift_charts import DriftCharts, _counted
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
-from sawmill_worker.use_cases.drift.chart import follow
 
 COLUMN, TILT = -209.1, -0.083
 DEVIATIONS = np.array([0.05, 0.002])

@@ -16,7 +16,7 @@ DATA_BYTES = 2 * 2**30
 PROCESSOR_SECONDS = 20
 HANGS_AFTER_S = 300.0
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.scans.inspect", "sawmill_tomography.phantoms.tracing"])
+CONTEXT.set_forkserver_preload(["sawmill_calibration.scans.inspect", "sawmill_tomography.phantoms.tracing"])
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def _read(path, counts, dataset):
 
 
 def _inspect(path, counts, dataset):
+    from sawmill_calibration.scans.inspect import InspectionInput, inspect_file  # noqa: PLC0415
     from sawmill_vocabulary import DataKind  # noqa: PLC0415
-    from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file  # noqa: PLC0415
 
     data = DataKind.COUNTS if counts else DataKind.LINE_INTEGRALS
     return inspect_file(InspectionInput(path, data, dataset)).verdict.value

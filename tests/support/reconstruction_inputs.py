@@ -1,8 +1,8 @@
 """The input of a reconstruction, of line integrals in memory."""
 
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_vocabulary import Handedness, Rotation
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput
 
 
 def reconstruction_input(stack, fan, *, first_row=0, counts=False):

@@ -1,4 +1,4 @@
-"""The public names for Python users and notebooks; docs/look-up/python.md shows them at work.
+"""The library: what jobs, commands and Python users do with a scan. docs/look-up/python.md shows the public names.
 
 Each name is imported when it is first used, so that importing the package takes no time.
 """
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
         read_calibration,
         reconstruct,
     )
-    from sawmill_calibration.input_errors import InputError
-    from sawmill_calibration.scans import Scan, read_scan
+    from sawmill_calibration.failures import InputError
+    from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
     from sawmill_tomography.geometry.geometry import FanBeamGeometry
     from sawmill_tomography.phantoms.phantom import Phantom
@@ -50,8 +50,8 @@ _MODULES = {
         *("Calibration", "Drift", "Reconstruction"),
         *("calibrate", "drift", "read_calibration", "reconstruct"),
     ),
-    "sawmill_calibration.input_errors": ("InputError",),
-    "sawmill_calibration.scans": ("Scan", "read_scan"),
+    "sawmill_calibration.failures": ("InputError",),
+    "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),

@@ -1,9 +1,8 @@
-"""Calibration, reconstruction and drift checks: the use cases of the command line on scans in memory."""
+"""Calibration, reconstruction and drift checks of scans in memory, for Python users and notebooks."""
 
 import json
-import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,10 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.html import html_of
-from sawmill_calibration.input_errors import InputError, input_errors, options_of
-from sawmill_calibration.phantoms import drawing_of
-from sawmill_calibration.scans import Scan, bare_scanner, unreported
+from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
+from sawmill_calibration.calibration.result_file import read_calibration as read_result
+from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
+from sawmill_calibration.drift_checks.drift_check import check_drift
+from sawmill_calibration.failures import InputError, input_errors_translated, options_of
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
+from sawmill_calibration.notebook_html import html_of
+from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
+from sawmill_calibration.scans.scan_rows import ScanRows, unreported
 from sawmill_contracts.calibrations import (
     CalibrationFile,
     CalibrationLimits,
@@ -28,17 +34,8 @@ from sawmill_contracts.reconstructions import ReconstructionOptions, Reconstruct
 from sawmill_mill.next_step import step_alone
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.sinograms.present_rows import mean_of_rows
-from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
+from sawmill_vocabulary import ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration.result_file import read_calibration as read_result
-from sawmill_worker.use_cases.drift.baselines import baselines_of, read_answers
-from sawmill_worker.use_cases.drift.drift_check import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift.given_geometry import GivenGeometry
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_worker.use_cases.scans.prepare import repeated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -262,8 +259,7 @@ def read_calibration(path: str | Path) -> Calibration:
     ValueError
         `InputError`: the file holds no calibration.
     """
-    with input_errors():
-        return Calibration(read_result(Path(path)))
+    return Calibration(read_result(Path(path)))
 
 
 def calibrate(
@@ -312,32 +308,12 @@ def calibrate(
             "log_radius_mm": log_radius_mm,
         },
     )
-    scan = scan.select(rows=chosen.rows, views=chosen.views)
-    mean = mean_of_rows(scan.line_integrals)
-    job_input = CalibrationInput(
-        sinogram=mean.sinogram,
-        angles_rad=scan.angles_rad[mean.views],
-        rows=scan.rows,
-        scanner=scan.constants,
-        bounds=None,
-        drawing=drawing_of(phantom, phantom_width_mm),
-        input_sha256=scan.sha256,
-        limits=limits,
-        from_counts=scan.from_counts,
-        views=mean.views,
-        remarks=repeated(scan.remarks),
-        saturated_share=scan.saturated_share,
-    )
-    stack = scan.line_integrals
-    with input_errors():
-        job_input, outcome = run_calibration(job_input, chosen, on_progress, stack=stack, rows_named=scan.rows_chosen)
-
-    def arrays() -> CalibrationArrays:
-        from sawmill_worker.use_cases.calibration.calibration_files import report_arrays  # noqa: PLC0415 - as a command
-
-        return report_arrays(outcome, job_input, stack, scan.rows)
-
-    return Calibration(calibration_result(outcome, job_input), arrays)
+    if chosen.log_rows is not None:
+        chosen = chosen.model_copy(update={"log_rows": rows_in_file(scan, chosen.log_rows)})
+    with input_errors_translated():
+        rows = rows_of_memory(scan, rows=chosen.rows, views=chosen.views, on_progress=on_progress)
+        made = calibrate_scan(rows, drawing_of(phantom, phantom_width_mm), chosen, limits)
+    return Calibration(made.result(), made.arrays)
 
 
 def reconstruct(
@@ -369,31 +345,11 @@ def reconstruct(
         `InputError` or `GeometryError`: an option is wrong, or the geometry is not the scan's.
     """
     chosen = options_of(ReconstructionOptions, options)
-    scan = scan.select(rows=chosen.rows, views=chosen.views)
-    if isinstance(geometry, Calibration):
-        _check_same_scanner(scan, geometry)
-        theta, handedness, rotation = geometry.result.theta, geometry.result.handedness, geometry.rotation
-        beam, modules = geometry.result.beam, geometry.result.scanner.detector_modules
-    else:
-        theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
-        beam, modules = NOTHING_FOUND, scan.constants.detector_modules
-    job_input = ReconstructionInput(
-        read=lambda start, stop: scan.line_integrals[:, start:stop],
-        angles_rad=scan.angles_rad,
-        rows=scan.rows,
-        scanner=replace(scan.constants, detector_modules=modules),
-        theta=theta,
-        rotation=Rotation(rotation),
-        handedness=handedness,
-        input_sha256=scan.sha256,
-        counts=scan.from_counts,
-        preparation=scan.remarks,
-        row_step=scan.row_step,
-        beam=beam,
-    )
-    with input_errors():
-        reconstructed = reconstruct_in_memory(job_input, chosen, on_progress)
-    return Reconstruction(reconstructed.data, reconstructed.result, chosen.field_centre_mm)
+    with input_errors_translated():
+        rows = rows_of_memory(scan, rows=chosen.rows, views=chosen.views)
+        source = ReconstructionInput.of(rows, _geometry(rows, geometry, rotation))
+        volume, result = reconstruct_in_memory(source, chosen, on_progress)
+    return Reconstruction(volume, result, chosen.field_centre_mm)
 
 
 def drift(
@@ -428,30 +384,14 @@ def drift(
         `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is not
         usable for a baseline.
     """
-    compared_with: CalibrationResult | GivenGeometry
-    if isinstance(calibration, Calibration):
-        _check_same_scanner(scan, calibration)
-        compared_with = calibration.result
-    else:
-        compared_with = GivenGeometry(scan.constants, options_of(GivenTheta, vars(calibration)), Rotation(rotation))
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
-    with input_errors():
-        baselines = baselines_of(_named_answers(baseline), compared_with, scan.sha256) if baseline else ()
-        mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
-    job_input = DriftInput(
-        mean=mean,
-        angles_rad=scan.angles_rad,
-        rows=scan.rows,
-        calibration=compared_with,
-        input_sha256=scan.sha256,
-        tolerance_mm=tolerance_mm,
-        averaged_rows=scan.averaged_rows,
-        preparation=scan.remarks,
-        baselines=baselines,
-    )
-    with input_errors():
-        return Drift(run_drift(job_input).ended(datetime.now(UTC)))
+    with input_errors_translated():
+        rows = rows_of_memory(scan)
+        known = _geometry(rows, calibration, rotation)
+        baselines = baselines_of(_named_answers(baseline), known, scan.sha256) if baseline else ()
+        result = check_drift(rows, known, tolerance_mm=tolerance_mm, baselines=baselines)
+    return Drift(result.ended(datetime.now(UTC)))
 
 
 def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str, DriftResult]]:
@@ -462,14 +402,9 @@ def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str,
             yield from read_answers([Path(answer)])
 
 
-def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
-    """Refuse a calibration of another scanner."""
-    for name in ("source_to_cor_mm", "num_detector_pixels", "detector_pitch_mm"):
-        calibrated = getattr(calibration.scanner, name)
-        of_scan = getattr(scan.scanner, name)
-        if not math.isclose(of_scan, calibrated, rel_tol=1e-6):
-            raise InputError(
-                "contradiction",
-                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {of_scan:.9g}: "
-                "use the calibration of the same scanner",
-            )
+def _geometry(rows: ScanRows, geometry: Calibration | Theta, rotation: Rotation | str) -> KnownGeometry:
+    """Return the result of a calibration of the same scanner, or a theta with the sense of rotation."""
+    if not isinstance(geometry, Calibration):
+        return GivenGeometry(rows.scanner, options_of(GivenTheta, vars(geometry)), Rotation(rotation))
+    check_same_scanner(geometry.result.scanner, rows.scanner)
+    return geometry.result

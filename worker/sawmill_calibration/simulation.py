@@ -1,5 +1,6 @@
-"""Simulated scans in memory, exact and seeded: line integrals, or counts with a mill's physics."""
+"""Simulated scans, exact and seeded, in memory or as a file: line integrals, or counts with a mill's physics."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -7,19 +8,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_calibration.input_errors import InputError, input_errors, options_of
-from sawmill_calibration.phantoms import drawing_of
-from sawmill_calibration.scans import Scan, read_scan
+from sawmill_calibration.conversion import to_phantom
+from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json
+from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.scans.scan import Scan, read_scan
+from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.simulating import SimulationOptions
 from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection.simulate import simulate_rows, simulate_stack
+from sawmill_tomography.projection.simulate import UNEQUAL_CELLS, SimulatedStack, simulate_rows, simulate_stack
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
 from sawmill_vocabulary.physics import Physics
-from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.use_cases.scans.simulation import read_physics, write_simulated_scan
 
 
 def simulate_phantom_scan(
@@ -79,16 +81,19 @@ def simulate_phantom_scan(
         The phantom, the geometry or the physics is impossible.
     """
     _check(rows=rows, noise=noise, background=background, photons=photons, seed=seed)
-    drawn = to_phantom(drawing_of(phantom))
-    seen = drawn if Handedness(handedness) is Handedness.AS_DRAWN else drawn.mirrored()
-    slices = [seen.moved(*position_mm)] * rows
-    angles = _angles_rad(views, angles_deg)
-    if physics is None:
-        return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, None)
-    if noise or background:
+    wood = physics is not None
+    if wood and (noise or background):
         raise InputError("options", "give physics, or noise and background, not both: counts have their own noise")
+    slices = phantom_slices(drawing_of(phantom), rows, Handedness(handedness), position_mm, as_wood=wood)
+    angles = _angles_rad(views, angles_deg)
     geometry = FanBeamGeometry(scanner, theta, Rotation(rotation).apply(angles))
-    return _counted(slices, geometry, angles, _physics(physics), photons, seed)
+    if physics is None:
+        return _scan_of(slices, geometry, angles, noise, background, seed, None)
+    effects = read_physics(Path(physics)) if isinstance(physics, str | Path) else options_of(Physics, physics)
+    with input_errors_translated(), TemporaryDirectory(prefix="sawmill-") as folder:
+        path = Path(folder) / "scan.h5"
+        write_counts(path, slices, geometry, angles, effects, photons=photons, seed=seed, row_pitch_mm=None)
+        return read_scan(path, data=DataKind.COUNTS, source_to_cor_mm=scanner.source_to_cor_mm)
 
 
 def simulate_log_scan(
@@ -137,7 +142,8 @@ def simulate_log_scan(
     _check(rows=rows, noise=noise, background=background, seed=seed)
     slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)
     angles = _angles_rad(views, angles_deg)
-    return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, row_pitch_mm)
+    geometry = FanBeamGeometry(scanner, theta, Rotation(rotation).apply(angles))
+    return _scan_of(slices, geometry, angles, noise, background, seed, row_pitch_mm)
 
 
 def _check(**numbers: float) -> None:
@@ -157,41 +163,91 @@ def _angles_rad(views: int | None, angles_deg: ArrayLike | None) -> FloatArray:
 
 def _scan_of(
     slices: list[Phantom],
-    scanner: Scanner,
-    theta: Theta,
+    geometry: FanBeamGeometry,
     angles_rad: FloatArray,
-    rotation: Rotation,
     noise: float,
     background: float,
     seed: int,
     row_pitch_mm: float | None,
 ) -> Scan:
-    geometry = FanBeamGeometry(scanner, theta, rotation.apply(angles_rad))
     stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
-    return Scan.from_arrays(stack, angles_rad, scanner, row_pitch_mm=row_pitch_mm)
+    return Scan.from_arrays(stack, angles_rad, geometry.scanner, row_pitch_mm=row_pitch_mm)
 
 
-def _physics(physics: Physics | Mapping[str, object] | str | Path) -> Physics:
-    if isinstance(physics, str | Path):
-        with input_errors():
-            return read_physics(Path(physics))
-    return options_of(Physics, physics)
+def phantom_slices(
+    drawing: PhantomDrawing, rows: int, handedness: Handedness, position_mm: tuple[float, float], *, as_wood: bool
+) -> list[Phantom]:
+    """Return the same phantom for each row; with `as_wood` it attenuates like sapwood, else by its drawn densities."""
+    drawn = to_phantom(drawing)
+    seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
+    moved = seen.moved(*position_mm)
+    return [moved.of_density(SAPWOOD_PER_MM) if as_wood else moved] * rows
 
 
-def _counted(
+def read_physics(path: Path) -> Physics:
+    """Read physical effects from a JSON file, whose fields docs/do/simulate.md lists; refuse any other file."""
+    return read_json(path, Physics, code="physics", otherwise="no file of physics")
+
+
+def write_counts(
+    path: Path,
     slices: list[Phantom],
     geometry: FanBeamGeometry,
     angles_rad: FloatArray,
-    physics: Physics,
+    physics: Physics | None = None,
+    *,
     photons: float,
     seed: int,
-) -> Scan:
-    """Simulate a scan of wood through a file of counts, which is read as a scanner's is."""
-    wood = [body.of_density(SAPWOOD_PER_MM) for body in slices]
-    with input_errors(), TemporaryDirectory(prefix="sawmill-") as folder:
-        stack = simulate_stack(wood, geometry, physics, photons=photons, seed=seed)
-        path = Path(folder) / "scan.h5"
-        write_simulated_scan(
-            path, stack, angles_rad, detector_pitch_mm=geometry.scanner.detector_pitch_mm, row_pitch_mm=None
-        )
-        return read_scan(path, data=DataKind.COUNTS, source_to_cor_mm=geometry.scanner.source_to_cor_mm)
+    row_pitch_mm: float | None,
+) -> None:
+    """Simulate counts with flat and dark fields, one cross-section (1/mm) per row, into an NXtomo file.
+
+    The scanner counts angles_rad (views,), the geometry has the angles as they are.
+    """
+    stack = simulate_stack(slices, geometry, physics or UNEQUAL_CELLS, photons=photons, seed=seed)
+    pitch_mm = geometry.scanner.detector_pitch_mm
+    write_simulated_scan(path, stack, angles_rad, detector_pitch_mm=pitch_mm, row_pitch_mm=row_pitch_mm)
+
+
+def write_line_integrals(
+    path: Path,
+    slices: list[Phantom],
+    geometry: FanBeamGeometry,
+    angles_rad: FloatArray,
+    *,
+    noise: float,
+    background: float,
+    seed: int,
+    row_pitch_mm: float | None,
+) -> None:
+    """Simulate line integrals, one cross-section per row, into a file, for angles_rad as in `write_counts`."""
+    theta = json.dumps(vars(geometry.theta), separators=(",", ":"))
+    write_scan(
+        path,
+        line_integrals=simulate_rows(slices, geometry, noise=noise, background=background, seed=seed),
+        angles_rad=angles_rad,
+        detector_pitch_mm=geometry.scanner.detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+        air_level=None,
+        provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta},
+    )
+
+
+def write_simulated_scan(
+    path: Path,
+    stack: SimulatedStack,
+    angles_rad: FloatArray,
+    *,
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+) -> None:
+    """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
+    write_raw_scan(
+        path,
+        counts=stack.counts,
+        flats=stack.flats,
+        darks=stack.darks,
+        angles_rad=angles_rad,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+    )

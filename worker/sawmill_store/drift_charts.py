@@ -1,8 +1,8 @@
 """Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of the ends.
 
-The science computes a chart (`use_cases/drift/chart.py`) by a function that the caller passes. A chart has the first
-drift checks since its activation, as many as its row says, and continues with the next checks. Checks that wait for
-their chart are marked in their own rows. The chart is computed between two transactions: nobody waits for that.
+The caller passes the function that computes a chart (`sawmill_calibration/drift_checks/chart.py`). A chart has the
+first drift checks since its activation, as many as its row says, and continues with the next checks. Checks that wait
+for their chart are marked in their own rows. The chart is computed between two transactions: nobody waits for that.
 """
 
 import math

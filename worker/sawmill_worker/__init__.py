@@ -1,1 +1,1 @@
-"""Use cases, kinds of jobs, commands and pictures: what a mill does with scans."""
+"""Kinds of jobs, commands and pictures: what a mill does with scans."""

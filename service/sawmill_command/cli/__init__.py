@@ -1,7 +1,7 @@
 """Commands that need no server, from inspect and calibrate to export and worker: one module per command.
 
-The modules hold flags and output. Flags come from the contracts (`commands/from_contract.py`). The work of a command is
-in `sawmill_worker.commands`, which the command imports when it runs.
+The modules hold flags and output. Flags come from the contracts (`commands/from_contract.py`). A command calls
+`sawmill_calibration`, as a job does, and imports it when it runs.
 """
 
 COMMANDS = {

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.calibrations import CalibrationFile, CalibrationLimits, CalibrationOptions
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
-from sawmill_worker.commands.phantom_options import PhantomSource, PhantomText, PhantomWidth
+from sawmill_worker.commands.phantom_options import PhantomText, PhantomWidth, check_width
 from sawmill_worker.commands.terminal import answering, print_json, showing_progress
 
 app = typer.Typer()
@@ -44,22 +44,22 @@ def calibrate(
         [flag, *_] = options.paper.model_fields_set
         raise typer.BadParameter(f"--paper-{flag.replace('_', '-')} comes with --method paper.")
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
-    drawn = PhantomSource(phantom, phantom_width_mm)
+    check_width(phantom, phantom_width_mm)
+    limits = CalibrationLimits(scale_tolerance_percent=tolerance_scale_percent, log_radius_mm=log_radius_mm)
     with answering(as_json=as_json), showing_progress("calibrate") as progress:
         with importing():
-            from sawmill_contracts.calibrations import CalibrationFile
-            from sawmill_worker.commands.calibrate import calibrate_scan
+            from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
+            from sawmill_calibration.phantom_drawings import drawing_of
+            from sawmill_calibration.scans.scan_rows import open_rows
 
-        result = calibrate_scan(
-            source,
-            drawn,
-            options,
-            source_to_cor_mm=source_to_cor_mm,
-            scale_tolerance_percent=tolerance_scale_percent,
-            log_radius_mm=log_radius_mm,
-            picture=report,
-            on_progress=progress,
-        )
+        drawing = drawing_of(phantom, phantom_width_mm)
+        with open_rows(source, source_to_cor_mm=source_to_cor_mm, on_progress=progress) as rows:
+            made = calibrate_scan(rows, drawing, options, limits)
+            result = made.result()
+            if report is not None:
+                from sawmill_worker.commands.report import write_report_of_scan
+
+                write_report_of_scan(report, result, made.arrays(), scan.name, drawing)
     if as_json:
         print_json(CalibrationFile.of(result).model_dump(mode="json"))
     else:

@@ -1,6 +1,7 @@
 """`sawmill drift`: flags and output."""
 # ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -60,9 +61,13 @@ def drift(
     source = shared.scan_source(scan, reading, views=views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         with importing():
-            from sawmill_worker.commands.drift import check_drift
+            from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
+            from sawmill_calibration.drift_checks.drift_check import check_drift
+            from sawmill_worker.commands.calibrated_scan import open_with_geometry
 
-        result = check_drift(source, geometry, baseline=baseline or (), tolerance_mm=tolerance_mm, on_progress=progress)
+        with open_with_geometry(source, geometry, on_progress=progress) as (rows, known):
+            baselines = baselines_of(read_answers(baseline), known, rows.sha256) if baseline else ()
+            result = check_drift(rows, known, tolerance_mm=tolerance_mm, baselines=baselines).ended(datetime.now(UTC))
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:

@@ -33,7 +33,7 @@ def inspect(
     """Say what is in a file, what of it would be read as a scan, and what is missing."""
     angles = shared.given_angles(angles_deg, angles_file)
     with answering(as_json=as_json):
-        from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
+        from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 
         result = inspect_file(
             InspectionInput(

@@ -14,8 +14,8 @@ from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
 from sawmill_worker.commands.geometry_options import ThetaFlag
 from sawmill_worker.commands.phantom_options import (
-    PhantomSource,
     PhantomWidth,
+    check_width,
     existing_phantom,
     existing_phantoms,
     phantom_names,
@@ -56,16 +56,19 @@ def plan(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Predict how well phantoms will calibrate a scanner, before they are made."""
-    drawn = [PhantomSource(text, phantom_width_mm) for text in phantoms]
+    for text in phantoms:
+        check_width(text, phantom_width_mm)
     with wrong_use():
         options = [
             PlanOptions(views=count, noise=noise, size_tolerance_percent=size_tolerance_percent)
             for count in views or (20, 360)
         ]
     with answering(as_json=as_json):
-        from sawmill_worker.commands.phantom import plan_phantoms
+        from sawmill_calibration.calibration.plan import run_plan
+        from sawmill_calibration.phantom_drawings import drawing_of
 
-        plans = plan_phantoms(drawn, options, scanner=scanner, theta=theta, log_radius_mm=log_radius_mm)
+        drawings = [drawing_of(text, phantom_width_mm) for text in phantoms]
+        plans = [run_plan(each, scanner, theta, option, log_radius_mm) for each in drawings for option in options]
     if as_json:
         print_json({"state": "succeeded", "plans": [each.model_dump(mode="json") for each in plans]})
     else:
@@ -92,9 +95,10 @@ def draw(
     phantom_width_mm: PhantomWidth = None,
 ) -> None:
     """Draw a phantom as SVG in mm, to print at full size."""
-    drawn = PhantomSource(phantom, phantom_width_mm)
+    check_width(phantom, phantom_width_mm)
     with answering():
-        from sawmill_worker.commands.phantom import draw_phantom
+        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
-        draw_phantom(drawn, output)
+        output.write_text(phantom_svg(drawing_of(phantom, phantom_width_mm)), encoding="utf-8")
     say(f"{phantom}, to be printed at 100 %: {output}")

@@ -80,16 +80,13 @@ def reconstruct(
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("reconstruct") as progress:
         with importing():
-            from sawmill_worker.commands.reconstruct import reconstruct_scan
+            from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+            from sawmill_worker.commands.calibrated_scan import open_with_geometry
+            from sawmill_worker.commands.reconstruct import draw_volume
 
-        result = reconstruct_scan(
-            source,
-            geometry,
-            options,
-            output=output,
-            pictures=shared.Pictures(png, mosaic, side, alpha_curve),
-            on_progress=progress,
-        )
+        with open_with_geometry(source, geometry, on_progress=progress, beside=output) as (rows, known):
+            result = run_reconstruction(ReconstructionInput.of(rows, known), options, output, rows.on_progress)
+        draw_volume(output, result, scan.name, middle=png, mosaic=mosaic, side=side, alpha_curve=alpha_curve)
     if as_json:
         print_json({"state": "succeeded", "output": str(output), **result.model_dump(mode="json")})
     slices, width, _ = result.shape

@@ -15,11 +15,11 @@ from sawmill_worker.commands.from_contract import Flags, from_contracts, option
 from sawmill_worker.commands.geometry_options import Position, ThetaFlag, position_of
 from sawmill_worker.commands.phantom_options import (
     PhantomShape,
-    PhantomSource,
     PhantomText,
     PhantomWidth,
     body_names,
     body_or_phantom,
+    check_width,
 )
 from sawmill_worker.commands.terminal import answering, say
 
@@ -79,28 +79,29 @@ def simulate(
         raise typer.BadParameter(f"--phantom-rows {phantom_rows} leaves no row for the log: give more --rows.")
     if physics is not None and data is not DataKind.COUNTS:
         raise typer.BadParameter("--physics makes counts: leave --data line-integrals out.")
-    drawn = PhantomSource(phantom if body in set(PhantomShape) else body, phantom_width_mm)
+    drawn = phantom if body in set(PhantomShape) else body
+    check_width(drawn, phantom_width_mm)
     with answering():
+        import numpy as np
+
+        from sawmill_calibration import simulation
+        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_tomography.geometry.geometry import FanBeamGeometry
         from sawmill_tomography.phantoms.log_model import log_slices
-        from sawmill_worker.commands.simulate import phantom_slices, simulate_scan
 
         wood = 0 if body == PhantomShape.LOG else phantom_rows if body == PhantomShape.LOG_WITH_PHANTOM else rows
         as_wood = data is DataKind.COUNTS or body == PhantomShape.LOG_WITH_PHANTOM
-        slices = phantom_slices(drawn, wood, handedness=handedness, position=position_mm or Position(), as_wood=as_wood)
-        slices += log_slices(rows, row_pitch_mm=scanner.row_pitch_mm or 0.0, seed=seed)[wood:]
-        simulate_scan(
-            output,
-            slices,
-            data=data,
-            scanner=scanner,
-            theta=theta,
-            rotation=rotation,
-            angles=angles,
-            views=views,
-            noise=noise,
-            background=background,
-            photons=photons,
-            seed=seed,
-            physics=physics,
-        )
+        place, pitch = position_mm or Position(), scanner.row_pitch_mm
+        drawing = drawing_of(drawn, phantom_width_mm)
+        slices = simulation.phantom_slices(drawing, wood, handedness, (place.x, place.y), as_wood=as_wood)
+        slices += log_slices(rows, row_pitch_mm=pitch or 0.0, seed=seed)[wood:]
+        angles_rad = np.deg2rad(angles.expand(views))
+        body_seen = output, slices, FanBeamGeometry(scanner, theta, rotation.apply(angles_rad)), angles_rad
+        if data is DataKind.LINE_INTEGRALS:
+            simulation.write_line_integrals(
+                *body_seen, noise=noise, background=background, seed=seed, row_pitch_mm=pitch
+            )
+        else:
+            effects = None if physics is None else simulation.read_physics(physics)
+            simulation.write_counts(*body_seen, effects, photons=photons, seed=seed, row_pitch_mm=pitch)
     say(f"{views} views, {rows} row(s), {scanner.num_detector_pixels} cells: {output}")

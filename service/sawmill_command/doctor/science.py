@@ -5,10 +5,10 @@ import pkgutil
 from collections.abc import Iterator
 
 import sawmill_tomography as tomography
+from sawmill_calibration.capacity import memory_available
 from sawmill_command.doctor.findings import DoctorFinding, State
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_tomography.kernel_cache import holds_all
-from sawmill_worker.use_cases.capacity import memory_available
 
 
 def science() -> Iterator[DoctorFinding]:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import scipy.io
 
+from sawmill_calibration.scans.averaged_rays import AveragedRays
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.averaged import AveragedRows
 from sawmill_formats.input.reading import reading_scan
-from sawmill_worker.use_cases.scans.averaged_rays import AveragedRays
 
 VIEWS, CELLS = 9, 64
 # Chords of a disc in the middle of the detector.

@@ -8,6 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sawmill_calibration.drift_checks.baselines import (
+    baselines_of,
+    read_answers,
+)
+from sawmill_calibration.drift_checks.drift_check import check_drift
+from sawmill_calibration.scans.scan import Scan, rows_of_memory
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drift_baselines import KnownBaseline
@@ -22,15 +28,6 @@ from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases.drift.baselines import (
-    baselines_of,
-    read_answers,
-)
-from sawmill_worker.use_cases.drift.drift_check import (
-    CommonMean,
-    DriftInput,
-    run_drift,
-)
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))
@@ -59,15 +56,9 @@ def known(calibration):
 
 @pytest.fixture
 def look(known, turn):
-    def at(sinogram, **changes):
-        given = DriftInput(
-            mean=CommonMean(sinogram),
-            angles_rad=turn(len(sinogram)),
-            rows=(0, 1),
-            calibration=known,
-            input_sha256="0" * 64,
-        )
-        return run_drift(replace(given, **changes))
+    def at(sinogram, angles_rad=None, **limits):
+        angles = turn(len(sinogram)) if angles_rad is None else angles_rad
+        return check_drift(rows_of_memory(Scan.from_arrays(sinogram, angles, MILL)), known, **limits)
 
     return at
 
@@ -284,7 +275,7 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     scanner = store.scanners.get("line-2")
     wider = replace(scanner.constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
-    with pytest.raises(JobFailure, match=r"384 cells of 3 mm and the scan of 384 of 3\.1 mm") as failure:
+    with pytest.raises(JobFailure, match=r"with detector_pitch_mm 3 and the scan has 3\.1") as failure:
         run(replace(looking, given=store.jobs.handed_over(looking.job.id)))
     assert failure.value.code == "contradiction"
 
@@ -328,7 +319,7 @@ def answers(disturbed, tmp_path):
     """What checks of three logs after the calibration printed."""
     paths = [tmp_path / f"{seed}.json" for seed in range(3)]
     for seed, path in enumerate(paths):
-        result = disturbed(seed, input_sha256=f"{seed:064}")
+        result = disturbed(seed).model_copy(update={"input_sha256": f"{seed:064}"})
         path.write_text(json.dumps({"state": "succeeded"} | result.model_dump(mode="json")))
     return paths
 

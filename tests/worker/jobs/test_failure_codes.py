@@ -3,10 +3,10 @@
 import ast
 from pathlib import Path
 
+from sawmill_calibration.scans.inspect import NO_SCAN
 from sawmill_contracts.failure_codes import CODES, OTHER, counted_as
 from sawmill_contracts.kinds import Reference
 from sawmill_platform.errors import DamagedResult, StorageFull, StorageUnavailable
-from sawmill_worker.use_cases.scans.inspect import NO_SCAN
 
 WORKER = Path(__file__).parents[3] / "worker"
 ROOMS = (
@@ -16,7 +16,7 @@ ROOMS = (
     "sawmill_formats",
     "sawmill_tomography",
     "sawmill_worker/jobs",
-    "sawmill_worker/use_cases",
+    "sawmill_calibration",
 )
 # Where the code stands among the arguments.
 RAISED = {"refused": 0, "UnreadableScan": 0, "CalibrationError": 0, "DriftError": 0, "JobFailure": 1}

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from sawmill_calibration import read_scan
+from sawmill_calibration.conversion import to_phantom
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -30,7 +31,6 @@ from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.jobs.calibrate import declared_modules, known_modules
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
-from sawmill_worker.use_cases.conversion import to_phantom
 
 pytestmark = pytest.mark.slow
 

@@ -12,6 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
+from sawmill_calibration.scans import prepare as preparing
+from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts import job_kinds
 from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.scans import ScanSpec
@@ -28,8 +30,6 @@ from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.reading_messages import PreparingMessage
 from sawmill_worker.jobs.running import run
-from sawmill_worker.use_cases.scans import prepare as preparing
-from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 VIEWS, ROWS = 36, 44
 LOST = 6
@@ -333,7 +333,7 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
         from sawmill_contracts.preparing import PrepareOptions
         from sawmill_formats.input.canonical import CanonicalScan
         from sawmill_formats.input.contents import Projections
-        from sawmill_worker.use_cases.scans.prepare import prepare_scan
+        from sawmill_calibration.scans.prepare import prepare_scan
 
         def largest():
             return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024

@@ -29,10 +29,10 @@ _FILTERED_BYTES = 2**17
 # A remark needs this number of views, this share of the data and this multiple of the noise. From as many views and
 # with the right geometry, filter and pixels leave at most 9 % of the data (phantoms and logs, frequency scaling from
 # 0.05, 16 to 2048 pixels), and noise is amplified to at most 3.7 times itself. Rays that are off by 8 mm leave 13 to
-# 17 %. From 20 views a right and a wrong geometry leave the same (tests/worker/use_cases/test_methods.py).
+# 17 %. From 20 views a right and a wrong geometry leave the same (tests/calibration/test_methods.py).
 REMARK_VIEWS, REMARK_SHARE, REMARK_NOISE = 90, 0.1, 4.0
 # Shifts of the views explain more than a third of such a misfit where u_c is wrong or the object moved, and at most
-# 0.02 where hardening, scatter or blur alone are the cause (tests/worker/use_cases/test_misfit.py).
+# 0.02 where hardening, scatter or blur alone are the cause (tests/calibration/test_misfit.py).
 DISPLACED = 0.1
 
 

@@ -21,14 +21,14 @@ LEAST_SHARE = 0.002
 # Cells over which a line integral is averaged to estimate its noise.
 SMOOTHED = 9
 # Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta like a measuring tape's give 3 and more
-# (tests/tomography/test_cauchy_map.py, tests/worker/use_cases/test_methods.py).
+# (tests/tomography/test_cauchy_map.py, tests/calibration/test_methods.py).
 MISFIT_OF_A_GOOD_FIT = 2.0
 # Shifts of the views explain more than half of the residual beyond noise where the geometry is wrong or the object
 # moved, and less than a third where hardening, scatter or blur alone are the cause
-# (tests/worker/use_cases/test_misfit.py).
+# (tests/calibration/test_misfit.py).
 DISPLACED = 0.4
 # Views are to blame where this share of them holds most of the residual's power, each with this multiple of the median
-# view's (tests/worker/use_cases/test_misfit.py).
+# view's (tests/calibration/test_misfit.py).
 FEW_VIEWS, ALL_OVER = 0.1, 4.0
 
 

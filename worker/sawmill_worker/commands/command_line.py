@@ -17,13 +17,7 @@ class OneOf:
     what: str
 
     def missing(self, flags: Sequence[str], given: Mapping[str, Any]) -> list[str]:
-        """Return what to write if no flag of the group is given.
-
-        Raises
-        ------
-        typer.BadParameter
-            More than one flag is given.
-        """
+        """Return what to write if no flag of the group is given; more than one is wrong use."""
         number = sum(name in given for name in self.names)
         if number > 1:
             raise typer.BadParameter(f"give {self.what} as {' or '.join(flags)}: one of them, not both.")

@@ -15,13 +15,7 @@ from sawmill_worker.software import code_folders
 
 
 def compile_kernels(on_progress: ProgressCallback, parts: Collection[str] = PARTS.keys()) -> None:
-    """Compile parts of the science that are not cached yet, in a separate process per part and one process per core.
-
-    Raises
-    ------
-    subprocess.CalledProcessError
-        A part cannot be compiled; the process has printed the reason.
-    """
+    """Compile parts of the science that are not cached yet, one process per part and core at a time."""
     on_progress(Progress(fraction=0.0, stage=", ".join(parts)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         compiled = {pool.submit(_compile, part): part for part in parts}
@@ -35,11 +29,7 @@ def compile_kernels(on_progress: ProgressCallback, parts: Collection[str] = PART
 
 
 def compile_bytecode(folders: Iterable[str]) -> None:
-    """Compile the byte code of all modules in folders, where it is missing and the folder can be written.
-
-    An editable installation has no byte code of this product, and PYTHONDONTWRITEBYTECODE prevents a start from
-    writing byte code.
-    """
+    """Compile the byte code of all modules in folders, which an editable installation does not have."""
     for folder in folders:
         compileall.compile_dir(folder, quiet=2)
 

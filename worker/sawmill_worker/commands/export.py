@@ -7,24 +7,17 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.failures import refused
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.output.rtk_xml import rtk_xml
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
-from sawmill_worker.use_cases.calibration.result_file import read_calibration
-from sawmill_worker.use_cases.failures import refused
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at the given views for a toolkit.
-
-    Raises
-    ------
-    JobFailure, UnreadableScan
-        The file holds no calibration, the number of angles differs from the number of views, or the detector has
-        modules, which none of the toolkits can state.
-    """
+    """Write a calibration's geometry at the given views for a toolkit; none of them knows a detector of modules."""
     result = read_calibration(calibration)
     if result.scanner.detector_modules:
         cells = ", ".join(str(module.first_cell) for module in result.scanner.detector_modules)

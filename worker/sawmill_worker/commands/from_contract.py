@@ -24,11 +24,7 @@ OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "l
 
 
 class Flags:
-    """Additions of a command to the fields of a contract, by the field's name.
-
-    Additions to a field are arguments of `typer.Option`, `flag` (another name on the command line) and `default`
-    (another default). None leaves the field out.
-    """
+    """Additions of a command to a contract's fields: arguments of `typer.Option`, `flag`, `default`; None: no flag."""
 
     def __init__(self, **fields: Mapping[str, Any] | None) -> None:
         self._fields = fields
@@ -63,11 +59,7 @@ def option(model: ContractType, name: str, *, flag: str | None = None, **changes
 
 
 def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn the contract parameters of a command into one Typer flag per field.
-
-    The contracts are built from the flags that were given, so that the defaults of the contract apply, and are passed
-    to the command after validation. A value that a contract refuses is wrong use.
-    """
+    """Turn the contract parameters of a command into one Typer flag per field; what a contract refuses is wrong use."""
     groups: dict[str, _Group] = {}
     parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
     for name, parameter in inspect.signature(command, eval_str=True).parameters.items():

@@ -1,7 +1,6 @@
 """Flags that several commands share, and checks of their use before any file is read."""
 # ruff: noqa: PLC0415 - imports inside functions, so that a command's help need not load the readers of files
 
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +13,8 @@ from sawmill_contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.commands.from_contract import Flags, option
 
 if TYPE_CHECKING:
+    from sawmill_calibration.scans.scan_source import ScanSource
     from sawmill_formats.input.angles import AnglesGiven
-    from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 # Flags of the scanner's constants, with the published scanner (arXiv 2206.14444) as the default.
 PUBLISHED_SCANNER = {
@@ -43,19 +42,9 @@ class ScanOptions(UnregisteredScanOptions):
 
 def scan_source(path: Path, options: ScanOptions, *, views: int | None, rows: str | None) -> "ScanSource":
     """Return the scan of a file and its flags."""
-    from sawmill_worker.use_cases.scans.scan_source import ScanSource
+    from sawmill_calibration.scans.scan_source import ScanSource
 
     return ScanSource(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Paths of the pictures of a volume: middle slice, slices along the log, side view, and the curve of alpha."""
-
-    middle: Path | None
-    mosaic: Path | None
-    side: Path | None
-    alpha_curve: Path | None
 
 
 def given_angles(angles_deg: str | None, angles_file: Path | None) -> "AnglesGiven | None":

@@ -1,6 +1,5 @@
 """Flags of a phantom, and checks of their use."""
 
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -19,36 +18,15 @@ class PhantomShape(StrEnum):
     LOG_WITH_PHANTOM = "log-with-phantom"
 
 
-@dataclass(frozen=True)
-class PhantomSource:
-    """A phantom given by the name of a built-in phantom or by its file, and the width of a picture."""
-
-    text: str
-    width_mm: float | None
-
-    def __post_init__(self) -> None:
-        """Refuse a picture without a width, and a width without a picture."""
-        if self.is_built_in and self.width_mm is not None:
-            raise typer.BadParameter("--phantom-width-mm is for a picture; a built-in phantom has its size.")
-        if self.is_drawing and self.width_mm is not None:
-            raise typer.BadParameter("--phantom-width-mm is for a picture; a drawing is in mm already.")
-        if not (self.is_built_in or self.is_drawing) and self.width_mm is None:
-            raise typer.BadParameter("a phantom's picture needs its width: give --phantom-width-mm.")
-
-    @property
-    def path(self) -> Path:
-        """Path of the file."""
-        return Path(self.text)
-
-    @property
-    def is_built_in(self) -> bool:
-        """True if the phantom is built in."""
-        return self.text in BUILT_IN_OUTLINES
-
-    @property
-    def is_drawing(self) -> bool:
-        """True if the file is JSON."""
-        return not self.is_built_in and self.path.suffix.lower() == ".json"
+def check_width(phantom: str, width_mm: float | None) -> None:
+    """Refuse a picture without a width, and a width without a picture."""
+    if phantom in BUILT_IN_OUTLINES and width_mm is not None:
+        raise typer.BadParameter("--phantom-width-mm is for a picture; a built-in phantom has its size.")
+    is_drawing = Path(phantom).suffix.lower() == ".json"
+    if is_drawing and width_mm is not None:
+        raise typer.BadParameter("--phantom-width-mm is for a picture; a drawing is in mm already.")
+    if not (phantom in BUILT_IN_OUTLINES or is_drawing) and width_mm is None:
+        raise typer.BadParameter("a phantom's picture needs its width: give --phantom-width-mm.")
 
 
 def existing_phantom(text: str) -> str:

@@ -1,48 +1,29 @@
-"""`sawmill reconstruct`: volume from a scan's file and a geometry."""
+"""Pictures of a volume that `sawmill reconstruct` wrote."""
 # ruff: noqa: PLC0415 - drawing is imported only if a picture is requested
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
-from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_calibration.failures import refused
+from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_formats.errors import NotStored
-from sawmill_vocabulary import Handedness, ProgressCallback, Rotation, Theta
-from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
-from sawmill_worker.commands.calibrated_scan import open_with_calibration
-from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
-from sawmill_worker.commands.options import Pictures
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scans.scan_rows import ScanRows, open_rows
-from sawmill_worker.use_cases.scans.scan_source import ScanSource
 
 MOSAIC_SLICES = 16
 
 
-def reconstruct_scan(
-    scan: ScanSource,
-    geometry: ThetaSource | CalibrationSource,
-    options: ReconstructionOptions,
+def draw_volume(
+    volume: Path,
+    result: ReconstructionResult,
+    name: str,
     *,
-    output: Path,
-    pictures: Pictures,
-    on_progress: ProgressCallback,
-) -> ReconstructionResult:
-    """Read, reconstruct each row into the volume, and draw the requested pictures."""
-    with _open(scan, geometry, output, on_progress) as (used, reconstruction_input):
-        result = run_reconstruction(reconstruction_input, options, output, used.on_progress)
-    drawings = (
-        (pictures.middle, _middle),
-        (pictures.mosaic, _mosaic),
-        (pictures.side, _side),
-        (pictures.alpha_curve, _curve),
-    )
-    for path, draw in drawings:
+    middle: Path | None,
+    mosaic: Path | None,
+    side: Path | None,
+    alpha_curve: Path | None,
+) -> None:
+    """Draw the middle slice, slices along the log, a side view and the curve of alpha, where a path is given."""
+    for path, draw in ((middle, _middle), (mosaic, _mosaic), (side, _side), (alpha_curve, _curve)):
         if path is not None:
-            path.write_bytes(draw(output, result, scan.path.name))
-    return result
+            path.write_bytes(draw(volume, result, name))
 
 
 def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
@@ -82,36 +63,3 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
     except NotStored as missing:
         raise refused(missing.code, f"the volume was written, but {missing}") from missing
     return alpha_curve_png(**columns)
-
-
-@contextmanager
-def _open(
-    scan: ScanSource, geometry: ThetaSource | CalibrationSource, output: Path, on_progress: ProgressCallback
-) -> Iterator[tuple[ScanRows, ReconstructionInput]]:
-    if isinstance(geometry, ThetaSource):
-        r_s = geometry.source_to_cor_mm
-        with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=output) as used:
-            yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN, NOTHING_FOUND)
-        return
-    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (calibration, used):
-        like = replace(used, scanner=replace(used.scanner, detector_modules=calibration.scanner.detector_modules))
-        yield used, _input(like, calibration.theta, calibration.rotation, calibration.handedness, calibration.beam)
-
-
-def _input(
-    used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness, beam: BeamCorrection
-) -> ReconstructionInput:
-    return ReconstructionInput(
-        read=used.read,
-        angles_rad=used.angles_rad,
-        rows=used.rows,
-        scanner=used.scanner,
-        theta=theta,
-        rotation=rotation,
-        handedness=handedness,
-        input_sha256=used.sha256,
-        counts=used.counts,
-        preparation=used.remarks,
-        row_step=used.row_step,
-        beam=beam,
-    )

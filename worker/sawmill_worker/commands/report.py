@@ -1,24 +1,21 @@
-"""`sawmill report`: printable page from a calibration's file."""
+"""Reports of calibrations: a printable page, or one picture."""
 
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from sawmill_calibration.calibration.result_file import read_saved_calibration
+from sawmill_calibration.failures import refused
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.report_page import About, report_html
-from sawmill_worker.use_cases.calibration.result_file import read_saved_calibration
-from sawmill_worker.use_cases.failures import refused
+
+PAGES = frozenset({".html", ".htm"})
 
 
 def write_report(path: Path, output: Path) -> bool:
-    """Write the report of the calibration in a file as one HTML page; return whether it has pictures of the scan.
-
-    Raises
-    ------
-    JobFailure
-        The file holds no calibration, the arrays are damaged or do not agree, or the time is beyond the calendar.
-    """
+    """Write the report of the calibration in a file as an HTML page; return whether it has pictures of the scan."""
     record = read_saved_calibration(path)
     about = About(
         calibration_id=_text(record.header, "id"),
@@ -29,6 +26,19 @@ def write_report(path: Path, output: Path) -> bool:
     )
     output.write_text(_drawn(path, record.result, about, record.arrays), encoding="utf-8")
     return record.arrays is not None
+
+
+def write_report_of_scan(
+    output: Path, result: CalibrationResult, arrays: CalibrationArrays, scan_name: str, phantom: PhantomDrawing
+) -> None:
+    """Write the report of a scan: a printable page if the name ends in `.html`, otherwise a single picture."""
+    if output.suffix.lower() in PAGES:
+        about = About(made_at=datetime.now().astimezone(), scan_name=scan_name, phantom=phantom, origin=scan_name)
+        output.write_text(report_html(result, about, arrays), encoding="utf-8")
+        return
+    from sawmill_worker.pictures.calibration_report import report_png  # noqa: PLC0415 - matplotlib is slow to import
+
+    output.write_bytes(report_png(result, arrays))
 
 
 def _local(path: Path, time: datetime) -> datetime:

@@ -38,9 +38,9 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
     The object names the kind of a defect, and a defect keeps its traceback. SIGTERM ends the work as Ctrl-C does:
     half-written files are removed, and the exit code is 143.
     """
+    from sawmill_calibration.failures import input_errors_translated
     from sawmill_platform.contracts.attempts import JobFailure
     from sawmill_platform.contracts.jobs import Failure, FailureKind
-    from sawmill_worker.use_cases.failures import input_errors_translated
 
     try:
         with ending_when_terminated(), input_errors_translated():

@@ -1,70 +1,57 @@
 """The job that calibrates a scanner with one scan."""
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sawmill_contracts.calibrations import (
-    CalibrationLimits,
-    CalibrationOptions,
-    CalibrationSucceeded,
-    CalibrationUnfinished,
-)
+from sawmill_calibration.calibration.calibrate_scan import calibrate_scan, compared, geometry_of
+from sawmill_calibration.calibration.calibration_files import write_result
+from sawmill_calibration.failures import refused
+from sawmill_calibration.reconstruction.reconstruct import volume_unit
+from sawmill_calibration.scans.scan_rows import ScanRows, rows_of
+from sawmill_contracts.calibrations import CalibrationLimits, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
-from sawmill_formats.output.scan_reader import read_stored_scan
+from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_platform.attempts.work import Needs
-from sawmill_tomography.sinograms.present_rows import mean_of_rows
 from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import of_averaged_rows
-from sawmill_worker.use_cases.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.calibration.calibration_files import calibration_arrays, write_result
-from sawmill_worker.use_cases.calibration.compare import compared, geometry_of
-from sawmill_worker.use_cases.calibration.log_comparison import find_log_row, log_images
-from sawmill_worker.use_cases.calibration.second_witness import with_second_witness, witness_of
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.reconstruct import volume_unit
-from sawmill_worker.use_cases.scans.prepare import Stack, repeated
-from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:
     """Write result.h5, from which the pictures are drawn, and return the full result."""
-    request, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
+    request, scanner, scan = attempt.asked(CalibrationUnfinished), attempt.scanner, usable_scan(attempt)
     options = request.options.model_copy(
         update={
             "handedness": request.options.handedness or scanner.handedness,
             "rotation": request.options.rotation or scanner.rotation,
         }
     )
-    scan = usable_scan(attempt)
+    active = attempt.given.active if isinstance(attempt.given.active, CalibrationSucceeded) else None
     attempt.report_stage(0.0, "read")
-    calibration_input, stack, rows_named = _load(attempt, scan, options)
-    keeper = _keeper(attempt, calibration_input, options)
-    calibration_input, calibration = run_calibration(
-        calibration_input, options, attempt.report, stack=stack, rows_named=rows_named, keeper=keeper
-    )
-    usable = scan.usable_rows or (0, shape_of(scan).rows)
-    attempt.report_stage(0.96, "log")
-    read = _row_reader(attempt, scan, options)
-    calibration_input, calibration = with_second_witness(
-        calibration, calibration_input, row_range=options.log_rows, rows=usable, read=read
-    )
-    active = _active(attempt)
-    comparison = None if active is None else compared(active, calibration.geometry, scanner)
-    attempt.report_stage(0.97, "result")
-    log = find_log_row(calibration_input, usable, read)
-    before = None if active is None else geometry_of(active)
-    images = None if log is None else log_images(log, calibration_input, calibration.geometry, before)
-    result = calibration_result(calibration, calibration_input, comparison, witness_of(calibration, calibration_input))
-    kept = calibration_arrays(calibration, calibration_input, images)
-    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=calibration_input.from_counts))
+    with open_scan(attempt.file) as stored:
+        rows = stored_rows(attempt, stored, options.rows or scan.phantom_rows, options.views)
+        calibrated = None if active is None else active.scanner
+        modules = known_modules(scanner.constants, stored.detector_modules, calibrated)
+        rows = replace(rows, scanner=replace(scanner.constants, detector_modules=modules))
+        drawing = drawing_of(attempt)
+        origin = {
+            "input_sha256": scan.sha256,
+            "options": options.model_dump(mode="json"),
+            "rows": rows.rows,
+            "scanner": asdict(rows.scanner),
+            "bounds": None if scanner.bounds is None else asdict(scanner.bounds),
+            "phantom": drawing.model_dump(mode="json"),
+        }
+        limits = CalibrationLimits.of(scanner.tolerances, scanner.log_radius_mm)
+        keeper = AttemptKeeper(attempt, origin)
+        made = calibrate_scan(rows, drawing, options, limits, bounds=scanner.bounds, keeper=keeper)
+        attempt.report_stage(0.97, "result")
+        result = made.result(None if active is None else compared(active, made.outcome.geometry, scanner))
+        arrays = made.arrays(None if active is None else geometry_of(active))
+    write_result(attempt.output, result, arrays, log_unit=volume_unit(counts=rows.counts))
     return result.model_dump(mode="json")
 
 
@@ -110,44 +97,20 @@ def drawing_of(attempt: MillAttempt) -> PhantomDrawing:
     return phantom.drawing
 
 
-def _load(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack, bool]:
-    """Load the input, the stack of its rows, and whether somebody named the rows that show the phantom."""
-    shape, scanner = shape_of(scan), attempt.scanner
-    rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
-    views = chosen_views(options.views, shape.views, scan.views_left_out)
-    stored = read_stored_scan(attempt.file, rows, views)
-    mean = mean_of_rows(stored.line_integrals)
-    active = _active(attempt)
-    calibrated = None if active is None else active.scanner
-    modules = known_modules(scanner.constants, stored.detector_modules, calibrated)
-    calibration_input = CalibrationInput(
-        sinogram=mean.sinogram,
-        angles_rad=stored.angles_rad[mean.views],
-        rows=(rows.start, rows.stop),
-        scanner=replace(scanner.constants, detector_modules=modules),
-        bounds=scanner.bounds,
-        drawing=drawing_of(attempt),
-        input_sha256=scan.sha256,
-        limits=CalibrationLimits.of(scanner.tolerances, scanner.log_radius_mm),
-        from_counts=scan.data is DataKind.COUNTS,
-        views=mean.views,
-        remarks=repeated(scan.reasons),
-        saturated_share=stored.saturated_share,
+def stored_rows(attempt: MillAttempt, stored: OpenScan, rows: str | None, views: int | None) -> ScanRows:
+    """Select rows and views of the attempt's scan; the scanner has the modules that somebody declared."""
+    scan, constants = usable_scan(attempt), attempt.scanner.constants
+    return rows_of(
+        stored,
+        replace(constants, detector_modules=declared_modules(constants, stored.detector_modules)),
+        rows=rows,
+        views=views,
+        counts=scan.data is DataKind.COUNTS,
+        sha256=scan.sha256,
+        remarks=scan.reasons,
+        averaged_rows=scan.averaged_rows,
+        on_progress=attempt.report,
     )
-    named = options.rows is not None or scan.phantom_rows is not None
-    return calibration_input, stored.line_integrals, named
-
-
-def _keeper(attempt: MillAttempt, calibration_input: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
-    origin = {
-        "input_sha256": calibration_input.input_sha256,
-        "options": options.model_dump(mode="json"),
-        "rows": calibration_input.rows,
-        "scanner": asdict(calibration_input.scanner),
-        "bounds": None if calibration_input.bounds is None else asdict(calibration_input.bounds),
-        "phantom": calibration_input.drawing.model_dump(mode="json"),
-    }
-    return AttemptKeeper(attempt, origin)
 
 
 def declared_modules(constants: ScannerConstants, of_scan: tuple[DetectorModule, ...]) -> tuple[DetectorModule, ...]:
@@ -162,18 +125,3 @@ def known_modules(
     if calibrated is None or replace(calibrated, detector_modules=present.detector_modules) != present:
         return declared_modules(present, of_scan)
     return calibrated.detector_modules
-
-
-def _active(attempt: MillAttempt) -> CalibrationSucceeded | None:
-    active = attempt.given.active
-    return active if isinstance(active, CalibrationSucceeded) else None
-
-
-def _row_reader(attempt: MillAttempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
-    """Return a function that reads any row of the scan, (views, detector); NaN in views that lack the row."""
-    views = chosen_views(options.views, shape_of(scan).views, scan.views_left_out)
-
-    def read(row: int) -> NDArray[np.float32]:
-        return read_stored_scan(attempt.file, slice(row, row + 1), views).line_integrals[:, 0]
-
-    return read

@@ -6,12 +6,12 @@ from typing import Any
 
 import structlog
 
+from sawmill_calibration.checkpoints import Arrays, MadeWith
 from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import check_room
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.software import software
-from sawmill_worker.use_cases.checkpoints import Arrays, MadeWith
 
 # Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
 # second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.
@@ -21,17 +21,10 @@ MOST_ANNOUNCED = 100
 
 
 class AttemptKeeper:
-    """A `Keeper` for one attempt.
+    """A `Keeper` for one attempt, whose progress depends on the `origin` (JSON) and the software.
 
-    A checkpoint that does not fit on the disk is left out, because a job can finish without checkpoints. The next
-    checkpoint is due after the usual pause, and the log has one line until a checkpoint fits again.
-
-    Parameters
-    ----------
-    origin : mapping
-        JSON-able values on which the progress depends. The software version is added.
-    still_to_write_bytes : int
-        Disk space that the attempt's results may need; checkpoints leave it free.
+    A checkpoint that does not fit on the disk, with the bytes that the results need, is left out: a job can finish
+    without. The next is due after the usual pause, and the log has one line until a checkpoint fits again.
     """
 
     def __init__(self, attempt: MillAttempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:

@@ -3,6 +3,9 @@
 import math
 from typing import Any
 
+from sawmill_calibration.capacity import memory_available
+from sawmill_calibration.failures import refused
+from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
@@ -14,9 +17,6 @@ from sawmill_platform.attempts.work import Needs
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE
-from sawmill_worker.use_cases.capacity import memory_available
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.scans.prepare import prepare_scan
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 from typing import Any
 
+from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.use_cases.scans.inspect import InspectionInput, inspect_file
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

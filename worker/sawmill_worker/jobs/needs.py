@@ -5,9 +5,9 @@ generous upper bounds, for limits that an ordinary job never reaches. Sizes that
 the jobs that read a file have no needs beyond the limits that all jobs have.
 """
 
+from sawmill_calibration.scans.selection import chosen_rows
 from sawmill_contracts.scans import ScanShape
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.use_cases.scans.selection import chosen_rows
 
 # Memory of a process that has loaded all modules: 0.34 GB were measured on two cores, 0.39 GB on eight.
 PROCESS_BYTES = 2**29

@@ -2,21 +2,20 @@
 
 from typing import Any
 
+from sawmill_calibration.calibration.plan import run_plan
 from sawmill_contracts.plans import Plan
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS
-from sawmill_worker.use_cases.calibration.plan import PlanInput, run_plan
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:
     """Return the precision to expect; no files are written."""
-    request = attempt.asked(Plan)
-    assert request.options.theta is not None  # noqa: S101 - set when the job was accepted
-    scanner = attempt.scanner
-    plan_input = PlanInput(drawing_of(attempt), scanner.constants, request.options.theta, scanner.log_radius_mm)
-    return run_plan(plan_input, request.options).model_dump(mode="json")
+    scanner, options = attempt.scanner, attempt.asked(Plan).options
+    assert options.theta is not None  # noqa: S101 - set when the job was accepted
+    planned = run_plan(drawing_of(attempt), scanner.constants, options.theta, options, scanner.log_radius_mm)
+    return planned.model_dump(mode="json")
 
 
 def needs(attempt: MillAttempt) -> Needs:

@@ -6,6 +6,12 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
+from sawmill_calibration.failures import refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
+from sawmill_calibration.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
+from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
+from sawmill_calibration.scans.selection import chosen_rows
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.output.scan_reader import open_scan
@@ -17,16 +23,11 @@ from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.iterative.coarse_outside import WORTH_WHILE, fitted_size
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
 from sawmill_tomography.warm_up import load_iterative_methods
-from sawmill_vocabulary import DataKind, DetectorModule, Handedness, Rotation, Theta
-from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
+from sawmill_vocabulary import Handedness, Rotation
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.jobs.calibrate import declared_modules, shape_of, usable_calibration, usable_scan
+from sawmill_worker.jobs.calibrate import shape_of, stored_rows, usable_calibration, usable_scan
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
-from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
-from sawmill_worker.use_cases.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_worker.use_cases.scans.selection import chosen_rows, chosen_views
 
 # Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40
@@ -35,46 +36,20 @@ LINES_A_SLICE = 40
 def run(attempt: MillAttempt) -> dict[str, Any]:
     """Write volume.h5 and return the result."""
     options = attempt.asked(Reconstruction).options
-    scan = usable_scan(attempt)
-    shape = shape_of(scan)
-    rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
-    views = chosen_views(options.views, shape.views, scan.views_left_out)
     with open_scan(attempt.file) as stored:
-        theta, rotation, handedness, beam, modules = _geometry_of(attempt, options, stored.detector_modules)
-        reconstruction_input = ReconstructionInput(
-            read=lambda start, stop: stored.rows(rows[start:stop], views),
-            angles_rad=stored.angles_rad[views],
-            rows=(rows.start, rows.stop),
-            row_step=rows.step,
-            scanner=replace(attempt.scanner.constants, row_pitch_mm=stored.row_pitch_mm, detector_modules=modules),
-            theta=theta,
-            rotation=rotation,
-            handedness=handedness,
-            input_sha256=scan.sha256,
-            counts=scan.data is DataKind.COUNTS,
-            preparation=scan.reasons,
-            beam=beam,
-        )
-        keeper = _keeper(attempt, reconstruction_input, options)
-        result = run_reconstruction(reconstruction_input, options, attempt.output / "volume.h5", attempt.report, keeper)
+        rows = stored_rows(attempt, stored, options.rows, options.views)
+        rows = replace(rows, scanner=replace(rows.scanner, row_pitch_mm=stored.row_pitch_mm))
+        source = ReconstructionInput.of(rows, _geometry_of(attempt, options, rows.scanner))
+        keeper = _keeper(attempt, source, options)
+        result = run_reconstruction(source, options, attempt.output / "volume.h5", attempt.report, keeper)
     return result.model_dump(mode="json")
 
 
-def _keeper(
-    attempt: MillAttempt, reconstruction_input: ReconstructionInput, options: ReconstructionAsked
-) -> AttemptKeeper:
-    slices = len(range(*reconstruction_input.rows, reconstruction_input.row_step))
-    origin = {
-        "input_sha256": reconstruction_input.input_sha256,
-        "options": options.model_dump(mode="json"),
-        "rows": (*reconstruction_input.rows, reconstruction_input.row_step),
-        "views": len(reconstruction_input.angles_rad),
-        "scanner": asdict(reconstruction_input.scanner),
-        "theta": asdict(reconstruction_input.theta),
-        "beam": asdict(reconstruction_input.beam),
-        "rotation": reconstruction_input.rotation,
-        "handedness": reconstruction_input.handedness,
-    }
+def _keeper(attempt: MillAttempt, source: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+    slices = len(range(*source.rows, source.row_step))
+    known = {name: value for name, value in vars(source).items() if name not in {"read", "angles_rad"}}
+    parts = {name: asdict(known[name]) for name in ("scanner", "theta", "beam")}
+    origin = {**known, **parts, "options": options.model_dump(mode="json"), "views": len(source.angles_rad)}
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 
@@ -101,8 +76,8 @@ def needs(attempt: MillAttempt) -> Needs:
 
 def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShape) -> int:
     """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
-    theta, *_ = _geometry_of(attempt, options, ())
-    geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
+    constants = attempt.scanner.constants
+    geometry = FanBeamGeometry(constants, _geometry_of(attempt, options, constants).theta, np.zeros(1))
     field, radius_mm = ImageGrid(options.size, options.field_mm, options.field_centre_mm), seen_radius_mm(geometry)
     # A larger grid is refused. A log smaller than the field of view may have one grid instead of two.
     size = min(field.around(radius_mm)[0].size, LARGEST_SIZE)
@@ -112,19 +87,11 @@ def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShap
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(
-    attempt: MillAttempt, options: ReconstructionAsked, of_scan: tuple[DetectorModule, ...]
-) -> tuple[Theta, Rotation, Handedness, BeamCorrection, tuple[DetectorModule, ...]]:
-    """Return the given theta, or the calibration's with its beam correction and modules of the detector.
-
-    A given theta goes with the modules that are declared. Refuse a calibration without theta.
-    """
+def _geometry_of(attempt: MillAttempt, options: ReconstructionAsked, scanner: ScannerConstants) -> KnownGeometry:
+    """Return the given theta of the scanner, or the calibration; refuse a calibration without theta."""
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
-        modules = declared_modules(attempt.scanner.constants, of_scan)
-        return options.theta, rotation, handedness, NOTHING_FOUND, modules
+        return GivenGeometry(scanner, options.theta, rotation, handedness)
     if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
-    calibration = usable_calibration(attempt, "use")
-    modules = calibration.scanner.detector_modules
-    return calibration.theta, calibration.rotation, calibration.handedness, calibration.beam, modules
+    return usable_calibration(attempt, "use")

@@ -17,6 +17,7 @@ import scipy.sparse
 import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
+from sawmill_calibration.failures import input_errors_translated
 from sawmill_contracts import job_kinds
 from sawmill_contracts.declared_kinds import KINDS
 from sawmill_contracts.handed_over import HandedOver
@@ -30,7 +31,6 @@ from sawmill_tomography.kernel_cache import only_read
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.use_cases.failures import input_errors_translated
 
 
 class _JobModule(Protocol):
@@ -65,13 +65,7 @@ def attempt(
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:
-    """Do the job.
-
-    Raises
-    ------
-    sawmill_platform.contracts.attempts.JobFailure
-        The input cannot be used; the sentence gives the reason. Any other exception is a defect of the product.
-    """
+    """Do the job; input that cannot be used is a `JobFailure`, any other exception a defect of the product."""
     with input_errors_translated():
         return _MODULES[attempt.job.kind].run(attempt)
 
@@ -90,12 +84,6 @@ def make_ready(attempt: MillAttempt) -> None:
 
 
 def needs_of(attempt: MillAttempt) -> Needs:
-    """Return the memory and the file size that the job may need.
-
-    Raises
-    ------
-    sawmill_platform.contracts.attempts.JobFailure
-        The scan, calibration or phantom of the job cannot be used.
-    """
+    """Return the memory and the file size that the job may need; a scan, calibration or phantom may be refused."""
     with input_errors_translated():
         return _MODULES[attempt.job.kind].needs(attempt)

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from sawmill_calibration.phantom_drawings import traced_drawing
 from sawmill_platform.attempts.work import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.use_cases.phantom_drawings import traced_drawing
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

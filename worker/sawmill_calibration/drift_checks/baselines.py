@@ -1,0 +1,113 @@
+"""Baselines of drift checks: from a chart, or from the answers of earlier checks."""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from sawmill_calibration.failures import refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
+from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import DriftResult
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.base import placed_complaint
+from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint
+
+# Answers written by the service or the command line have a few kilobytes.
+LONGEST_ANSWER = 1_000_000
+
+
+def known_baseline(
+    baseline: Baseline, method: DriftMethod, first_at: datetime | None, last_at: datetime | None
+) -> KnownBaseline:
+    """Convert a baseline to its contract."""
+    zero = baseline.estimate
+    return KnownBaseline(
+        method=method,
+        looks=zero.looks,
+        outliers=zero.outliers,
+        first_at=first_at,
+        last_at=last_at,
+        cor_column_offset_mm=zero.change.cor_column_mm,
+        tilt_offset_rad=zero.change.tilt_rad,
+        covariance=[list(row) for row in zero.change.covariance],
+    )
+
+
+def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
+    """Read the output of `drift --json`, or the service's answers, with each file's name; refuse any other file."""
+    for path in paths:
+        yield path.name, _read(path)
+
+
+def baselines_of(
+    answers: Iterable[tuple[str, DriftResult]], calibration: KnownGeometry, checked_sha256: str
+) -> tuple[KnownBaseline, ...]:
+    """Compute baselines from earlier drift checks, one for each method, or refuse them.
+
+    They must be against this calibration, each of another scan than the checked one and enough of a method.
+    """
+    if isinstance(calibration, GivenGeometry):
+        raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")
+    by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
+    for name, result in answers:
+        reason = _why_not(result, calibration, checked_sha256)
+        if reason is not None:
+            raise refused("baseline", f"{name} {reason}")
+        if result.method is not None:  # else `_why_not` has a reason
+            earlier = by_method.setdefault(result.method, {})
+            if result.input_sha256 in earlier:
+                raise refused("baseline", f"{name} is of a scan that an earlier answer is of: give each scan once")
+            earlier[result.input_sha256] = result
+    return tuple(_of(method, list(results.values())) for method, results in by_method.items())
+
+
+def _of(method: DriftMethod, results: Sequence[DriftResult]) -> KnownBaseline:
+    try:
+        baseline = Baseline.of([DriftCheckPoint(0.0, result.detector_change) for result in results])
+    except ValueError as error:
+        raise refused("baseline", f"by {method}, {error}") from error
+    times = [result.at for result in results if result.at is not None]
+    return known_baseline(baseline, method, min(times, default=None), max(times, default=None))
+
+
+def _why_not(result: DriftResult, calibration: CalibrationResult, checked_sha256: str) -> str | None:
+    """Return why an answer cannot be in a baseline, as the end of a sentence that begins with its name."""
+    if result.input_sha256 == checked_sha256:
+        return "is of the scan that is checked: a baseline is of earlier ones"
+    if result.method is None:
+        return "does not say how views were compared, as an earlier version wrote it: check that scan again"
+    if result.reference == "given-geometry":
+        return "is of a check without a calibration"
+    frame = calibration.source_frame
+    calibrated = (frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm)
+    then = result.calibrated
+    if (
+        then.cor_column_mm,
+        then.tilt_rad,
+        then.source_to_detector_mm,
+    ) != calibrated or result.scanner != calibration.scanner:
+        return "is of a check against another calibration: a baseline is of checks against the one that is given"
+    if result.rotation is not calibration.rotation:
+        return "is of a log that turned the other way than at the calibration"
+    return None
+
+
+def _read(path: Path) -> DriftResult:
+    try:
+        with path.open("rb") as stream:
+            document = json.loads(stream.read(LONGEST_ANSWER + 1)[:LONGEST_ANSWER])
+        inner = document.get("result", document)
+        return DriftResult.model_validate({name: value for name, value in inner.items() if name != "state"})
+    except ValidationError as error:
+        raise _refused(path, placed_complaint(error)) from error
+    except (AttributeError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise _refused(path, "it is no JSON document of an answer") from error
+
+
+def _refused(path: Path, reason: str) -> JobFailure:
+    return refused("baseline", f"{path.name} is not what drift --json prints, nor the service's answer: {reason}")

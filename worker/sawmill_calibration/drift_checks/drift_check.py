@@ -1,0 +1,308 @@
+"""Drift check with a scan, as jobs, commands and Python users ask for it."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_calibration.drift_checks.given_geometry import corrected_theta, found_column, with_coarse_column
+from sawmill_calibration.failures import refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
+from sawmill_calibration.scans.averaged_rays import of_masked_rays
+from sawmill_calibration.scans.scan_rows import ScanRows
+from sawmill_contracts.choices import DriftMethod
+from sawmill_contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_contracts.drift_baselines import DriftBaseline, KnownBaseline
+from sawmill_contracts.drifts import DriftResult, TurnDisturbance
+from sawmill_contracts.reasons import CodedReason
+from sawmill_contracts.scanners import Tolerances
+from sawmill_tomography.calibration.log_radius import refuse_log_beyond_source
+from sawmill_tomography.calibration.scale import TWO_SIDED_95
+from sawmill_tomography.drift.change import (
+    DISTANCE_NOT_SEEN,
+    ENCODER_NOT_SEEN,
+    FLAT_FIELD_CHANGE_NOT_SEEN,
+    FLAT_FIELD_NOT_SEEN,
+    NOT_SEEN,
+    SIGNIFICANT,
+    ConjugateFit,
+    DetectorFit,
+    Disturbance,
+    DriftChange,
+    DriftError,
+    disturbed_turn,
+    drift_change,
+    likely_cause,
+    seen_vector,
+    zero_offset_mm,
+)
+from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_tomography.sinograms.present_rows import rows_of_all
+from sawmill_vocabulary import Progress
+from sawmill_vocabulary.messages import Reason, Value
+from sawmill_vocabulary.movement_messages import LogMessage
+from sawmill_vocabulary.version import VERSION
+
+# Codes of refusals that interpolated rays may cause.
+MASKED_CAUSES = ("nothing-seen", "moved-too-far")
+
+
+@dataclass(frozen=True, eq=False)
+class CommonMean:
+    """Mean (views, detector) of the rows that every view has, and standard deviations, 0 for rays without one."""
+
+    sinogram: FloatArray
+    deviations: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Reference:
+    """The geometry to compare with, and what it may move."""
+
+    calibration: KnownGeometry
+    tolerance_mm: float
+    tolerance_scale_percent: float
+
+
+def check_drift(
+    scan: ScanRows,
+    calibration: KnownGeometry,
+    *,
+    log_radius_mm: float | None = None,
+    tolerance_mm: float = 0.5,
+    tolerance_scale_percent: float = 0.5,
+    baselines: tuple[KnownBaseline, ...] = (),
+) -> DriftResult:
+    """Compare a scan of a log with a calibration, or find the COR from a given geometry.
+
+    Parameters
+    ----------
+    log_radius_mm : float, optional
+        Radius of the disc in which rays are counted, mm; the calibration's by default.
+    tolerance_mm, tolerance_scale_percent : float
+        RMS ray distance, and change of the image's scale, up to which the scanner counts as not moved.
+    baselines : tuple of KnownBaseline
+        Baselines of the changes by method; the baseline of this scan's method is used.
+
+    Raises
+    ------
+    ValueError
+        The scan's views cannot be compared: `DriftError`, `InputError`.
+    """
+    if scan.averaged_rows is not None and scan.rows_named:
+        raise refused(
+            "rows-outside",
+            "rows {}:{} were asked for, but the scan is the mean of {} rows, which are not kept: leave rows out".format(
+                *scan.rows, scan.averaged_rows
+            ),
+        )
+    mean = mean_of_common_rows(scan.stack(), scan.rows[0], scan.row_step, scan.deviations)
+    scan.on_progress(Progress(fraction=0.5, stage="pair rays"))
+    started = time.perf_counter()
+    reference = _Reference(calibration, tolerance_mm, tolerance_scale_percent)
+    nominal = calibration if isinstance(calibration, GivenGeometry) else None
+    scanner, calibrated, angles_rad = calibration.scanner, calibration.source_frame, scan.angles_rad
+    refuse_log_beyond_source(log_radius_mm, scanner)
+    radius_mm = log_radius_mm or calibration.radius_mm
+    start = calibrated if nominal is None else with_coarse_column(scanner, calibrated, mean.sinogram, angles_rad)
+    try:
+        fit = detector_fit(scanner, mean.sinogram, angles_rad, start, calibration.rotation, deviations=mean.deviations)
+    except DriftError as error:
+        masked = of_masked_rays(scan.remarks)
+        if masked is None or error.code not in MASKED_CAUSES:
+            raise
+        raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
+    came = () if scan.averaged_rows is None else scan.remarks
+    covariance = None if calibration.covariance is None else np.array(calibration.covariance)
+    absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    method = _method(fit)
+    baseline = next((each for each in baselines if each.method == method), None)
+    changed, zero = absolute, None
+    if baseline is not None:
+        changed = drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
+        zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
+    turned_over = fit.rotation is not calibration.rotation
+    within = None if nominal else _within(changed, reference, zero, turned_over=turned_over)
+    reason = (
+        _reason(reference, fit, changed, zero, within=within, turned_over=turned_over)
+        if nominal is None
+        else found_column(nominal, fit)
+    )
+    return DriftResult(
+        measured=_detector(seen_vector(fit)),
+        standard_deviation=_deviation(fit, fit.deviation),
+        covariance=fit.covariance.tolist(),
+        calibrated=_detector(seen_vector(calibrated)),
+        change=_detector(absolute.change),
+        change_standard_deviation=_deviation(fit, absolute.deviation),
+        significance=_deviation(fit, absolute.significance),
+        reference="given-geometry" if nominal else "calibration" if zero is None else "baseline",
+        theta=None if nominal is None else corrected_theta(nominal, fit),
+        baseline=zero,
+        moved=changed.moved and nominal is None,
+        ray_change_mm=changed.ray_change_mm,
+        ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
+        scale_change_percent=100.0 * changed.scale_change,
+        scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
+        radius_mm=radius_mm,
+        tolerance_mm=tolerance_mm,
+        within_tolerance=within,
+        reason=reason,
+        coded_reason=CodedReason.of(reason) if nominal is None else None,
+        method=method,
+        not_seen=_not_seen(fit, zero),
+        rotation=fit.rotation,
+        rotation_ratio=fit.rotation_ratio,
+        rotation_decided=fit.rotation_decided,
+        relative_residual=fit.relative_residual,
+        encoder_bound_mm=fit.encoder_bound_mm,
+        disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
+        adjustments=[*came, *mean.remarks, *fit.adjustments],
+        scanner=scanner,
+        views=int(angles_rad.size),
+        rows=scan.rows,
+        time_s=time.perf_counter() - started,
+        software_version=VERSION,
+        input_sha256=scan.sha256,
+    )
+
+
+def mean_of_common_rows(
+    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
+) -> CommonMean:
+    """Average the rows (views, rows, detector) that every view has: views must cross the same part of the log."""
+    common = rows_of_all(stack)
+    if not common.any():
+        last = first_row + (common.size - 1) * row_step
+        raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
+    left_out = first_row + row_step * np.flatnonzero(~common)
+    remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
+    # Where no row is missing, this is a view of the stack: nothing is copied.
+    mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
+    if deviations is None:
+        return CommonMean(mean, None, remarks)
+    return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
+
+
+def _within(
+    changed: DriftChange, reference: _Reference, zero: DriftBaseline | None, *, turned_over: bool
+) -> bool | None:
+    # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
+    allowed = max(reference.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
+    if turned_over or _is_far(zero, reference) or abs(changed.scale_change) > allowed:
+        return False
+    limit_mm, error_mm = _limit_mm(reference, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
+    if changed.ray_change_mm > limit_mm:
+        return False if changed.moved else None
+    return True if error_mm <= limit_mm else None
+
+
+def _limit_mm(reference: _Reference, changed: DriftChange) -> float:
+    """Return the distance in mm that a log must see: without a movement that of a calibration that passes."""
+    if changed.moved:
+        return reference.tolerance_mm
+    return min(reference.tolerance_mm, _calibration_limit_mm(reference.calibration))
+
+
+def _calibration_limit_mm(calibration: KnownGeometry) -> float:
+    limits = None if isinstance(calibration, GivenGeometry) else calibration.limits
+    return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
+
+
+def _is_far(zero: DriftBaseline | None, reference: _Reference) -> bool:
+    """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
+    return zero is not None and zero.ray_offset_mm > reference.tolerance_mm
+
+
+def _reason(
+    reference: _Reference,
+    fit: DetectorFit,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
+) -> Reason:
+    of_the_turn = disturbed_turn(fit)
+    of_the_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
+    return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
+
+
+def _of_the_detector(
+    reference: _Reference,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
+) -> Reason:
+    allowed_mm = reference.tolerance_mm
+    if turned_over:
+        return LogMessage.TURNED_OVER()
+    if zero is not None and _is_far(zero, reference):
+        return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
+    moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
+    if within is None:
+        known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(reference, changed)}
+        return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
+    cause = likely_cause(reference.calibration.source_frame, changed)
+    if not within and changed.ray_change_mm > allowed_mm:
+        cause = LogMessage.MOVED(cause, **moved)
+    elif not within:
+        scale_percent = 100.0 * changed.scale_change
+        allowed_percent = reference.tolerance_scale_percent
+        cause = LogMessage.RESCALED(cause, scale_percent=scale_percent, allowed_percent=allowed_percent)
+    elif changed.ray_change_mm > (limit_mm := _calibration_limit_mm(reference.calibration)):
+        cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
+    elif changed.moved:
+        cause = LogMessage.WITHIN(cause, **moved)
+    return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.looks)
+
+
+def _method(fit: DetectorFit) -> DriftMethod:
+    return "opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs"
+
+
+def _reported(
+    baseline: KnownBaseline,
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    fit: DetectorFit,
+    changed: DriftChange,
+    radius_mm: float,
+) -> DriftBaseline:
+    return DriftBaseline(
+        **dict(baseline),
+        ray_offset_mm=zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
+        change=_detector(changed.change),
+        change_standard_deviation=_deviation(fit, changed.deviation),
+        significance=_deviation(fit, changed.significance),
+    )
+
+
+def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
+    of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
+    of_distance = [DISTANCE_NOT_SEEN] if fit.distance_held else []
+    of_few_views = [] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN]
+    return [*NOT_SEEN, *of_distance, *of_few_views]
+
+
+def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
+    if each.part == "encoder":
+        return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
+    return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
+
+
+def _detector(values: FloatArray) -> DetectorGeometry:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
+
+
+def _deviation(fit: DetectorFit, values: FloatArray) -> DetectorDeviation:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorDeviation(
+        cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance
+    )

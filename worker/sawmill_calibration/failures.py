@@ -1,0 +1,102 @@
+"""Failures that a user can correct, and their causes: the only module that translates errors of science and readers."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_json
+
+from sawmill_calibration.process_memory import limit_bytes, ran_short
+from sawmill_formats.errors import UnreadableScan
+from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.base import placed_complaint
+from sawmill_platform.contracts.jobs import FailureKind
+from sawmill_platform.contracts.strict_json import read_strictly
+from sawmill_platform.errors import DamagedResult
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.drift.change import DriftError
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.phantoms.phantom import PhantomError
+from sawmill_tomography.preparing.line_integrals import CountsError
+from sawmill_tomography.preparing.row_shifts import RowsError
+
+Held = TypeVar("Held")
+
+
+class InputError(JobFailure, ValueError):
+    """A file, a scan or an option that cannot lead to a result.
+
+    The message is one sentence: which value, and what would be right.
+
+    Attributes
+    ----------
+    code : str
+        Stable name for programs: one of docs/look-up/codes.md, or `options`.
+    """
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(FailureKind.INPUT, code, sentence)
+
+
+def refused(code: str, detail: str) -> InputError:
+    """Create a failure that the user can correct."""
+    return InputError(code, detail)
+
+
+@contextmanager
+def input_errors_translated() -> Iterator[None]:
+    """Turn errors of readers and science about unusable input into an `InputError`, with the cause chained."""
+    try:
+        yield
+    except UnreadableScan as error:
+        raise _of_file(error) from error
+    except (CalibrationError, DamagedResult, DriftError) as error:
+        raise refused(error.code, str(error)) from error
+    except GeometryError as error:
+        raise refused("geometry", str(error)) from error
+    except PhantomError as error:
+        raise refused("phantom", str(error)) from error
+    except RowsError as error:
+        raise refused("rows-not-aligned", str(error)) from error
+    except CountsError as error:
+        raise refused("counts", str(error)) from error
+
+
+def _of_file(error: UnreadableScan) -> InputError:
+    """Convert a reader's error; some libraries report a damaged file when they had no memory to unpack it."""
+    limit = limit_bytes()
+    if error.code != "broken-file" or limit is None or not ran_short():
+        return refused(error.code, str(error))
+    return refused(
+        "out-of-memory",
+        f"reading the file took most of the {limit / 2**30:.3g} GiB of memory that it may take, and failed: it unpacks "
+        "to more than that, or is damaged; store it in smaller pieces, or export it again",
+    )
+
+
+def read_json(path: Path, contract: type[Held], *, code: str, otherwise: str) -> Held:
+    """Read a contract from a file; a refusal says by this code that the file is `otherwise`, and what is wrong."""
+    try:
+        held: Held = read_strictly(TypeAdapter(contract), path.read_bytes())
+    except ValidationError as error:
+        raise refused(code, f"{path.name} is {otherwise}: {placed_complaint(error)}") from error
+    return held
+
+
+def options_of(contract: type[Held], raw_options: object) -> Held:
+    """Read options as their contract takes them in JSON, where True is not 1; refuse them with the code `options`."""
+    try:
+        sent = to_json(raw_options, inf_nan_mode="constants", fallback=_plain)
+        options: Held = read_strictly(TypeAdapter(contract), sent)
+    except ValidationError as error:
+        raise InputError("options", placed_complaint(error)) from error
+    except ValueError as error:  # half a surrogate, or a list that contains itself
+        raise InputError("options", f"an option cannot be read: {error}") from error
+    return options
+
+
+def _plain(value: object) -> object:
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else repr(value)
