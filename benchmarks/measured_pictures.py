@@ -23,7 +23,7 @@ from scipy.ndimage import binary_erosion
 from screenshots import save
 
 import sawmill_calibration as sawmill
-from sawmill_worker.pictures.image_panels import draw_phantom, show_image
+from sawmill_worker.pictures.panels import draw_phantom, show_image
 
 # The one with the most holes of those with all views.
 DISC = "07b"

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
 # One picture at a time: a picture that many request at once is drawn once, and threads share matplotlib's caches.
-_DRAWING = threading.Lock()
+DRAWING = threading.Lock()
 # Thumbnails need no matplotlib, and do not wait for a report.
 _SMALL = threading.Lock()
 THUMBNAIL = "thumbnail.png"
@@ -74,7 +74,7 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
         return overlay_png(*_answer(path))
 
-    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
 
 
 def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
@@ -96,7 +96,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
 
     of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
     name = f"report-{reader.language}-{of_step}.png"
-    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=_DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
     from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
-    with _DRAWING:
+    with DRAWING:
         return alpha_curve_png(**columns)
 
 

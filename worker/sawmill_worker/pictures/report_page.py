@@ -1,7 +1,6 @@
 """A calibration's report as one HTML page for A4: the first sheet for the technician, the second for the scientist.
 
-The page is self-contained: styles and pictures are inside, there is no script, and nothing is loaded. The report is
-drawn without matplotlib, so that a service answers at once.
+The page is self-contained: styles and pictures are inside, there is no script, and nothing is loaded.
 """
 
 from collections.abc import Callable
@@ -22,7 +21,6 @@ from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percen
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import ENGLISH, WORDS, Reader
 from sawmill_worker.pictures import report_numbers as numbers
-from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
 
 # Mark and tone of a verdict or an answer.
@@ -96,7 +94,12 @@ def report_html(
     """
     both = TwoQuestions.of(result, about.tolerances)
     step = about.step or step_alone(result, about.tolerances, active=about.active is True)
-    before, after = (None, None) if arrays is None else log_fields(arrays)
+    panels = {}
+    if arrays is not None:
+        # Imported here because matplotlib takes a second, and the demo's page and a report of numbers need no panel.
+        from sawmill_worker.pictures.calibration_report import report_panels  # noqa: PLC0415
+
+        panels = report_panels(result, arrays, reader)
     page = (
         page_templates(reader)
         .get_template("report.html")
@@ -109,11 +112,7 @@ def report_html(
             words=step.reason.in_words(reader),
             reader=reader,
             has_arrays=arrays is not None,
-            phantom=None if arrays is None else phantom_field(arrays),
-            before=before,
-            after=after,
-            residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
-            search=None if arrays is None else search_figure(arrays.search_history),
+            panels=panels,
             by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
             log=None if arrays is None else arrays.log,
             numbers=numbers,
