@@ -6,11 +6,14 @@ All contents come from the result and the arrays in the calibration's HDF5 file.
 import textwrap
 from base64 import b64encode
 from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
 
 from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
 from sawmill_mill.next_step import NextStep, step_alone
@@ -28,7 +31,7 @@ from sawmill_worker.pictures.panels import (
     draw_theta_and_twin,
     encoded,
 )
-from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
+from sawmill_worker.pictures.windows import LOG_WINDOW, Window, window_of
 
 WIDTH_IN = 14.0
 LINE_IN = 0.27
@@ -102,9 +105,7 @@ def report_panels(result: CalibrationResult, arrays: CalibrationArrays, reader: 
         window = window_of(log.after, *LOG_WINDOW)
         for name, image in (("before", log.before), ("after", log.after)):
             if image is not None:
-                panels[name] = _svg(
-                    3.6, 3.6, lambda figure, image=image: draw_log(figure.add_subplot(), image, log.field_mm, window)
-                )
+                panels[name] = _svg(3.6, 3.6, partial(_draw_one_log, image, log.field_mm, window))
     return panels
 
 
@@ -138,28 +139,15 @@ def _lines(result: CalibrationResult, step: NextStep, reader: Reader) -> Iterato
 def _draw_head(
     part: SubFigure, phantom: str, step: NextStep, reader: Reader, lines: list[tuple[str, str]], height_in: float
 ) -> None:
-    color = COLORS[step.card_tone]
-    badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
     top = 1 - 0.2 / height_in
-    part.text(
-        0.012,
-        top,
+    badge = {"boxstyle": "round,pad=0.45", "facecolor": COLORS[step.card_tone], "edgecolor": "none"}
+    bold: dict[str, Any] = {"fontweight": "bold", "va": "top"}
+    title, word = (
         reader.words(N_("Calibration with %(phantom)s")) % {"phantom": phantom},
-        fontsize=19,
-        fontweight="bold",
-        va="top",
-    )
-    part.text(
-        0.985,
-        top,
         reader.words(step.word).upper(),
-        fontsize=17,
-        fontweight="bold",
-        color="white",
-        ha="right",
-        va="top",
-        bbox=badge,
     )
+    part.text(0.012, top, title, fontsize=19, **bold)
+    part.text(0.985, top, word, fontsize=17, color="white", ha="right", bbox=badge, **bold)
     for number, (line, line_color) in enumerate(lines):
         part.text(0.012, 1 - (0.85 + LINE_IN * number) / height_in, line, fontsize=12.5, va="top", color=line_color)
 
@@ -197,6 +185,10 @@ def _residual_title(result: CalibrationResult, reader: Reader) -> str:
     of_sinogram = {"rms": f"{result.residual.rms:.3g}", "share": f"{100 * result.residual.relative:.3g}"}
     title = f"{reader.words(N_('Residual: measured less model'))}: {reader.words(share) % of_sinogram}"
     return reader.localised(title)
+
+
+def _draw_one_log(image: NDArray[np.float32], field_mm: float, window: Window, figure: Figure) -> None:
+    draw_log(figure.add_subplot(), image, field_mm, window)
 
 
 def _draw_residual(figure: FigureBase, result: CalibrationResult, arrays: CalibrationArrays, reader: Reader) -> None:

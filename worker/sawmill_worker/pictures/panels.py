@@ -223,10 +223,10 @@ def draw_theta_and_twin(figure: FigureBase, geometry: FoundGeometry, reader: Rea
     )
     for index, (label, value, spread) in enumerate(zip(THETA, _four(theta), spreads, strict=True)):
         ax = figure.add_subplot(2, 2, 1 + index)
-        answer = {"fmt": "o", "color": ANSWER, "label": reader.words(N_("the answer"))}
+        answer: dict[str, Any] = {"fmt": "o", "color": ANSWER, "label": reader.words(N_("the answer"))}
         ax.errorbar([theta.source_shift_mm], [value], xerr=deviation.source_shift_mm, yerr=spread, **answer)
         if twin is not None:
-            hollow = {"color": TWIN, "fillstyle": "none", "label": reader.words(N_("its twin"))}
+            hollow: dict[str, Any] = {"color": TWIN, "fillstyle": "none", "label": reader.words(N_("its twin"))}
             ax.plot([twin.source_shift_mm], [_four(twin)[index]], "s", **hollow)
         ax.margins(0.25)
         ax.set_ylabel(label)
