@@ -1,7 +1,6 @@
-"""`sawmill demo`: the whole job over HTTP, on a simulated stack and, if available, on the published scans."""
+"""`sawmill demo`: the whole job over HTTP, on simulated scans."""
 
 import math
-import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -9,7 +8,6 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import httpx
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +19,11 @@ from rich.table import Table
 from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import DemoError, Json, running_service
 from sawmill_command.demo_page import LogPair, Section, write_page
+from sawmill_command.seeding import PHANTOM_ROWS, ROW_PITCH_MM, THETA
 from sawmill_contracts.calibrations import CalibrationSucceeded, FoundGeometry
 from sawmill_formats.output.volume_reader import volume_slice
 from sawmill_mill.two_questions import TwoQuestions
-from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta, angle_difference, to_vector
+from sawmill_tomography.geometry.geometry import SourceFrame, Theta, angle_difference, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_vocabulary import Progress, ProgressCallback
@@ -33,14 +32,12 @@ from sawmill_worker.pictures.images import bare_png
 from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, theta_values
 from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
-PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 # Usual errors of a tape measure and a spirit level, in the directions that add up: 3 mm and half a degree.
 TAPE_ERROR = Theta(0.0, 3.0, 3.0, -3.0, -0.009)
-SPARSE_VIEWS, FIELD_MM = 20, 400.0
+SPARSE_VIEWS, FIELD_MM, LOG_MM = 20, 400.0, 300.0
 TAPED, CALIBRATED = "measured by tape", "calibrated"
 # Logs are reconstructed without a fit, so that an image shows its geometry and nothing else.
 DIRECT: Json = {"method": "fbp"}
-FIRST_LOG_ROW = examples.PHANTOM_ROWS
 
 console = Console()
 
@@ -62,15 +59,6 @@ class DemoSize:
     shown: int = 540
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Ground truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
-
-    theta: Theta
-    image: NDArray[np.float64]
-    log_mm: float
-
-
 def run_demo(
     output: Path,
     size: DemoSize = DemoSize(),
@@ -88,7 +76,6 @@ def run_demo(
         Function that runs a service with its files in a folder, and gives a client of it.
     """
     started = time.perf_counter()
-    published = published_data()
     try:
         output.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
@@ -98,27 +85,15 @@ def run_demo(
                 client = stack.enter_context(service(folder))
             steps = _Demo(client, output, folder, bar, size)
             sections = [steps.simulated(), steps.bad_day()]
-            if published is not None:
-                sections.append(steps.published(published))
     except (DemoError, httpx.TransportError, OSError) as error:
         console.print(f"[bold red]The demo stopped:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
     write_page(output / "index.html", sections)
     for section in sections:
         _print(section)
-    if published is None:
-        console.print(
-            "The published scans are not here (SAWMILL_PUBLISHED_DATA or ../shared/data): simulated data only."
-        )
     done = f"Done in {time.perf_counter() - started:.1f} s. Open [bold]{output / 'index.html'}[/]"
     console.print(done, highlight=False, soft_wrap=True)
     return 0
-
-
-def published_data() -> Path | None:
-    """Return the folder of the published scans, if the folder is available."""
-    folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data"))
-    return folder if (folder / "l-phantom" / "sinogram.mat").is_file() else None
 
 
 @contextmanager
@@ -156,8 +131,8 @@ class _Demo:
         slices = examples.mill_slices()
         with _step(self._bar, "Simulating a log with the phantom on its end"):
             examples.write_mill_stack(stack, self._size.views, slices)
-            image = slices[FIRST_LOG_ROW].rasterise(self._size.slices, FIELD_MM)
-        scanner = self._scanner("simulated scanner", examples.SCANNER)
+            image = slices[PHANTOM_ROWS].rasterise(self._size.slices, FIELD_MM)
+        scanner = self._scanner("simulated scanner")
         with _step(self._bar, "Uploading the stack") as on_progress:
             scan = demo_client.upload(
                 self._client,
@@ -166,19 +141,18 @@ class _Demo:
                 scanner_id=scanner,
                 data="counts",
                 phantom_id="l-shape",
-                phantom_rows=f"0:{FIRST_LOG_ROW}",
+                phantom_rows=f"0:{PHANTOM_ROWS}",
             )
-        truth = Truth(examples.THETA, image.astype(np.float64), 300.0)
-        rows = f"{FIRST_LOG_ROW}:{len(slices)}"
-        calibrated = self._calibrate("Calibrating (simulated)", scan["id"], None)
+        rows = f"{PHANTOM_ROWS}:{len(slices)}"
+        calibrated = self._calibrate("Calibrating", scan["id"], None)
         section = self._section(
             "A simulated scan of a log with the phantom on its end",
-            f"{self._size.views} views of raw counts with flat and dark fields; rows 0 to {FIRST_LOG_ROW - 1} show the "
+            f"{self._size.views} views of raw counts with flat and dark fields; rows 0 to {PHANTOM_ROWS - 1} show the "
             "L-shaped phantom, the others the log: growth rings, knots, photon noise.",
             "simulated",
             calibrated,
         )
-        self._process(section, "simulated", (scan["id"], scan["id"]), calibrated, truth, rows)
+        self._process(section, scan["id"], calibrated, image.astype(np.float64), rows)
         return section
 
     def bad_day(self) -> Section:
@@ -186,7 +160,7 @@ class _Demo:
         scan = self._folder / "bad-day.h5"
         with _step(self._bar, "Simulating a bad day at the mill"):
             examples.write_bad_day(scan, self._size.views)
-        scanner = self._scanner("scanner on a bad day", examples.SCANNER)
+        scanner = self._scanner("scanner on a bad day")
         with _step(self._bar, "Uploading its scan") as on_progress:
             spec = {"scanner_id": scanner, "data": "counts", "phantom_id": "l-shape"}
             uploaded = demo_client.upload(self._client, scan, on_progress, **spec)
@@ -199,42 +173,13 @@ class _Demo:
             calibrated,
         )
         section.head, section.rows = ("what is wrong", "size"), _physics_rows(examples.BAD_DAY)
-        section.facts.append(("calibration", _verdict(calibrated, examples.THETA)))
+        section.facts.append(("calibration", _verdict(calibrated)))
         section.facts += [("adjusted for", sentence) for sentence in calibrated.adjustments]
         section.facts += [("reason", sentence) for sentence in calibrated.reasons]
         return section
 
-    def published(self, folder: Path) -> Section:
-        """Calibrate with the L-phantom and the log of arXiv 2206.14444."""
-        scanner = self._scanner("published scanner", examples.SCANNER)
-        ids = []
-        for name, extra in (("l-phantom/sinogram.mat", {"phantom_id": "l-shape"}), ("log-phantom/sinogram.npy", {})):
-            with _step(self._bar, f"Uploading {name}") as on_progress:
-                scan = demo_client.upload(
-                    self._client,
-                    folder / name,
-                    on_progress,
-                    scanner_id=scanner,
-                    data="line-integrals",
-                    angles_deg="0.5:1",
-                    **extra,
-                )
-                ids.append(scan["id"])
-        with h5py.File(folder / "log-phantom" / "truth.mat", "r") as file:
-            image = np.asarray(file["logPhan"][()], np.float64)
-        calibrated = self._calibrate("Calibrating (published)", ids[0], None)
-        section = self._section(
-            "The published scans (arXiv 2206.14444)",
-            "The L-shaped phantom calibrates; the log, scanned separately, is reconstructed with that geometry.",
-            "published",
-            calibrated,
-        )
-        truth = Truth(PUBLISHED_THETA, image, FIELD_MM)
-        self._process(section, "published", (ids[0], ids[1]), calibrated, truth, "0:1")
-        return section
-
-    def _scanner(self, name: str, scanner: Scanner) -> str:
-        constants = {**vars(scanner), "row_pitch_mm": examples.ROW_PITCH_MM if name.startswith("simulated") else None}
+    def _scanner(self, name: str) -> str:
+        constants = {**vars(examples.SCANNER), "row_pitch_mm": ROW_PITCH_MM}
         created = demo_client.post(self._client, "/v1/scanners", json={"name": name, "constants": constants})
         return str(created["id"])
 
@@ -256,50 +201,40 @@ class _Demo:
     def _process(
         self,
         section: Section,
-        prefix: str,
-        scans: tuple[str, str],
+        scan_id: str,
         calibrated: CalibrationSucceeded,
-        truth: Truth,
+        image: NDArray[np.float64],
         rows: str,
     ) -> None:
-        """Add the numbers and the log to a section; `scans` are the phantom's scan and the log's scan."""
-        phantom_scan, log_scan = scans
-        sparse = self._calibrate(f"Calibrating with {SPARSE_VIEWS} views ({prefix})", phantom_scan, SPARSE_VIEWS)
-        section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(calibrated, truth.theta)
+        """Add the numbers and the log to a section; `image` is the true first slice (x, y) of the log."""
+        sparse = self._calibrate(f"Calibrating with {SPARSE_VIEWS} views", scan_id, SPARSE_VIEWS)
+        section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(calibrated)
         for label, calibration in ((f"{calibrated.views} views", calibrated), (f"{SPARSE_VIEWS} views", sparse)):
-            section.facts.append((f"calibration, {label}", _verdict(calibration, truth.theta)))
-        taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
+            section.facts.append((f"calibration, {label}", _verdict(calibration)))
+        taped = Theta.from_vector(to_vector(THETA) + to_vector(TAPE_ERROR))
         asks: dict[str, Json] = {CALIBRATED: {"calibration_id": calibrated.id}, TAPED: {"theta": vars(taped)}}
+        shown = {}
         for name, geometry in asks.items():
-            size = {"size": self._size.slices, "field_mm": FIELD_MM}
-            request = {"scan_id": log_scan, "rows": rows, **size, **DIRECT, **geometry}
-            path = self._output / f"{prefix}-log-{name.replace(' ', '-')}.h5"
-            volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", request, path)
-            error = relative_error(volume, truth.image)
-            similarity = structural_similarity_index(volume, truth.image)
+            request = {"scan_id": scan_id, "rows": rows, "size": self._size.slices, "field_mm": FIELD_MM, **geometry}
+            path = self._output / f"simulated-log-{name.replace(' ', '-')}.h5"
+            volume = self._reconstruct(f"Reconstructing, {name}", request, path)
+            error, similarity = relative_error(volume, image), structural_similarity_index(volume, image)
             section.facts.append((f"log, geometry {name}", f"relative error {error:.3f}, SSIM {similarity:.3f}"))
             section.files.append((path.name, f"the log's slices, geometry {name}: /entry/reconstruction/data"))
+            first = {"rows": f"{PHANTOM_ROWS}:{PHANTOM_ROWS + 1}", "size": self._size.shown, "field_mm": LOG_MM}
+            shown[name] = self._reconstruct(f"Drawing, {name}", request | first, self._folder / "shown.h5")
+        window = window_of(shown[CALIBRATED], *LOG_WINDOW)
+        files = {TAPED: "simulated-before.png", CALIBRATED: "simulated-after.png"}
+        for name, file in files.items():
+            (self._output / file).write_bytes(bare_png(shown[name], field_mm=LOG_MM, window=window))
         section.log = LogPair(
-            *self._pair(prefix, log_scan, asks, rows, truth.log_mm),
-            before_mm=_ray_error_mm(taped.source_frame(examples.SCANNER.source_to_cor_mm), truth.theta),
-            after_mm=_ray_error_mm(calibrated.source_frame, truth.theta),
-            assumed=theta_change(truth.theta, taped),
+            before=files[TAPED],
+            after=files[CALIBRATED],
+            before_mm=_ray_error_mm(taped.source_frame(examples.SCANNER.source_to_cor_mm)),
+            after_mm=_ray_error_mm(calibrated.source_frame),
+            assumed=theta_change(THETA, taped),
             time_s=calibrated.timing_s.total,
         )
-
-    def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
-        """Draw the first log slice by tape geometry and calibrated, in one grey window; return both file names."""
-        first = int(rows.partition(":")[0])
-        size = {"size": self._size.shown, "field_mm": field_mm}
-        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", **size, **DIRECT}
-        images = {
-            name: self._reconstruct(f"Drawing, {name} ({prefix})", {**shown, **geometry}, self._folder / "shown.h5")
-            for name, geometry in asks.items()
-        }
-        window, names = window_of(images[CALIBRATED], *LOG_WINDOW), (f"{prefix}-before.png", f"{prefix}-after.png")
-        for name, image in zip(names, (images[TAPED], images[CALIBRATED]), strict=True):
-            (self._output / name).write_bytes(bare_png(image, field_mm=field_mm, window=window))
-        return names
 
     def _calibrate(self, what: str, scan_id: str, views: int | None) -> CalibrationSucceeded:
         with _step(self._bar, what) as on_progress:
@@ -311,7 +246,7 @@ class _Demo:
 
     def _reconstruct(self, what: str, request: Json, path: Path) -> NDArray[np.float32]:
         with _step(self._bar, what) as on_progress:
-            answer = demo_client.post(self._client, "/v1/reconstructions", json=request)
+            answer = demo_client.post(self._client, "/v1/reconstructions", json={**request, **DIRECT})
             demo_client.wait(self._client, answer["job_id"], on_progress)
             log = f"/v1/reconstructions/{answer['id']}"
             demo_client.download(self._client, f"{log}/volume.h5", path)
@@ -319,8 +254,8 @@ class _Demo:
         return volume_slice(path, (slices, x, y), 0).data
 
 
-def _theta_rows(geometry: FoundGeometry, truth: Theta) -> list[tuple[str, ...]]:
-    rows = zip(theta_rows(geometry), theta_values(truth), strict=True)
+def _theta_rows(geometry: FoundGeometry) -> list[tuple[str, ...]]:
+    rows = zip(theta_rows(geometry), theta_values(THETA), strict=True)
     return [(each.name, each.value, each.deviation, value) for each, value in rows]
 
 
@@ -334,17 +269,17 @@ def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
     ]
 
 
-def _verdict(calibrated: CalibrationSucceeded, truth: Theta) -> str:
-    true, frame = truth.source_frame(examples.SCANNER.source_to_cor_mm), calibrated.source_frame
+def _verdict(calibrated: CalibrationSucceeded) -> str:
+    true, frame = THETA.source_frame(examples.SCANNER.source_to_cor_mm), calibrated.source_frame
     psi = math.degrees(angle_difference(frame.psi_rad, true.psi_rad))
     predicted = calibrated.predicted_ray_error_mm
     expected = "" if predicted is None else f" (predicted {predicted.rms:.3f})"
-    error = f"ray error {_ray_error_mm(frame, truth):.3f} mm{expected}"
+    error = f"ray error {_ray_error_mm(frame):.3f} mm{expected}"
     return f"{calibrated.verdict}: {error}, psi off by {psi:+.4f}°, in {calibrated.timing_s.total:.2f} s"
 
 
-def _ray_error_mm(frame: SourceFrame, truth: Theta) -> float:
-    return ray_error(examples.SCANNER, truth.source_frame(examples.SCANNER.source_to_cor_mm), frame).rms_mm
+def _ray_error_mm(frame: SourceFrame) -> float:
+    return ray_error(examples.SCANNER, THETA.source_frame(examples.SCANNER.source_to_cor_mm), frame).rms_mm
 
 
 def _print(section: Section) -> None:

@@ -40,9 +40,7 @@ def demo(output: Path, environment: dict[str, str]) -> subprocess.CompletedProce
 
 @pytest.mark.nightly
 def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
-    # The published scans have tests of their own; without them the demo runs on every machine.
     elsewhere = {
-        "SAWMILL_PUBLISHED_DATA": str(tmp_path),
         "SAWMILL_DATABASE_URL": "sqlite:////nowhere/the-mills-own.db",
     }
     done = demo(tmp_path / "out", {**offline.variables, **elsewhere})
@@ -51,9 +49,8 @@ def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
     assert offline.asked_for() == ""
 
 
-def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, embedded, monkeypatch, capsys):
+def test_a_small_demo_leaves_a_page_of_pictures_and_figures(tmp_path, embedded, capsys):
     """A service that runs already does its jobs; the nightly demo starts its own."""
-    monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
     size = DemoSize(views=60, slices=64, shown=96)
     assert run_demo(tmp_path / "out", size, lambda _: nullcontext(embedded.client)) == 0
     check_demo(tmp_path / "out", capsys.readouterr().out, errors_mm=(0.1, 0.2), relative_error=0.15, size=64)
