@@ -1,6 +1,6 @@
-"""systemd units for this installation: programs and users, and the files that the service may access.
+"""systemd units for this installation: the templates in `units`, with its program, user and folders.
 
-The hardening leaves out settings that the product cannot work with: Numba makes memory executable
+The hardening of the templates leaves out settings that the product cannot work with: Numba makes memory executable
 (`MemoryDenyWriteExecute`), an attempt reads the machine's memory and cores (`ProcSubset`), and confines itself to its
 own files by system calls that are in none of systemd's sets (`landlock_...`, `seccomp`).
 """
@@ -13,65 +13,22 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from string import Template
 
-from sawmill_service.http.limits.open_files import files_needed
-from sawmill_service.settings import MOST_CONNECTIONS
-
-STATE, CACHE, SETTINGS = Path("/var/lib"), Path("/var/cache/sawmill"), Path("/etc/sawmill/sawmill.env")
+STATE = Path("/var/lib")
 DATA = STATE / "sawmill"
 _MOVE = "keep installations in a folder that all may read, as /opt/sawmill, and data in one as /var/lib/sawmill"
 # Folders that `PrivateTmp` and `ProtectHome` hide.
 _EMPTIED = (Path("/tmp"), Path("/var/tmp"))  # noqa: S108 - compared, not written to
 _HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
-# Time in addition to SAWMILL_STOP_GRACE_S and SAWMILL_KILL_GRACE_S, s, for answers, uploads and a slow database.
-STOP_S = 30
-
 # Characters that systemd does not accept in the path of a program.
 _QUOTING = re.compile(r"[\"'\\]")
 
-_LASTING = f"""\
-KillMode=mixed
-TimeoutStopSec={STOP_S}
-Restart=on-failure
-RestartSec=5
-# A setting that is wrong stays wrong.
-RestartPreventExitStatus=2
+_CREDENTIAL = """\
+LoadCredential=sawmill_token:{}
+Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
 """
-_BOUNDED = f"""\
-# A job's process that takes too much is ended alone, and the job is tried again or fails.
-MemoryMax=80%
-OOMPolicy=continue
-TasksMax=2048
-LimitNOFILE=1024:{files_needed(MOST_CONNECTIONS)}
-LimitCORE=0
-NoNewPrivileges=yes
-CapabilityBoundingSet=
-PrivateDevices=yes
-PrivateTmp=yes
-ProtectClock=yes
-ProtectControlGroups=yes
-ProtectHostname=yes
-ProtectKernelLogs=yes
-ProtectKernelModules=yes
-ProtectKernelTunables=yes
-ProtectProc=invisible
-LockPersonality=yes
-RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
-RestrictNamespaces=yes
-RestrictRealtime=yes
-RestrictSUIDSGID=yes
-SystemCallArchitectures=native
-SystemCallErrorNumber=EPERM
-SystemCallFilter=@system-service
-SystemCallFilter=landlock_create_ruleset landlock_add_rule landlock_restrict_self seccomp
-"""
-# Settings of units that compute.
-_CACHED = f"""\
-Environment=NUMBA_CACHE_DIR={CACHE} MPLCONFIGDIR={CACHE}/matplotlib
-CacheDirectory={CACHE.name}
-"""
-_STRICT = "ProtectSystem=strict\n"
-_COMMON = _LASTING + _BOUNDED + _STRICT
+_TEMPLATES = Path(__file__).parent / "units"
 
 
 @dataclass(frozen=True)
@@ -127,13 +84,23 @@ class Installation:
 
     def units(self) -> dict[str, str]:
         """Return the text of each unit by the name of its file."""
-        return {
-            "sawmill.service": self._service(),
-            "sawmill-worker@.service": self._worker(),
-            "sawmill-watch@.service": self._watch(),
-            "sawmill-backup@.service": self._backup(),
-            "sawmill-backup@.timer": _NIGHTLY,
+        in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
+        if STATE in self.data.parents:
+            folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
+        else:
+            folder = f"ReadWritePaths={_word(self.data)}"
+        # Root's file is given to the service alone, in memory; workers need no token.
+        credential = "" if self.token is None else _CREDENTIAL.format(_specifiers(self.token))
+        values = {
+            "program": _word(self.program),
+            "data": _word(self.data),
+            "setting": _word(f"SAWMILL_DATA_FOLDER={self.data}"),
+            "user": self.user,
+            "homes": "read-only" if in_homes else "yes",
+            "folder": folder,
+            "credential_and_folder": credential + folder,
         }
+        return {path.name: Template(path.read_text()).substitute(values) for path in sorted(_TEMPLATES.iterdir())}
 
     def write(self, folder: Path) -> list[Path]:
         """Write all units or none; older units of the same names are replaced.
@@ -171,137 +138,6 @@ class Installation:
             yield f"--user={self.user}"
         if self.token is not None:
             yield f"--token={self.token}"
-
-    def _service(self) -> str:
-        return f"""\
-# The service with its own workers: its settings are in {SETTINGS}, changes of this file belong into
-# a file beside it (systemctl edit sawmill.service).
-[Unit]
-Description=Sawmill calibration
-{self._unit()}
-[Service]
-Type=notify
-# Compiles what is not compiled yet, so that no job waits for it.
-ExecStartPre=-{self._command("compile")}
-ExecStart={self._command("serve")}
-# A database that is away is awaited, and tables of an earlier version are brought up to date.
-TimeoutStartSec=infinity
-# The service's loop reports twice in this time.
-WatchdogSec=60
-{self._credential()}{self._on_data()}{_CACHED}{_COMMON}
-[Install]
-WantedBy=multi-user.target
-"""
-
-    def _worker(self) -> str:
-        return f"""\
-# One more worker for each name, as sawmill-worker@1.service: on the service's machine, or, with PostgreSQL and a data
-# folder that both mount, on another one. Settings and changes are as those of sawmill.service.
-[Unit]
-Description=Sawmill calibration, worker %i
-{self._unit()}
-[Service]
-Type=exec
-ExecStartPre=-{self._command("compile")}
-ExecStart={self._command("worker")}
-TimeoutStartSec=infinity
-{self._on_data()}{_CACHED}{_COMMON}
-[Install]
-WantedBy=multi-user.target
-"""
-
-    def _watch(self) -> str:
-        return f"""\
-# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.toml. What it names may lie anywhere but in
-# homes and /tmp, so that the whole system is not read-only for it; its user must be allowed to write there. It works
-# without the service's data and settings, so that its user may be another one. It is started again without end, for a
-# share may come late.
-[Unit]
-Description=Sawmill calibration, watched folder %i
-After=network.target
-RequiresMountsFor={_word(self.program)}
-
-[Service]
-Type=exec
-ExecStart={self._command("watch")} /etc/sawmill/%i.toml
-{self._as_user()}{_LASTING}{_BOUNDED}ProtectSystem=full
-
-[Install]
-WantedBy=multi-user.target
-"""
-
-    def _backup(self) -> str:
-        return f"""\
-# A backup into the folder of its name:
-# systemd-escape --path --template=sawmill-backup@.timer /mnt/disk/backups says it.
-[Unit]
-Description=Backup of Sawmill calibration to %f
-After=network.target
-RequiresMountsFor={_word(self.program)} {_word(self.data)} %f
-
-[Service]
-Type=oneshot
-ExecStart={self._command("backup")} %f --keep 30
-Nice=10
-# Where there is no such folder, the command says so.
-ReadWritePaths=-%f
-{self._on_data()}{_BOUNDED}{_STRICT}"""
-
-    def _command(self, name: str) -> str:
-        return f"{_word(self.program)} {name}"
-
-    def _unit(self) -> str:
-        return f"""\
-After=network.target
-RequiresMountsFor={_word(self.program)} {_word(self.data)}
-StartLimitIntervalSec=600
-StartLimitBurst=10
-"""
-
-    def _credential(self) -> str:
-        """Return the setting that gives root's file to the service alone, in memory; workers need no token."""
-        if self.token is None:
-            return ""
-        return f"""\
-LoadCredential=sawmill_token:{_specifiers(self.token)}
-Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
-"""
-
-    def _as_user(self) -> str:
-        in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
-        return f"""\
-User={self.user}
-Environment=SAWMILL_LOG_FORMAT=json
-ProtectHome={"read-only" if in_homes else "yes"}
-"""
-
-    def _on_data(self) -> str:
-        """Return the settings of units that work on the service's data, which belong only to its user."""
-        if STATE in self.data.parents:
-            folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
-        else:
-            folder = f"ReadWritePaths={_word(self.data)}"
-        return f"""\
-{self._as_user()}Environment={_word(f"SAWMILL_DATA_FOLDER={self.data}")}
-EnvironmentFile=-{SETTINGS}
-{folder}
-UMask=0077
-"""
-
-
-# The timer runs each night, or after the next start if the machine was off.
-_NIGHTLY = """\
-[Unit]
-Description=Nightly backup of Sawmill calibration to %f
-
-[Timer]
-OnCalendar=*-*-* 02:30:00
-RandomizedDelaySec=600
-Persistent=yes
-
-[Install]
-WantedBy=timers.target
-"""
 
 
 def program() -> Path:
