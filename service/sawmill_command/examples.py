@@ -23,21 +23,11 @@ from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.simulate import SimulatedStack, simulate_stack
-from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 from sawmill_worker.use_cases.scans.simulation import write_simulated_scan
 
 SEED = 2206
 SCANNER = Scanner(CONSTANTS.source_to_cor_mm, CONSTANTS.num_detector_pixels, CONSTANTS.detector_pitch_mm)
 LOG_START_MM = 192.0
-# Density of a dry board.
-DRY_WOOD_PER_MM = 0.009
-# A bad day at the mill; examples/bad-day.json holds the same values.
-BAD_DAY = Physics(
-    BeamEffects(energy_spread=0.2, scatter_share=0.02),
-    DetectorEffects(blur_mm=0.8, lag_share=0.01, slope_share=0.01, gain_spread=0.03, dead_cells=2),
-    MotionEffects(wobble_twice_mm=0.2, wobble_towards_deg=20.0, encoder_deg=0.05),
-    WoodEffects(plane_tilt_deg=2.0, corner_radius_mm=3.0, knots=2),
-)
 
 
 def full_turn(views: int) -> FloatArray:
@@ -65,19 +55,12 @@ def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
 
 def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
     """Write raw counts of the example scanner as an NXtomo file."""
-    _write_stack(path, views, mill_stack(views, slices))
-
-
-def write_bad_day(path: Path, views: int) -> None:
-    """Write a row of the L-shaped phantom on a bad day at the mill, as an NXtomo file."""
-    wood = L_SHAPE.of_density(DRY_WOOD_PER_MM).moved(3.0, -2.0)
-    geometry = FanBeamGeometry(SCANNER, THETA, full_turn(views))
-    _write_stack(path, views, simulate_stack([wood], geometry, BAD_DAY, seed=SEED))
-
-
-def _write_stack(path: Path, views: int, stack: SimulatedStack) -> None:
     write_simulated_scan(
-        path, stack, full_turn(views), detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=ROW_PITCH_MM
+        path,
+        mill_stack(views, slices),
+        full_turn(views),
+        detector_pitch_mm=SCANNER.detector_pitch_mm,
+        row_pitch_mm=ROW_PITCH_MM,
     )
 
 
