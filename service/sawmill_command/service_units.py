@@ -33,28 +33,12 @@ _TEMPLATES = Path(__file__).parent / "units"
 
 @dataclass(frozen=True)
 class Installation:
-    """Installation that the units describe.
-
-    Parameters
-    ----------
-    program
-        The command `sawmill`.
-    data
-        The service's data folder.
-    user
-        User as whom the service runs.
-    token
-        A file with the first administrator's key, which only root needs to be able to read; None without a key.
-
-    Raises
-    ------
-    ValueError
-        The units could not work; the sentence names what would be right.
-    """
+    """Installation that the units describe; a `ValueError` names what would be right where they could not work."""
 
     program: Path
     data: Path = DATA
     user: str = "sawmill"
+    # A file with the first administrator's key, which only root needs to be able to read.
     token: Path | None = None
 
     def __post_init__(self) -> None:
@@ -103,26 +87,14 @@ class Installation:
         return {path.name: Template(path.read_text()).substitute(values) for path in sorted(_TEMPLATES.iterdir())}
 
     def write(self, folder: Path) -> list[Path]:
-        """Write all units or none; older units of the same names are replaced.
-
-        Raises
-        ------
-        OSError
-            The folder cannot be written to.
-        """
+        """Write all units or none; older units of the same names are replaced."""
         with tempfile.TemporaryDirectory(dir=folder) as fresh:
             for name, text in self.units().items():
                 (Path(fresh) / name).write_text(text)
             return [(Path(fresh) / name).replace(folder / name) for name in self.units()]
 
     def next_steps(self, *, written: bool) -> list[str]:
-        """Return the commands that root must run next.
-
-        Parameters
-        ----------
-        written
-            True if the units are in a folder that systemd reads.
-        """
+        """Return the commands that root must run next; `written` if systemd reads the folder of the units."""
         steps = [f"useradd --system --user-group --home-dir {DATA} --shell /usr/sbin/nologin {self.user}"]
         if STATE not in self.data.parents:
             steps.append(shlex.join(["install", "--directory", f"--owner={self.user}", "--mode=700", str(self.data)]))

@@ -52,19 +52,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 
 
 def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
-    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
-
-    Takes seconds: call it in a thread that may wait. The report has a function of its own, `report_picture`.
-
-    Raises
-    ------
-    NotFound
-        The calibration has no result.h5.
-    Refused
-        404 `no-log`: the scan shows no log next to the phantom.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing."""
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
@@ -78,15 +66,7 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
 
 def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
-    """Return the path of a calibration's report with its next step; drawn and kept for each step and language.
-
-    Raises
-    ------
-    NotFound
-        The calibration has no result.h5.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a calibration's report with its next step; drawn and kept for each step and language."""
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
@@ -157,15 +137,7 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
 
 
 def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
-    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
-
-    Raises
-    ------
-    NotFound
-        The scan has no scan.h5.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing."""
 
     def draw() -> bytes:
         from sawmill_formats.output import scan_reader

@@ -22,13 +22,7 @@ _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 
 
 def examine(data: Path | None) -> list[DoctorFinding]:
-    """Check everything from the settings to Redis; nothing is changed and no store is made.
-
-    Parameters
-    ----------
-    data
-        The data folder; None selects the settings' folder.
-    """
+    """Check everything from the settings to Redis; nothing is changed and no store is made."""
     try:
         with variables_checked():
             settings, execution = ServiceSettings(), ExecutionSettings()

@@ -120,63 +120,31 @@ class ChartMark:
 
 @dataclass(frozen=True)
 class Panel:
-    """A value over the time; `line`, `bars` and `pooled` are SVG in a box of 100 x the height.
-
-    Attributes
-    ----------
-    line : str
-        Line through the marks that are not faint.
-    ticks : list of (y, value), digits : int
-        Round values next to the panel, and the number of their decimals.
-    tolerance_y : float or None
-        Position of the tolerance, below which values are within tolerance; None: there is no tolerance.
-    bars : str
-        Intervals in which a value lies with 95 %.
-    pooled : list of (line, band)
-        Pooled values of the drift checks against one calibration by one method, and their 95 % band.
-    zeros : list of (x, y)
-        Starts of baselines, and their values.
-    """
+    """A value over the time; `line`, `bars` and `pooled` are SVG in a box of 100 x the height."""
 
     name: str
     height: int
     marks: list[ChartMark]
-    line: str
-    ticks: list[tuple[float, float]]
-    digits: int
-    tolerance_y: float | None
-    bars: str
-    pooled: list[tuple[str, str]]
-    zeros: list[tuple[float, float]]
+    line: str  # through the marks that are not faint
+    ticks: list[tuple[float, float]]  # (y, value) of round values
+    digits: int  # decimals of the round values
+    tolerance_y: float | None  # values below are within tolerance; None: there is no tolerance
+    bars: str  # intervals in which a value lies with 95 %
+    pooled: list[tuple[str, str]]  # for each calibration and method a line and its 95 % band
+    zeros: list[tuple[float, float]]  # (x, y) of the starts of baselines
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Content of a chart, as its template draws it.
-
-    Attributes
-    ----------
-    shown : list of (x, Movement)
-        Measurements that are drawn, the oldest first.
-    accepted : list of (x, calibration's id, time)
-        Times at which a calibration became the active one.
-    days : list of (x, time)
-        Dates or hours on the axis.
-    total : int
-        Number of measurements in the span; those that are not shown lie between shown ones.
-    changed : list of (x, start, width)
-        Times at which the scanner moved or began to, as its logs together show, and the 95 % intervals of these times.
-    alarms : list of (x, width)
-        Periods with an open alarm.
-    """
+    """Content of a chart, as its template draws it."""
 
     panels: list[Panel]
-    shown: list[tuple[float, Movement]]
-    accepted: list[tuple[float, str, datetime]]
-    days: list[tuple[float, datetime]]
-    total: int
-    changed: list[tuple[float, float, float]]
-    alarms: list[tuple[float, float]] = field(default_factory=list)
+    shown: list[tuple[float, Movement]]  # the oldest first, each with its x
+    accepted: list[tuple[float, str, datetime]]  # x, id and time of each calibration that became the active one
+    days: list[tuple[float, datetime]]  # dates or hours on the axis
+    total: int  # measurements in the span; those that are not shown lie between shown ones
+    changed: list[tuple[float, float, float]]  # x, start and width (95 %) of each time at which the scanner moved
+    alarms: list[tuple[float, float]] = field(default_factory=list)  # x and width of each period with an open alarm
 
 
 @dataclass(frozen=True)

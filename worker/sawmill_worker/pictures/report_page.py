@@ -36,43 +36,23 @@ LOOKS |= {
 
 @dataclass(frozen=True)
 class About:
-    """Context of an answer; None, or empty, where it is not known.
-
-    Attributes
-    ----------
-    made_at
-        Time with the zone in which it is shown.
-    asked_by
-        The person, program or schedule that requested the calibration.
-    active
-        True if the scanner uses the calibration; None without a service.
-    activated : str
-        Time of the activation.
-    activated_why : str
-        Reason of the activation, as somebody gave it.
-    step : NextStep or None
-        Next step that the service gives with the scanner's state; None without a service.
-    origin : str
-        The file from which the report was made; empty if the service made the report.
-    back : str
-        Address of the page to return to, on a screen.
-    """
+    """Context of an answer; None, or empty, where it is not known, as everything is that only a service knows."""
 
     calibration_id: str | None = None
-    made_at: datetime | None = None
+    made_at: datetime | None = None  # with the zone in which it is shown
     scanner_name: str | None = None
     scanner_id: str | None = None
     scan_name: str | None = None
     scan_id: str | None = None
     phantom: PhantomDrawing | None = None
     tolerances: Tolerances | None = None
-    asked_by: str | None = None
-    active: bool | None = None
-    activated: str = ""
+    asked_by: str | None = None  # the person, program or schedule
+    active: bool | None = None  # whether the scanner uses the calibration
+    activated: str = ""  # when it was activated
     activated_why: str = ""
-    step: NextStep | None = None
-    origin: str = ""
-    back: str = ""
+    step: NextStep | None = None  # with the scanner's state
+    origin: str = ""  # the file from which the report was made
+    back: str = ""  # address of the page to return to, on a screen
 
 
 def report_html(

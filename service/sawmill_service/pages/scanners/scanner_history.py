@@ -73,21 +73,11 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 @dataclass(frozen=True)
 class ShownHistory(DaySpan):
-    """Selection of the entries that the page lists, and the span of the chart.
+    """Selection of the entries that the page lists, and the span of the chart."""
 
-    Attributes
-    ----------
-    kind : HistoryKind or None
-        Kind of the entries; None: all kinds.
-    days : float
-        Span of the chart, days.
-    after : str or None
-        Cursor of the previous page.
-    """
-
-    kind: HistoryKind | None
+    kind: HistoryKind | None  # None: all kinds
     days: float
-    after: str | None
+    after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the store."""
