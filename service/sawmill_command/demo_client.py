@@ -32,30 +32,15 @@ class DemoError(Exception):
 def running_service(
     folder: Path, settings: Mapping[str, str] = NO_SETTINGS, *, workers: int | None = None
 ) -> Iterator[httpx.Client]:
-    """Run `sawmill serve` on a free loopback port with a new data folder; yield a client once the service is ready.
+    """Run `sawmill serve` on a free loopback port with its data and log in a folder; yield a client once it is ready.
 
-    Parameters
-    ----------
-    folder
-        Folder for the data folder and the log.
-    settings
-        Environment variables in addition to the defaults.
-    workers
-        Number of workers; None selects the default.
+    `settings` are environment variables in addition to the defaults; without `workers` there are as many as usual.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [
-        sys.executable,
-        "-m",
-        "sawmill_command.commands",
-        "serve",
-        "--data",
-        str(folder / "data"),
-        "--port",
-        str(port),
-    ]
+    command = [sys.executable, "-m", "sawmill_command.commands", "serve", "--port", str(port)]
+    command += ["--data", str(folder / "data"), "--no-examples"]
     if workers is not None:
         command += ["--workers", str(workers)]
     log = folder / "service.log"
@@ -63,7 +48,7 @@ def running_service(
     kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
     with log.open("wb") as sink:
         service = subprocess.Popen(  # noqa: S603 - the product itself
-            [*command, "--no-examples"], stdout=sink, stderr=sink, env={**kept, **settings}
+            command, stdout=sink, stderr=sink, env={**kept, **settings}
         )
         try:
             with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as client:

@@ -1,32 +1,152 @@
-"""Creation of the example resources in a separate process, so that the service need not load the science."""
+"""Example resources in a new data folder, so that the console's "Try it out" works at once.
 
-import subprocess
+Their scans are files that `sawmill_command.examples` has simulated, so that the service need not load the science.
+"""
+
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import structlog
 
-from sawmill_platform.attempts.environment import environment_with
-from sawmill_platform.attempts.importing import PROGRAM
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.inspections import InspectionOptions
+from sawmill_contracts.kinds import Ask, asked_kinds
+from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.contracts.jobs import Priority
+from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_store.mill_files import MillFiles
+from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
+from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
+from sawmill_store.inspections import Inspections
+from sawmill_store.requests.asked import NOTHING, Asked
+from sawmill_store.scans import Scans
 from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 
-COMMAND = (*PROGRAM, "sawmill_command.examples")
+RECORDED = Path(__file__).parent / "example_files"
+STACK_FILE, PHANTOM_FILE = "log-with-phantom.h5", "phantom-scan.npz"
+# Marks a data folder whose examples are made.
+DONE = "complete"
+L_SHAPE = "l-shape"
+# The published scanner (arXiv 2206.14444) with another geometry.
+ROW_PITCH_MM = 4.0
+CONSTANTS = ScannerConstants(
+    source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583, row_pitch_mm=ROW_PITCH_MM
+)
+THETA = Theta(
+    initial_angle_rad=1.1, detector_to_cor_mm=741.0, source_shift_mm=212.0, detector_shift_mm=31.0, detector_tilt=0.17
+)
+PHANTOM_ROWS, LOG_ROWS = 3, 5
 
 
-def examples_made(files: MillFiles) -> Path:
-    """Return the path of the file that marks a data folder whose examples are made."""
-    return files.folder / EXAMPLES / "complete"
+def seed_examples(store: Store) -> None:
+    """Queue and store the examples once in the life of a data folder; safe to repeat after an interruption.
 
-
-def seed_apart(store: Store) -> None:
-    """Fill a data folder with examples once in its life; if this process ends earlier, the next start tries again."""
-    if examples_made(store.files).exists():
+    Examples are computed in the background, so that jobs of users do not wait for examples.
+    """
+    folder = store.files.folder / EXAMPLES
+    if (folder / DONE).exists():
         return
-    # The standard input of the new process ends with this process, and the new process ends with its standard input.
-    with subprocess.Popen(  # noqa: S603 - our own command
-        COMMAND, stdin=subprocess.PIPE, stdout=2, start_new_session=True, env=environment_with(store.settings)
-    ) as process:
-        code = process.wait()
-    if code:
-        structlog.get_logger().error("examples-failed", exit_code=code)
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(RECORDED / PHANTOM_FILE, folder / PHANTOM_FILE)
+    existing = {item.id for item in store.scanners.page().items}
+    for identifier in {EXAMPLE, SPARE} - existing:
+        store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
+    if SPARE not in {item.id for item in store.phantoms.page().items}:
+        store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
+    _seed_scans(store.scans)
+    _seed_inspections(store.inspections)
+    _seed_uploads(store.uploads)
+    _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
+    log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
+    sparse = ReconstructionAsk(
+        scan_id=EXAMPLE,
+        calibration_id=EXAMPLE,
+        rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + 1}",
+        views=20,
+        method=ReconstructionMethod.TIKHONOV,
+        size=128,
+    )
+    _ask_once(store.reconstructions, log)
+    _ask_once(store.reconstructions, sparse, SPARSE)
+    _ask_once(store.drifts, DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE))
+    plan = PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20)
+    _ask_once(store.plans, plan, given={"phantom_id": L_SHAPE})
+    # Any other kind is requested with the request body of the console's example.
+    for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
+        given = dict(declared.to_ask.example)
+        ask = declared.ask.model_validate(given.pop("body"))
+        _ask_once(store.asked(declared), ask, declared.example_id, given=given)
+    scheduled = {item.id for item in store.schedules.page().items}
+    for identifier in {EXAMPLE, SPARE} - scheduled:
+        store.schedules.create(
+            ScheduleSpec(scanner_id=EXAMPLE, cron="30 5 * * 1-6", enabled=False), schedule_id=identifier
+        )
+    (folder / DONE).touch()
+    structlog.get_logger().info("examples-ready", folder=str(folder))
+
+
+def _ask_once(
+    requests: Asked[Ask, Any],
+    ask: Ask,
+    identifier: str = EXAMPLE,
+    *,
+    job_id: str | None = None,
+    given: Mapping[str, str] = NOTHING,
+) -> None:
+    """Request an example in the background, unless it was requested before."""
+    if identifier not in {item.id for item in requests.page().items}:
+        requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
+
+
+def _scanner_spec(identifier: str) -> ScannerSpec:
+    return ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS)
+
+
+def _spare_phantom() -> PhantomDrawing:
+    cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
+    return PhantomDrawing(
+        name="example tee", shapes=[Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))]
+    )
+
+
+def _seed_scans(scans: Scans) -> None:
+    existing = {item.id for item in scans.page().items}
+    for identifier in (SPARE, EXAMPLE):
+        if identifier not in existing:
+            spec = ScanSpec(
+                scanner_id=EXAMPLE,
+                data=DataKind.COUNTS,
+                name="example: a log with the L-shaped phantom on its end",
+                phantom_id=L_SHAPE,
+                phantom_rows=f"0:{PHANTOM_ROWS}",
+            )
+            received = scans.files.receive([(RECORDED / STACK_FILE).read_bytes()], max_bytes=2**30)
+            scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
+
+
+def _seed_inspections(inspections: Inspections) -> None:
+    existing = {item.id for item in inspections.page().items}
+    for identifier in {SPARE, EXAMPLE} - existing:
+        received = inspections.files.receive([(RECORDED / PHANTOM_FILE).read_bytes()], max_bytes=2**30)
+        inspections.accept_file(
+            InspectionOptions(), received, name=PHANTOM_FILE, identifier=identifier, priority=Priority.BACKGROUND
+        )
+
+
+def _seed_uploads(uploads: Uploads) -> None:
+    """Declare two uploads that wait for their first part."""
+    for identifier in (EXAMPLE, SPARE):
+        with suppress(Conflict):  # the upload waits already
+            uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)

@@ -32,7 +32,7 @@ def serve(
 ) -> None:
     """Run the API, its workers and the schedule on this machine."""
     with importing():
-        from sawmill_command.seeding import seed_apart
+        from sawmill_command.seeding import seed_examples
         from sawmill_platform.errors import StorageError
         from sawmill_platform.settings import StorageSettings
         from sawmill_platform.workers.settings import ExecutionSettings
@@ -49,7 +49,7 @@ def serve(
             settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
     except WrongVariableError as error:
         raise typer.BadParameter(str(error)) from error
-    seed = seed_apart if examples else None
+    seed = seed_examples if examples else None
     # The database has the secrets of webhooks in clear.
     os.umask(0o077)
     try:
@@ -150,7 +150,7 @@ def demo(
         Path, typer.Option(file_okay=False, help="Folder for the pictures, the HDF5 files and index.html.")
     ] = Path("demo-output"),
 ) -> None:
-    """Run the whole job over HTTP on simulated data, and on the published scans where they are."""
+    """Run the whole job over HTTP on simulated data."""
     from sawmill_command.demo import run_demo
 
     raise typer.Exit(run_demo(output))

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
 # One picture at a time: a picture that many request at once is drawn once, and threads share matplotlib's caches.
-_DRAWING = threading.Lock()
+DRAWING = threading.Lock()
 # Thumbnails need no matplotlib, and do not wait for a report.
 _SMALL = threading.Lock()
 THUMBNAIL = "thumbnail.png"
@@ -52,19 +52,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 
 
 def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
-    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing.
-
-    Takes seconds: call it in a thread that may wait. The report has a function of its own, `report_picture`.
-
-    Raises
-    ------
-    NotFound
-        The calibration has no result.h5.
-    Refused
-        404 `no-log`: the scan shows no log next to the phantom.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing."""
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
@@ -74,19 +62,11 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
         return overlay_png(*_answer(path))
 
-    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
 
 
 def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
-    """Return the path of a calibration's report with its next step; drawn and kept for each step and language.
-
-    Raises
-    ------
-    NotFound
-        The calibration has no result.h5.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a calibration's report with its next step; drawn and kept for each step and language."""
     path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
@@ -96,7 +76,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
 
     of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
     name = f"report-{reader.language}-{of_step}.png"
-    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=_DRAWING)
+    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
 
 
 @dataclass(frozen=True)
@@ -152,20 +132,12 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
     from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
-    with _DRAWING:
+    with DRAWING:
         return alpha_curve_png(**columns)
 
 
 def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
-    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing.
-
-    Raises
-    ------
-    NotFound
-        The scan has no scan.h5.
-    StorageFull
-        The disk is full.
-    """
+    """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing."""
 
     def draw() -> bytes:
         from sawmill_formats.output import scan_reader

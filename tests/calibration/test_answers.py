@@ -192,7 +192,7 @@ def test_a_report_has_the_pictures_unless_the_calibration_was_read_from_a_file(c
     pictures = {}
     for name, known in (("made", calibration), ("read", sawmill.read_calibration(tmp_path / "saved.json"))):
         known.report(tmp_path / f"{name}.html")
-        pictures[name] = (tmp_path / f"{name}.html").read_text().count("data:image/png")
+        pictures[name] = (tmp_path / f"{name}.html").read_text().count("data:image/svg")
     assert pictures["made"] >= 2
     assert pictures["read"] == 0
 

@@ -127,7 +127,7 @@ def test_the_report_is_a_page_where_its_name_says_so(run, phantom_scan, tmp_path
     run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--json", "--report", tmp_path / "out.html")
     page = (tmp_path / "out.html").read_text()
     assert page.startswith("<!doctype html>")
-    assert page.count("data:image/png;base64,") >= 2
+    assert page.count("data:image/svg+xml;base64,") >= 2
     assert phantom_scan.name in page
 
 

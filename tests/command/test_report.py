@@ -50,7 +50,7 @@ def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, hdf5, tmp_path)
     assert "a report of two pages" in done.stderr
     assert done.stdout == ""
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png;base64,") == 2
+    assert html.count("data:image/svg+xml;base64,") == 3
     assert "Calibration with our &lt;cross&gt;" in html
     with h5py.File(path) as file:
         year = file["entry/start_time"][()][:4].decode()

@@ -1,19 +1,14 @@
 """`sawmill simulate --physics`, and the same from Python."""
 
 import json
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 
 import sawmill_calibration as sawmill
 from sawmill_calibration import InputError
-from sawmill_command import examples
-from sawmill_vocabulary.physics import Physics
 
-ROOT = Path(__file__).parents[2]
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 SMALL = (*THETA, "--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--views", 12)
 SCANNER = sawmill.Scanner(859.46, 256, 4.508593749)
@@ -83,8 +78,3 @@ def test_physics_are_of_counts(wrong_use, tmp_path, physics_file):
         sawmill.simulate_phantom_scan("l-shape", SCANNER, theta, physics={}, noise=0.1)
     with pytest.raises(InputError, match=r"wood\.rings: Extra inputs"):
         sawmill.simulate_phantom_scan("l-shape", SCANNER, theta, physics={"wood": {"rings": 3}})
-
-
-def test_the_bad_day_of_the_demo_is_the_example():
-    text = (ROOT / "examples/bad-day.json").read_bytes()
-    assert TypeAdapter(Physics).validate_json(text) == examples.BAD_DAY

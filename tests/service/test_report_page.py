@@ -34,7 +34,7 @@ def test_the_report_names_scanner_scan_phantom_and_who_uses_it(report):
     assert "L-shape" in text
     assert "UTC" in text
     assert "movement 0.500 mm" in text
-    assert answer.text.count("data:image/png;base64,") == 4  # phantom, log before and after, residual
+    assert answer.text.count("data:image/svg+xml;base64,") == 5  # phantom, log before and after, residual, search
     assert 'href="/scanners/example"' in answer.text
 
 

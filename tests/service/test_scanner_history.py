@@ -16,8 +16,7 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import EventRow
 from sawmill_service.history_file import COLUMNS, history_csv
-from sawmill_service.pages.charts.charts import HEIGHT_PX, MOST_MARKS, span_of
-from sawmill_service.pages.charts.trend_chart import trend_chart
+from sawmill_service.pages.charts import MOST_MARKS, TREND_PX, Span, trend_chart
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
@@ -183,11 +182,11 @@ def test_a_trend_has_error_bars_lines_and_open_alarms():
         ),
     ]
     opened = [Alarm(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
-    chart = trend_chart([movement(4), *checks, wide], marks, opened, span_of(10, NOW), 4)
+    chart = trend_chart([movement(4), *checks, wide], marks, opened, Span.until(NOW, 10), 4)
     cor, tilt, sdd, residual, gain = chart.panels
     bars = [tuple(map(float, bar)) for bar in re.findall(r"M([\d.]+) ([\d.]+)V([\d.]+)", cor.bars)]
     assert len(bars) == 4
-    assert all(0 < high < mark.y < low < HEIGHT_PX for mark, (_, low, high) in zip(cor.marks, bars, strict=True))
+    assert all(0 < high < mark.y < low < TREND_PX for mark, (_, low, high) in zip(cor.marks, bars, strict=True))
     assert bars[-1][1] - bars[-1][2] < 2 * (bars[0][1] - bars[0][2]), "a long bar flattens no other"
     assert tilt.bars == ""
     assert [len(panel.marks) for panel in (cor, tilt, sdd, residual, gain)] == [4, 4, 1, 1, 1]

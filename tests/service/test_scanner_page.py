@@ -14,8 +14,7 @@ from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_service.pages.charts.charts import MOST_MARKS, days_of, range_of, span_of, thinned
-from sawmill_service.pages.charts.drift_chart import DRIFT, drift_chart
+from sawmill_service.pages.charts import DRIFT, MOST_MARKS, Span, days_of, drift_chart, range_of, thinned
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
@@ -63,7 +62,7 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
     two_years[300] = two_years[300]._replace(ray_change_mm=3.0, within_tolerance=False)
     two_years[400] = two_years[400]._replace(cor_column_mm=-140.0)
     two_years[500] = two_years[500]._replace(tilt_deg=-5.0)
-    shown = thinned(two_years, span_of(730, NOW), DRIFT.values())
+    shown = thinned(two_years, Span.until(NOW, 730), [each.value for each in DRIFT.values()])
     assert len(shown) <= MOST_MARKS
     assert [one.at for one in shown] == sorted(one.at for one in shown)
     for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):
@@ -111,7 +110,7 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
         finding=finding,
         alarm=finding,
     )
-    span = span_of(30, NOW)
+    span = Span.until(NOW, 30)
     chart = drift_chart(seen, [], span=span, tolerance_mm=0.5, total=len(seen), together=[together])
     rays, cor, tilt = chart.panels
     assert [mark.faint for mark in cor.marks] == [False, True, True, True]
@@ -131,7 +130,7 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
 
 @pytest.mark.parametrize(("days", "step"), [(0.5, timedelta(hours=3)), (1, timedelta(hours=6)), (7, timedelta(days=2))])
 def test_a_short_chart_has_hours_and_days(days, step):
-    ticks = [at for _, at in days_of(span_of(days, NOW))]
+    ticks = [at for _, at in days_of(Span.until(NOW, days))]
     assert {later - earlier for earlier, later in itertools.pairwise(ticks)} == {step}
     assert all((at - at.replace(hour=0)) % min(step, timedelta(days=1)) == timedelta(0) for at in ticks)
     assert 3 <= len(ticks) <= 6
@@ -140,7 +139,7 @@ def test_a_short_chart_has_hours_and_days(days, step):
 def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
     seen = [movement(20, None, kind=MeasurementKind.CALIBRATION), movement(10, 0.25), movement(1, 9.0)]
     chart = drift_chart(
-        seen, [("example", NOW - timedelta(days=20))], span=span_of(30, NOW), tolerance_mm=0.5, total=len(seen)
+        seen, [("example", NOW - timedelta(days=20))], span=Span.until(NOW, 30), tolerance_mm=0.5, total=len(seen)
     )
     rays, cor, _ = chart.panels
     assert [(mark.tone, mark.beyond) for mark in rays.marks] == [("good", False), ("bad", True)]

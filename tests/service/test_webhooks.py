@@ -9,7 +9,7 @@ from page_text import text_of
 from pydantic import ValidationError
 from receivers import receiving, status
 
-from sawmill_command.doctor.webhooks import webhooks as findings
+from sawmill_command.doctor.store import webhooks as findings
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of

@@ -1,5 +1,6 @@
 """Call and output of `sawmill doctor`."""
 
+import platform
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -9,40 +10,35 @@ from rich.table import Table
 
 from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
-from sawmill_command.doctor.findings import DoctorFinding, State
-from sawmill_command.doctor.science import science
+from sawmill_command.doctor.findings import DoctorFinding, State, bad, good
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sole_service import serving_process
 from sawmill_platform.workers.variables import WrongVariableError, variables_checked
 from sawmill_service.settings import ServiceSettings
+from sawmill_vocabulary.version import VERSION
 
 _COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
 
 
 def examine(data: Path | None) -> list[DoctorFinding]:
-    """Check everything from the settings to Redis; nothing is changed and no store is made.
-
-    Parameters
-    ----------
-    data
-        The data folder; None selects the settings' folder.
-    """
+    """Check everything from the settings to Redis; nothing is changed and no store is made."""
     try:
         with variables_checked():
             settings, execution = ServiceSettings(), ExecutionSettings()
             storage = settings_of(data)
     except WrongVariableError as error:
-        return [DoctorFinding("settings", State.BAD, str(error), "then ask the doctor again")]
+        return [bad("settings", str(error), "then ask the doctor again")]
     return list(_examine(settings, storage, execution))
 
 
 def _examine(
     settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings
 ) -> Iterator[DoctorFinding]:
-    yield DoctorFinding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
-    yield from machine.packages()
-    yield from science()
+    yield good("settings", "every SAWMILL_ variable is a setting and holds what it can")
+    yield good("versions", f"sawmill-calibration {VERSION}, Python {platform.python_version()}")
+    yield machine.kernels()
+    yield machine.memory()
     yield from machine.limits_of_system(settings, execution)
     yield from machine.data_folder(storage)
     yield from machine.watched_folders(storage.watch_folders)
@@ -62,10 +58,10 @@ def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Do
     try:
         process = serving_process(storage)
     except OSError as error:
-        yield DoctorFinding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
+        yield bad("service", str(error), machine.run_as_owner(storage.data_folder))
         return
     if process is not None:
-        yield DoctorFinding("service", State.GOOD, f"process {process} serves the data folder")
+        yield good("service", f"process {process} serves the data folder")
     else:
         yield machine.address(settings, may_be_ours=not storage.is_one_file)
 

@@ -1,17 +1,18 @@
-"""Checks of the machine: packages, the data folder with its disk and owners, limits of the system."""
+"""Checks of the machine: kernels, memory, the data folder with its disk and owners, limits of the system."""
 
 import errno
+import importlib
 import os
-import platform
+import pkgutil
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import closing
-from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-from packaging.requirements import Requirement
-
-from sawmill_command.doctor.findings import DoctorFinding, State
+import sawmill_tomography as tomography
+from sawmill_calibration.capacity import memory_available
+from sawmill_command.doctor.findings import DoctorFinding, State, bad, good, watch
+from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_platform.confinement import landlock
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_platform.files.file_store import is_read_only, refuse_half_restored
@@ -21,9 +22,8 @@ from sawmill_service.http.limits.open_files import files_needed, possible_connec
 from sawmill_service.http.listening import ListenError, listen
 from sawmill_service.pages.system.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
-from sawmill_vocabulary.version import VERSION
+from sawmill_tomography.kernel_cache import holds_all
 
-PACKAGE = "sawmill-calibration"
 # File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
 _MOUNTS = Path("/proc/self/mountinfo")
@@ -31,81 +31,73 @@ _OTHERS_MAY_WRITE, _ANYBODY_MAY_READ = 0o022, 0o007
 _OF_THE_DISK = "lost+found"  # belongs to root if the folder is the root of a disk
 
 
-def packages() -> Iterator[DoctorFinding]:
-    """Check that the installed packages are the versions that the product requires."""
-    wrong = list(wrong_packages(requires(PACKAGE) or []))
-    yield from wrong
-    if not wrong:
-        yield DoctorFinding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
-
-
-def wrong_packages(requirements: Iterable[str]) -> Iterator[DoctorFinding]:
-    """Find the packages that do not meet requirements, which are written as in PEP 508."""
-    for text in requirements:
-        needed = Requirement(text)
-        if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
-            continue
-        try:
-            installed = version(needed.name)
-        except PackageNotFoundError:
-            installed = "none"
-        if installed == "none" or not needed.specifier.contains(installed, prereleases=True):
-            requirement = f"{needed.name}{needed.specifier}"
-            yield DoctorFinding(
-                "versions",
-                State.BAD,
-                f"{requirement} is needed, and {installed} is installed",
-                f"install {PACKAGE} again with its constraints.txt",
-            )
-
-
 def watched_folders(folders: Iterable[Path]) -> Iterator[DoctorFinding]:
     """Check that this user can take files from the folders that may be watched."""
     for folder in folders:
         if folder.is_dir() and os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-            yield DoctorFinding("watched folders", State.GOOD, f"{folder} can be read and written")
+            yield good("watched folders", f"{folder} can be read and written")
         else:
             sentence = f"{folder} of SAWMILL_WATCH_FOLDERS is missing, or this user cannot read and write it"
-            yield DoctorFinding("watched folders", State.BAD, sentence, "mount it, or change its owner")
+            yield bad("watched folders", sentence, "mount it, or change its owner")
 
 
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[DoctorFinding]:
     """Check that the system's limits allow the settings."""
     most, possible = settings.max_connections, possible_connections(settings.max_connections)
     if possible == most:
-        yield DoctorFinding("open files", State.GOOD, f"enough for {most} connections")
+        yield good("open files", f"enough for {most} connections")
     else:
-        yield DoctorFinding(
+        yield watch(
             "open files",
-            State.WATCH,
             f"{most} connections need {files_needed(most)} open files; the system allows {possible} connections",
             f"raise its limit (ulimit -n), or set SAWMILL_MAX_CONNECTIONS to {possible}",
         )
     if os.geteuid() == 0:
-        yield DoctorFinding(
+        yield watch(
             "user",
-            State.WATCH,
             "this is root: a service of root that somebody takes over has all rights on the machine",
             "run the service, and the doctor, as a user of its own: see docs/do/install.md",
         )
     else:
-        yield DoctorFinding("user", State.GOOD, f"user {os.geteuid()}, who is not root")
+        yield good("user", f"user {os.geteuid()}, who is not root")
     if not execution.confine_attempts:
-        yield DoctorFinding(
+        yield watch(
             "confinement",
-            State.WATCH,
             "SAWMILL_CONFINE_ATTEMPTS is off: a hostile upload could reach all files of this user",
             "unset it",
         )
     elif landlock.version() == 0:
-        yield DoctorFinding(
+        yield watch(
             "confinement",
-            State.WATCH,
             "the kernel has no Landlock: a hostile upload could reach all files of this user",
             "use Linux 5.13 or later with Landlock enabled (lsm=landlock,...)",
         )
     else:
-        yield DoctorFinding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
+        yield good("confinement", f"Landlock {landlock.version()} keeps jobs to their own files")
+
+
+def memory() -> DoctorFinding:
+    """Check that the memory suffices for a job."""
+    available = memory_available()
+    sentence = f"{available / 1e9:.1f} GB of memory are free, and a job may take {DATA_BYTES / 1e9:.1f} GB"
+    if available < DATA_BYTES:
+        return watch("memory", sentence, "end other programs, or set SAWMILL_WORKERS=1")
+    return good("memory", sentence)
+
+
+def kernels() -> DoctorFinding:
+    """Check that the cache has the compiled kernels of this installation."""
+    names = [found.name for found in pkgutil.walk_packages(tomography.__path__, f"{tomography.__name__}.")]
+    try:
+        modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
+    except RuntimeError as error:  # from Numba, if neither the installation nor the user's cache can be written to
+        sentence = f"{error}: jobs keep theirs in the data folder, and the first ones wait for them, up to a minute"
+        return watch("kernels", sentence, "run sawmill compile as the installation's owner")
+    missing = [module.__name__.rpartition(".")[2] for module in modules if not holds_all(module)]
+    if missing:
+        sentence = f"not compiled yet: {', '.join(missing)}; the first jobs wait for it, up to a minute"
+        return watch("kernels", sentence, "run sawmill compile as the service's user")
+    return good("kernels", f"{len(modules)} files of compiled kernels are in the cache")
 
 
 def address(settings: ServiceSettings, *, may_be_ours: bool) -> DoctorFinding:
@@ -116,9 +108,9 @@ def address(settings: ServiceSettings, *, may_be_ours: bool) -> DoctorFinding:
     except ListenError as error:
         if may_be_ours and isinstance(error.__cause__, OSError) and error.__cause__.errno == errno.EADDRINUSE:
             sentence = f"something listens on {settings.host} with port {settings.port}: the service, if it runs"
-            return DoctorFinding("address", State.GOOD, sentence)
-        return DoctorFinding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
-    return DoctorFinding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
+            return good("address", sentence)
+        return bad("address", str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
+    return good("address", f"{settings.host} with port {port} can be listened on")
 
 
 def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
@@ -127,15 +119,14 @@ def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
     if not folder.is_dir():
         if storage.is_one_file:  # a database server knows whether a folder should exist
             cure = "the first start of sawmill serve makes it"
-            yield DoctorFinding("data folder", State.WATCH, f"{folder} is not there", cure)
+            yield watch("data folder", f"{folder} is not there", cure)
         return
     yield _writable(folder)
     if not is_closed(folder):
         yield from _half_restored(folder)
     if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
-        yield DoctorFinding(
+        yield bad(
             "data folder",
-            State.BAD,
             f"{folder} is on a network file system ({kind}), where SQLite loses rows",
             "move it to a local disk, or give SAWMILL_DATABASE_URL=postgresql://...",
         )
@@ -147,7 +138,7 @@ def _half_restored(folder: Path) -> Iterator[DoctorFinding]:
         refuse_half_restored(folder)
     except StorageMisconfigured as error:
         cure = "wait for its end, or give sawmill restore BACKUP once more"
-        yield DoctorFinding("data folder", State.BAD, str(error), cure)
+        yield bad("data folder", str(error), cure)
 
 
 def is_closed(folder: Path) -> bool:
@@ -162,22 +153,20 @@ def _writable(folder: Path) -> DoctorFinding:
     cure = "look for the disk's errors in the system's log (dmesg), mend it (fsck), and mount it for writing again"
     try:
         if is_read_only(folder):
-            return DoctorFinding("data folder", State.BAD, f"{folder} is on a disk that is read-only", cure)
+            return bad("data folder", f"{folder} is on a disk that is read-only", cure)
     except FolderUnavailable as error:
-        return DoctorFinding("data folder", State.BAD, str(error), cure)
+        return bad("data folder", str(error), cure)
     if is_closed(folder):
-        return DoctorFinding(
+        return bad(
             "data folder",
-            State.BAD,
             f"{folder} belongs to user {_owner(folder)} and cannot be written to by this one",
             run_as_owner(folder),
         )
     # Files left by a command of another user, above all root, to which the service cannot write.
     stray = next((one for one in _two_levels(folder) if one.lstat().st_uid != folder.stat().st_uid), None)
     if stray is not None:
-        return DoctorFinding(
+        return bad(
             "data folder",
-            State.BAD,
             f"{stray} belongs to user {_owner(stray)}, and the folder to {_owner(folder)}",
             f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
         )
@@ -188,7 +177,7 @@ def _writable(folder: Path) -> DoctorFinding:
         )
         sentence = f"others on this machine may {do} {folder} ({mode:o})"
         return DoctorFinding("data folder", state, sentence, f"chmod {taken} {folder}")
-    return DoctorFinding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
+    return good("data folder", f"{folder}, of user {_owner(folder)}")
 
 
 def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
@@ -201,7 +190,7 @@ def _room(folder: Path, reserve_bytes: int) -> Iterator[DoctorFinding]:
     names = os.statvfs(folder)
     if names.f_files and names.f_favail < names.f_files // 100:
         sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"
-        yield DoctorFinding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
+        yield watch("disk", sentence, "remove small files: df -i shows the disk")
 
 
 def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:

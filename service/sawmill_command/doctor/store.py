@@ -1,22 +1,24 @@
-"""Checks of the service, the database, the workers, the clocks and Redis."""
+"""Checks of the database, the workers, the clocks, webhooks and Redis."""
 
 from collections.abc import Iterator
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sawmill_command.doctor.findings import DoctorFinding, State
-from sawmill_command.doctor.webhooks import webhooks
+from sawmill_command.doctor.findings import DoctorFinding, State, bad, good, watch
 from sawmill_platform.backups.taking import newest_backup
+from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 from sawmill_platform.database.report import DatabaseReport
 from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
 from sawmill_platform.files.folder_identity import refuse_used
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_service.pages.system.system_parts import SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.destinations import SETTING
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.store import Store
 
@@ -47,7 +49,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 if State.BAD in {damage.state, folder.state}:
                     return
                 if settings.may_be_reached and settings.token is None and not store.keys.any_good():
-                    yield DoctorFinding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
+                    yield bad("keys", _NO_KEY, _MAKE_A_KEY)
                 yield _files(store)
                 yield _workers(store)
                 yield _clock(store)
@@ -55,9 +57,9 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 yield from _retention(store.retention)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
-        yield DoctorFinding("database", State.BAD, str(error), cure)
+        yield bad("database", str(error), cure)
     except StorageError as error:
-        yield DoctorFinding("database", State.BAD, str(error), "start its server, or end the process that holds it")
+        yield bad("database", str(error), "start its server, or end the process that holds it")
 
 
 def files_without_database(folder: Path) -> Iterator[DoctorFinding]:
@@ -65,7 +67,7 @@ def files_without_database(folder: Path) -> Iterator[DoctorFinding]:
     try:
         refuse_used(folder)
     except StorageMisconfigured as error:
-        yield DoctorFinding("database", State.BAD, str(error), _RESTORE)
+        yield bad("database", str(error), _RESTORE)
 
 
 def backup(folder: Path) -> DoctorFinding:
@@ -86,41 +88,41 @@ def backup(folder: Path) -> DoctorFinding:
 def broker(url: str | None) -> DoctorFinding:
     """Check Redis, if it is used."""
     if url is None:
-        return DoctorFinding("Redis", State.GOOD, "not used: workers look into the database")
+        return good("Redis", "not used: workers look into the database")
     report = report_of(url)
     if report.refused:
         sentence = f"{report.host} refuses the user or the password: jobs of Celery workers do not begin"
         cure = (
             "write Redis's password into SAWMILL_BROKER_URL of the service and of each worker: redis://:PASSWORD@HOST"
         )
-        return DoctorFinding("Redis", State.BAD, sentence, cure)
+        return bad("Redis", sentence, cure)
     if report.answered_s is None:
         sentence = f"{report.host} does not answer: jobs of Celery workers begin only when it does"
-        return DoctorFinding("Redis", State.BAD, sentence, "start it, or mend SAWMILL_BROKER_URL")
-    return DoctorFinding("Redis", State.GOOD, f"{report.host} answers in {1000 * report.answered_s:.1f} ms")
+        return bad("Redis", sentence, "start it, or mend SAWMILL_BROKER_URL")
+    return good("Redis", f"{report.host} answers in {1000 * report.answered_s:.1f} ms")
 
 
 def _migration(report: DatabaseReport) -> DoctorFinding:
     has, needs = report.migration, report.newest_migration
     if report.unreadable is not None:
         cure = "start the version that wrote them, or restore a backup of a release: sawmill restore BACKUP"
-        return DoctorFinding("database", State.BAD, report.unreadable, cure)
+        return bad("database", report.unreadable, cure)
     if has != needs:
         sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
         cure = "take a backup (sawmill backup FOLDER): the next start of sawmill serve brings them up to date"
-        return DoctorFinding("database", State.WATCH, sentence, cure)
+        return watch("database", sentence, cure)
     sentence = f"{report.system} answers in {1000 * report.answered_s:.1f} ms, {report.size_bytes / 1e6:.1f} MB"
     if report.answered_s > _SLOW_S:
-        return DoctorFinding("database", State.WATCH, sentence, "look at the load of its machine and its disk")
-    return DoctorFinding("database", State.GOOD, sentence)
+        return watch("database", sentence, "look at the load of its machine and its disk")
+    return good("database", sentence)
 
 
 def _damage(store: Store) -> DoctorFinding:
     damage = store.damage()
     if damage:
         sentence = f"the database's file is damaged: {damage[0]}"
-        return DoctorFinding("tables", State.BAD, sentence, _RESTORE)
-    return DoctorFinding("tables", State.GOOD, "whole, and of this version")
+        return bad("tables", sentence, _RESTORE)
+    return good("tables", "whole, and of this version")
 
 
 def _files(store: Store) -> DoctorFinding:
@@ -128,14 +130,12 @@ def _files(store: Store) -> DoctorFinding:
         lost = store.lost_files()
     except OSError as error:
         sentence = f"the data folder cannot be read: {error}"
-        return DoctorFinding("files", State.BAD, sentence, "look for errors of its disk in the system's log (dmesg)")
+        return bad("files", sentence, "look for errors of its disk in the system's log (dmesg)")
     if not lost:
-        return DoctorFinding("files", State.GOOD, "every file that rows name is there")
+        return good("files", "every file that rows name is there")
     named = ", ".join(lost[:_NAMED]) + (", ..." if len(lost) > _NAMED else "")
     sentence = f"{len(lost)} files that rows name are missing in the data folder: {named}"
-    return DoctorFinding(
-        "files", State.BAD, sentence, f"{_RESTORE}; or delete the scans and results whose files are missing"
-    )
+    return bad("files", sentence, f"{_RESTORE}; or delete the scans and results whose files are missing")
 
 
 def _folder(store: Store) -> DoctorFinding:
@@ -143,30 +143,26 @@ def _folder(store: Store) -> DoctorFinding:
     try:
         store.check(reserve_bytes=0)
     except FolderUnavailable as error:
-        return DoctorFinding("data folder", State.BAD, str(error), _MOUNT)
+        return bad("data folder", str(error), _MOUNT)
     except StorageFull:
         pass  # the finding on the disk reports it
-    return DoctorFinding("data folder", State.GOOD, "the one that the database knows")
+    return good("data folder", "the one that the database knows")
 
 
 def _workers(store: Store) -> DoctorFinding:
     health = health_of(store)
     if health.state is Readiness.WITHOUT_WORKER:
-        return DoctorFinding(
-            "workers", State.BAD, health.detail.rpartition(": ")[0], "run sawmill serve or sawmill worker"
-        )
+        return bad("workers", health.detail.rpartition(": ")[0], "run sawmill serve or sawmill worker")
     lately = store.events.workers_since(datetime.now(UTC) - SEEN)
-    return DoctorFinding(
-        "workers", State.GOOD, f"{len(lately)} took a job within {SEEN.seconds // 60} minutes; none is awaited"
-    )
+    return good("workers", f"{len(lately)} took a job within {SEEN.seconds // 60} minutes; none is awaited")
 
 
 def _clock(store: Store) -> DoctorFinding:
     off_s = store.clock_off_s()
     sentence = f"this machine's clock is {off_s:+.1f} s from the service's time"
     if abs(off_s) > TOLERABLE_S:
-        return DoctorFinding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
-    return DoctorFinding("clock", State.GOOD, sentence)
+        return watch("clock", sentence, "set the clock by NTP (timedatectl set-ntp true)")
+    return good("clock", sentence)
 
 
 def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:
@@ -176,3 +172,27 @@ def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:
         sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
         cure = "check the clock, then confirm the rules on the page /retention"
         yield DoctorFinding("retention", State.WATCH, sentence, cure)
+
+
+def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]:
+    """Yield a finding for each webhook that does not send, or one finding if all webhooks work."""
+    every = store.all().webhooks
+    enabled = [webhook for webhook in every if webhook.enabled]
+    if enabled and not allowed:
+        sentence = f"{len(enabled)} are enabled, and {SETTING} is empty: nothing is sent anywhere"
+        yield bad("webhooks", sentence, f"set {SETTING}, or disable them (/system/webhooks)")
+        return
+    failing = [webhook for webhook in every if webhook.state in {WebhookState.RETRYING, WebhookState.PAUSED}]
+    for webhook in failing:
+        yield _failing(webhook)
+    if not failing:
+        yield good("webhooks", f"{len(enabled)} of {len(every)} are enabled, and none fails")
+
+
+def _failing(webhook: Webhook) -> DoctorFinding:
+    name = webhook.description or webhook.url
+    sentence = f"{name!r} fails: {webhook.last_failure}; {webhook.waiting} events wait"
+    if webhook.state is WebhookState.PAUSED:
+        cure = "mend the receiver, send a test, and enable the webhook again (/system/webhooks)"
+        return bad("webhooks", f"{sentence}, and the service has given up", cure)
+    return watch("webhooks", sentence, "mend the receiver: it is tried again by itself")

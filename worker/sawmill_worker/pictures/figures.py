@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sawmill_contracts.drifts import DriftResult
-from sawmill_worker.pictures.image_panels import show_image
+from sawmill_worker.pictures.panels import show_image
 from sawmill_worker.pictures.windows import Window, labelled_views, window_of
 
 # A change beyond this number of standard deviations is a move (contracts.drifts.DriftResult.moved).

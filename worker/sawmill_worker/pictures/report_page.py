@@ -1,7 +1,6 @@
 """A calibration's report as one HTML page for A4: the first sheet for the technician, the second for the scientist.
 
-The page is self-contained: styles and pictures are inside, there is no script, and nothing is loaded. The report is
-drawn without matplotlib, so that a service answers at once.
+The page is self-contained: styles and pictures are inside, there is no script, and nothing is loaded.
 """
 
 from collections.abc import Callable
@@ -22,7 +21,6 @@ from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percen
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import ENGLISH, WORDS, Reader
 from sawmill_worker.pictures import report_numbers as numbers
-from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
 
 # Mark and tone of a verdict or an answer.
@@ -38,43 +36,23 @@ LOOKS |= {
 
 @dataclass(frozen=True)
 class About:
-    """Context of an answer; None, or empty, where it is not known.
-
-    Attributes
-    ----------
-    made_at
-        Time with the zone in which it is shown.
-    asked_by
-        The person, program or schedule that requested the calibration.
-    active
-        True if the scanner uses the calibration; None without a service.
-    activated : str
-        Time of the activation.
-    activated_why : str
-        Reason of the activation, as somebody gave it.
-    step : NextStep or None
-        Next step that the service gives with the scanner's state; None without a service.
-    origin : str
-        The file from which the report was made; empty if the service made the report.
-    back : str
-        Address of the page to return to, on a screen.
-    """
+    """Context of an answer; None, or empty, where it is not known, as everything is that only a service knows."""
 
     calibration_id: str | None = None
-    made_at: datetime | None = None
+    made_at: datetime | None = None  # with the zone in which it is shown
     scanner_name: str | None = None
     scanner_id: str | None = None
     scan_name: str | None = None
     scan_id: str | None = None
     phantom: PhantomDrawing | None = None
     tolerances: Tolerances | None = None
-    asked_by: str | None = None
-    active: bool | None = None
-    activated: str = ""
+    asked_by: str | None = None  # the person, program or schedule
+    active: bool | None = None  # whether the scanner uses the calibration
+    activated: str = ""  # when it was activated
     activated_why: str = ""
-    step: NextStep | None = None
-    origin: str = ""
-    back: str = ""
+    step: NextStep | None = None  # with the scanner's state
+    origin: str = ""  # the file from which the report was made
+    back: str = ""  # address of the page to return to, on a screen
 
 
 def report_html(
@@ -96,7 +74,12 @@ def report_html(
     """
     both = TwoQuestions.of(result, about.tolerances)
     step = about.step or step_alone(result, about.tolerances, active=about.active is True)
-    before, after = (None, None) if arrays is None else log_fields(arrays)
+    panels = {}
+    if arrays is not None:
+        # Imported here because matplotlib takes a second, and the demo's page and a report of numbers need no panel.
+        from sawmill_worker.pictures.calibration_report import report_panels  # noqa: PLC0415
+
+        panels = report_panels(result, arrays, reader)
     page = (
         page_templates(reader)
         .get_template("report.html")
@@ -109,11 +92,7 @@ def report_html(
             words=step.reason.in_words(reader),
             reader=reader,
             has_arrays=arrays is not None,
-            phantom=None if arrays is None else phantom_field(arrays),
-            before=before,
-            after=after,
-            residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
-            search=None if arrays is None else search_figure(arrays.search_history),
+            panels=panels,
             by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
             log=None if arrays is None else arrays.log,
             numbers=numbers,

@@ -9,7 +9,6 @@ scanner or phantom is made for the file.
 
 import re
 from datetime import timedelta
-from typing import TYPE_CHECKING
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
@@ -39,9 +38,6 @@ from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
-
-if TYPE_CHECKING:
-    from sawmill_worker.pictures.report_figures import FigureField
 
 # Fields of a scan for which the form asks, and the parameters of the address that have the answers.
 ASKED = {"scanner_id": "scanner", "phantom_id": "phantom", "data": "data", "angles_deg": "angles"}
@@ -245,7 +241,7 @@ def _of_calibration(
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     discarded = store.history.newest(scanner.id, HistoryKind.DISCARD, calibration.id)
     if isinstance(calibration, CalibrationSucceeded):
-        phantom, guessed = _outlined(store.files, calibration.id)
+        arrays = stored_arrays(store.files, calibration.id)
         condition = condition_of(store, scanner)
         return page.answer(
             "calibrate_result.html",
@@ -260,8 +256,8 @@ def _of_calibration(
             newest=condition.newest,
             changes=changes_of(page, calibration.comparison),
             parameters=parameters_of(page, calibration),
-            phantom=phantom,
-            guessed=guessed,
+            outlined=arrays is not None and bool(arrays.phantom_image.any()),
+            guessed=arrays is not None and arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION,
             log=shown_log(store.files, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
@@ -285,16 +281,6 @@ def _of_calibration(
         failure=failure,
         again=_again(store.files, where, scan),
     )
-
-
-def _outlined(files: TheFiles, calibration_id: str) -> "tuple[FigureField | None, bool]":
-    """Return the phantom under its outline, if the result has an image, and whether edges of the image are guessed."""
-    from sawmill_worker.pictures.report_figures import phantom_field  # noqa: PLC0415 - no other step needs it
-
-    arrays = stored_arrays(files, calibration_id)
-    if arrays is None:
-        return None, False
-    return phantom_field(arrays), arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
 
 
 def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:

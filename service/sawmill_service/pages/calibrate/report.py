@@ -19,7 +19,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
-from sawmill_service.drawing import FIGURE_BYTES
+from sawmill_service.drawing import DRAWING, FIGURE_BYTES
 from sawmill_service.finished import scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
@@ -51,7 +51,8 @@ def report(
     about, reader = _about(store, calibration), formats_of(language).reader
 
     def draw() -> Response:
-        html = report_html(calibration, about, stored_arrays(store.files, calibration_id), reader)
+        with DRAWING:
+            html = report_html(calibration, about, stored_arrays(store.files, calibration_id), reader)
         return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
     return Drawn(request, FIGURE_BYTES, draw)

@@ -28,9 +28,7 @@ from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress, WizardAddress
-from sawmill_service.pages.charts.charts import is_calibration, span_of
-from sawmill_service.pages.charts.drift_chart import drift_chart
-from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
+from sawmill_service.pages.charts import DEVIATIONS, Span, drift_chart, is_calibration
 from sawmill_service.pages.frame.languages import locale_of, marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.scanners.geometry_drawing import scanner_drawing
@@ -156,7 +154,7 @@ def _answer(
     number = store.events.reader().number
     condition, now = condition_of(store, stored), datetime.now(UTC)
     history = store.history.page(stored.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
-    span = span_of(days, now)
+    span = Span.until(now, days)
     movements, total = store.measurements.movements_of(stored.id, span.start, span.end)
     activations = [(entry.subject_id, entry.at) for entry in history]
     together = store.drift_charts.of_scanner(stored.id).charts

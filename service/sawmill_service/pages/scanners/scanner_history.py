@@ -16,9 +16,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.charts.charts import is_calibration, span_of
-from sawmill_service.pages.charts.pooled_lines import DEVIATIONS
-from sawmill_service.pages.charts.trend_chart import MOST_LINES, trend_chart
+from sawmill_service.pages.charts import DEVIATIONS, MOST_LINES, Span, is_calibration, trend_chart
 from sawmill_service.pages.frame.languages import (
     marked,
 )
@@ -75,21 +73,11 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 @dataclass(frozen=True)
 class ShownHistory(DaySpan):
-    """Selection of the entries that the page lists, and the span of the chart.
+    """Selection of the entries that the page lists, and the span of the chart."""
 
-    Attributes
-    ----------
-    kind : HistoryKind or None
-        Kind of the entries; None: all kinds.
-    days : float
-        Span of the chart, days.
-    after : str or None
-        Cursor of the previous page.
-    """
-
-    kind: HistoryKind | None
+    kind: HistoryKind | None  # None: all kinds
     days: float
-    after: str | None
+    after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the store."""
@@ -123,7 +111,7 @@ def scanner_history(
     scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
 ) -> HTMLResponse:
     """Show the whole page."""
-    stored, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
+    stored, span = store.scanners.get(scanner_id), Span.until(datetime.now(UTC), shown.days)
     movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
     return page.answer(

@@ -17,7 +17,7 @@ from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.charts.sparkline import Sparkline, sparkline
+from sawmill_service.pages.charts import Span, Sparkline, sparkline
 from sawmill_service.pages.frame.formats import natural_order
 from sawmill_service.pages.frame.page_frame import (
     PageFrame,
@@ -178,7 +178,7 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
 
 def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerLine:
     scanner = condition.scanner
-    return ScannerLine(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, now - SPAN, now))
+    return ScannerLine(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, Span(now - SPAN, now)))
 
 
 def _title(text: gettext.NullTranslations, red: int, others: int) -> str:

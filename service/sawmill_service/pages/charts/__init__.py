@@ -1,1 +1,0 @@
-"""Charts of measurements over time, drawn as SVG."""
