@@ -12,10 +12,11 @@ from typing import Any
 import structlog
 
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.kinds import Ask, asked_kinds
+from sawmill_contracts.kinds import Ask
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk

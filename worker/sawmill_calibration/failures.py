@@ -30,11 +30,6 @@ class InputError(JobFailure, ValueError):
     """A file, a scan or an option that cannot lead to a result.
 
     The message is one sentence: which value, and what would be right.
-
-    Attributes
-    ----------
-    code : str
-        Stable name for programs: one of docs/look-up/codes.md, or `options`.
     """
 
     def __init__(self, code: str, sentence: str) -> None:

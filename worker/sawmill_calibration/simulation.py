@@ -74,11 +74,6 @@ def simulate_phantom_scan(
         Number of photons in air, a cell and view; used with physics.
     seed : int
         Seed of the noise.
-
-    Raises
-    ------
-    ValueError
-        The phantom, the geometry or the physics is impossible.
     """
     _check(rows=rows, noise=noise, background=background, photons=photons, seed=seed)
     wood = physics is not None
@@ -133,11 +128,6 @@ def simulate_log_scan(
         Constant that is added to all line integrals.
     seed : int
         Seed of the log and of the noise.
-
-    Raises
-    ------
-    ValueError
-        The geometry is impossible.
     """
     _check(rows=rows, noise=noise, background=background, seed=seed)
     slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)

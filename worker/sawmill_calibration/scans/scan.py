@@ -114,11 +114,6 @@ class Scan:
             Distance between two rows of the detector.
         from_counts : bool
             Whether the line integrals were made from counts: volumes are then in 1/mm.
-
-        Raises
-        ------
-        InputError
-            The arrays do not agree with each other or with the scanner, or are not finite.
         """
         values, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
         stack = np.ascontiguousarray(values[:, np.newaxis] if values.ndim == 2 else values)

@@ -219,17 +219,7 @@ def _rows_present(
 
 
 def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
-    """Read a file of `new_scan`, or part of it.
-
-    Parameters
-    ----------
-    path : Path
-        A file that this product wrote; uploads go through `reading_scan`.
-    rows : slice, optional
-        Detector rows, with step 1; all by default.
-    views : (n,) integers, optional
-        Views in the order given; all by default.
-    """
+    """Read a file of `new_scan`, or part of it."""
     selected = rows or slice(None)
     with open_scan(path) as scan:
         return StoredScan(

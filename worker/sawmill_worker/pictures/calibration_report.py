@@ -88,13 +88,7 @@ def report_figure(
 
 
 def report_panels(result: CalibrationResult, arrays: CalibrationArrays, reader: Reader = ENGLISH) -> dict[str, str]:
-    """Draw the panels of the printable page as data URLs of SVG, by name: those of `report.html` that there are.
-
-    Raises
-    ------
-    ValueError
-        The numbers of views and angles differ.
-    """
+    """Draw the panels of the printable page as data URLs of SVG, by name: those of `report.html` that there are."""
     panels = {"residual": _svg(7.4, 3.4, lambda figure: _draw_residual(figure, result, arrays, reader))}
     if arrays.phantom_image.any():
         panels["phantom"] = _svg(4.2, 3.6, lambda figure: _draw_outlined(figure, arrays, reader))

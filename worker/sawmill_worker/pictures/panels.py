@@ -155,15 +155,7 @@ def _draw_profile(ax: Axes, positions: Array, residual: Array, *, axis: int) -> 
 
 
 def draw_search(figure: FigureBase, history: Array, final: float, reader: Reader) -> None:
-    """Draw the best value over the evaluations of a search.
-
-    Parameters
-    ----------
-    history : (steps, 2) float
-        Evaluations made and the best value so far: relative residuals, or a correlation, which is below zero.
-    final : float
-        Relative residual after least squares on all the data.
-    """
+    """Draw the best value over the evaluations of a search."""
     ax = figure.add_subplot()
     best = reader.words(N_("best so far, coarse data"))
     ax.step(*history.T, where="post", color=ANSWER, marker="o", markersize=3.5, label=best)

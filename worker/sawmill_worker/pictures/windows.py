@@ -31,13 +31,7 @@ def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float =
 
 
 def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.float64]:
-    """Convert values to fractions of the window, clipped to 0..1.
-
-    Raises
-    ------
-    ValueError
-        The window is not (low, high) with low below high, or a value is not finite.
-    """
+    """Convert values to fractions of the window, clipped to 0..1."""
     low, high = window
     if not low < high:
         raise ValueError(f"a window must be (low, high) with low < high, not {window}")
