@@ -45,14 +45,6 @@ def test_a_shadow_beyond_the_detector_is_reported(run):
     assert "of 20 views reach an end of the detector" in reported.stderr
 
 
-def test_a_phantom_that_cannot_calibrate_is_refused(failure, tmp_path):
-    disc = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
-    (tmp_path / "disc.json").write_text(json.dumps(disc))
-    reported = failure("phantom", "plan", tmp_path / "disc.json", *THETA)
-    assert (reported["kind"], reported["code"]) == ("input", "phantom")
-    assert "looks the same from every side" in reported["detail"]
-
-
 @pytest.mark.parametrize(
     ("flags", "complaint"),
     [

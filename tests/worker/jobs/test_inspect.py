@@ -52,11 +52,6 @@ def test_with_what_was_given_nothing_is_missing_but_the_scanner_s_constants(insp
     assert needed(result) == ["detector_pitch_mm"]
 
 
-def test_of_several_arrays_one_is_asked_for(inspected):
-    content = npz(one=COUNTS, two=COUNTS)
-    assert needed(inspected(content)) == ["dataset"]
-
-
 def test_a_wrong_angle_is_one_sentence(inspected):
     with pytest.raises(JobFailure, match="an angle must be a number of degrees, not 'abc'"):
         inspected(npz(projections=COUNTS), angles_deg="abc")
