@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from sawmill_platform.settings import LargestScan
+from sawmill_platform.settings import LargestUpload
 from sawmill_service.http.limits.rates import check_rate
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.webhooks.destinations import check_entry
@@ -86,7 +86,7 @@ class NetworkSettings(BaseSettings):
     )
 
 
-class UploadSettings(LargestScan):
+class UploadSettings(LargestUpload):
     """Uploads."""
 
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(

@@ -9,18 +9,18 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 def _check_absolute(path: Path) -> Path:
     if not path.is_absolute():
-        msg = f'must be a list of absolute paths, as ["/srv/scanners"], not {str(path)!r}'
+        msg = f'must be a list of absolute paths, as ["/srv/watched"], not {str(path)!r}'
         raise ValueError(msg)
     return path
 
 
-class LargestScan(BaseSettings):
-    """Size of a scan's file."""
+class LargestUpload(BaseSettings):
+    """Size of an uploaded file."""
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
-        8 * 2**30, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
+        8 * 2**30, description="Bytes of one upload: 360 x 1000 x 2000 numbers of four bytes are 2.9 GB."
     )
 
 
@@ -46,7 +46,7 @@ class DataSettings(BaseSettings):
     )
     watch_folders: list[Annotated[Path, AfterValidator(_check_absolute)]] = Field(
         [],
-        description="Folders (JSON list) in which scanners may have watched folders; the service and its workers see "
+        description="Folders (JSON list) in which watched folders may lie; the service and its workers see "
         "them under the same paths, and the workers may write there. Empty: no folder is watched.",
     )
 

@@ -35,7 +35,7 @@ from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.given import shown
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import PART_BYTES
-from sawmill_platform.settings import LargestScan
+from sawmill_platform.settings import LargestUpload
 from sawmill_platform.workers.kernel_lock import HeldByAnother, kernel_lock
 from sawmill_store.store import Store
 
@@ -284,7 +284,7 @@ class _Folder:
         self._store.uploads.check_room_for(look.signature[0])
         with self._store.files.receiving(), _opened_file(inside, file) as source:
             try:
-                largest_bytes = LargestScan().max_upload_bytes
+                largest_bytes = LargestUpload().max_upload_bytes
                 received = self._store.files.receive(self._pieces(source), max_bytes=largest_bytes)
             except UploadTooLarge as error:
                 raise _Refused(error.code, str(error)) from error
