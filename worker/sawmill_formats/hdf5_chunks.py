@@ -173,7 +173,7 @@ def _of_lzf(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
 
 
 def _without_checksum(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
-    """Leave out the checksum of a deflate stream, which ends with one of its own."""
+    """Leave out the checksum of a deflate stream, which has its own at the end."""
     return data[:-CHECKSUM_BYTES]
 
 

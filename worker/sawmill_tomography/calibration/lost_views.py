@@ -40,7 +40,7 @@ ROUNDS, STEPS, LARGEST_STEP_RAD = 4, 4, 0.05
 EQUIDISTANT = 0.25
 # Factors that change the last angle by a smaller part of a step are left to the joint fit.
 LEAST_FACTOR = 0.5
-# At most this number of views in a row have a wrong measured angle; each may have that of a neighbour.
+# At most this number of views in a row have a wrong measured angle; each may have a neighbour's.
 WRONG_IN_A_ROW = 5
 # A larger share of lost views is no loss of views.
 MOST_LOST = 0.25

@@ -44,7 +44,7 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# Limit of theta's lengths in mm, and of its angle and slope: no scanner exceeds it, and double precision loses the
+# Limit of theta's lengths in mm, and for the angle and the slope: no scanner exceeds it, and double precision loses the
 # rays.
 LARGEST = 1e5
 

@@ -1,4 +1,4 @@
-"""Line detectors made of modules: each module is a flat line of its own (docs/look-up/conventions.md#modules).
+"""Line detectors made of modules: each module is one flat line (docs/look-up/conventions.md#modules).
 
 The source frame describes the module that holds the detector's middle. Every other module has the same cells with a
 source frame of its own: a gap moves the module along the line before, a kink turns it about its end.

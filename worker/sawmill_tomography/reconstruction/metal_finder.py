@@ -29,7 +29,7 @@ LEAST_WOOD_MM, LEAST_NOISE = 5.0, 3.0
 SHARE_OF_VIEWS = 0.4
 # LATER_ITERATIONS start from metal found before, and elsewhere from ALSO_SHARE of its mean.
 ITERATIONS, LATER_ITERATIONS, ALSO_SHARE = 12, 40, 0.1
-# THICK times as much is in the shadow of a body, whatever lies beside it.
+# THICK times as much is in the shadow of a body, whatever lies next to it.
 THICK = 4.0
 # Metal attenuates TIMES_WOOD times more than the wood around it, and a piece as much as LEAST_PIECE_MM2 of wood. Wood
 # alone makes pieces of 30 mm² at most; a nail of 3.2 mm across the slice, 6 times as dense as the wood, one of 55. What

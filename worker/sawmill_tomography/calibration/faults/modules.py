@@ -93,7 +93,7 @@ class ModuleSearch:
         """Find the cells before which a gap or a kink explains more than this power.
 
         The cells are found one after another, each next to the ones before; then each again next to the others. A gap
-        and a kink together would stand in for the modules that are not found yet.
+        and a kink together would replace the modules that are not found yet.
         """
         found: list[int] = []
         while len(found) < most:
@@ -136,7 +136,7 @@ class ModuleSearch:
         """Yield modules that the residual of this variance may hide, where `expected` of them are likely beforehand.
 
         The residual hides at most one. Each place, and each order of magnitude of its gap or kink, is as likely. Of
-        neighbouring cells the likeliest stands for all.
+        neighbouring cells the likeliest one is taken for all.
         """
         left = self._left()
         sizes = (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)

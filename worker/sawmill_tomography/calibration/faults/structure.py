@@ -25,7 +25,7 @@ KINK, KINK_CELLS = 0.005, 2
 EDGES_STAND_OUT = 3.0
 # A mean of products is noise up to this number of standard deviations of the mean.
 CHANCE = 4.0
-# Another body shades the air when the share SHADED of the samples beside the shadow is darker than DARK deviations.
+# Another body shades the air when the share SHADED of the samples next to the shadow is darker than DARK deviations.
 DARK, SHADED = 6.0, 0.02
 # The least depth of the shadow proper, as a share of the largest.
 SHADOW = 0.02

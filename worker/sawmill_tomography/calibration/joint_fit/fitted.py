@@ -1,4 +1,4 @@
-"""Effects that are fitted or tested beside a fit."""
+"""Effects that are fitted or tested next to a fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -10,7 +10,7 @@ from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape, cornere
 
 # About this number of patches have the wood's area together (benchmarks/families.py), and none has a shorter side.
 PATCHES, SHORTEST_MM = 130, 6.0
-# A patch with a smaller share of wood is joined with the one beside it that has most.
+# A patch with a smaller share of wood is joined with the one next to it that has most.
 FULL = 0.5
 # Pieces with a smaller area have no inside.
 LEAST_AREA_MM2 = 1e-3

@@ -2,7 +2,7 @@
 
 A total-variation image of the rays without metal gives every ray, and what the measured rays depart from it by is
 interpolated linearly along the detector (normalised metal artefact reduction: Meyer et al. 2010, Medical Physics 37,
-5482). The same is done with as many samples beside the metal, which are known: they give the errors.
+5482). The same is done with as many samples next to the metal, which are known: they give the errors.
 """
 
 from typing import NamedTuple
@@ -69,7 +69,7 @@ def rays_behind_metal(
 
 
 def _runs_beside(runs: list[Run], metal: NDArray[np.bool_]) -> list[Run]:
-    """Return a run of known samples beside each run, on alternate sides, where there is one."""
+    """Return a run of known samples next to each run, on alternate sides, where there is one."""
     taken, beside = metal.copy(), []
     for view, start, length in runs:
         for side in (1, -1) if view % 2 else (-1, 1):
