@@ -1,21 +1,25 @@
-"""The report as an HTML page: what it shows, that it stands alone, and that it never claims what is not known."""
+"""The report as an HTML page and as a picture: what it shows, and that it never claims what is not known."""
 
 import re
 from base64 import b64decode
 from datetime import datetime, timedelta, timezone
+from functools import cache
 from html.parser import HTMLParser
+from io import BytesIO
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from results import THETA, calibration_result
+from PIL import Image
+from results import FRAME, THETA, calibration_result
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import Reader
-from sawmill_worker.pictures.calibration_report import report_panels
+from sawmill_worker.pictures.calibration_report import overlay_png, report_panels, report_png
+from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.report_page import About, css_text, report_html
 
 VIEWS, CELLS = 20, 48
@@ -50,7 +54,7 @@ class Page(HTMLParser):
 def answer(**changes):
     hypothesis = {"handedness": "as-drawn", "rotation": "as-given", "relative_residual": 0.001}
     own = {
-        "theta_twin": THETA | {"source_shift_mm": -319.9},
+        "theta_twin": THETA | {"source_shift_mm": -319.9, "initial_angle_rad": 3.26},
         "covariance": VARIANCES.tolist(),
         "hypotheses": [hypothesis, hypothesis | {"handedness": "from-behind", "log_likelihood_behind": 345.25}],
         "adjustments": ["2 detector cells <without> a usable signal were left out"],
@@ -80,6 +84,17 @@ LOG = {
     "log_field_mm": np.array(330.0),
     "log_after": np.eye(32),
     "log_before": np.zeros((32, 32)),
+}
+MOVED = {
+    "calibration_id": "example",
+    "ray_change_mm": 2.0,
+    "scale_change_percent": 0.01,
+    "angle_change_deg": -0.00001,
+    "cor_column_change_mm": 2.0,
+    "source_distance_change_mm": 0.0,
+    "tilt_change_deg": 0.0,
+    "within_tolerance": False,
+    "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
 }
 DRAWING = PhantomDrawing.model_validate(
     {
@@ -215,18 +230,7 @@ def test_what_to_do_next_is_one_sentence(changes, active, words):
 
 
 def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
-    moved = {
-        "calibration_id": "example",
-        "ray_change_mm": 2.0,
-        "scale_change_percent": 0.01,
-        "angle_change_deg": -0.00001,
-        "cor_column_change_mm": 2.0,
-        "source_distance_change_mm": 0.0,
-        "tilt_change_deg": 0.0,
-        "within_tolerance": False,
-        "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
-    }
-    text = page(answer(comparison=moved, reasons=[moved["reason"]]), About(active=False))[0].text
+    text = page(answer(comparison=MOVED, reasons=[MOVED["reason"]]), About(active=False))[0].text
     assert "! Out of tolerance" not in text
     assert "✕ Out of tolerance Something has moved: 2.00 mm, and 0.50 mm is allowed." in text
     assert "If the scanner was changed on purpose, accept this calibration. [Scan again]" in text
@@ -245,3 +249,128 @@ def test_no_name_ends_the_style():
         css_text('a"; } </style>é')
         == '"a\\000022\\00003b\\000020\\00007d\\000020\\00003c\\00002fstyle\\00003e\\0000e9"'
     )
+
+
+GREEN, AMBER, RED, ORANGE = (0x2E, 0x7D, 0x32), (0xB2, 0x6A, 0x00), (0xB7, 0x1C, 0x1C), (0xFF, 0x7F, 0x0E)
+NO_ERROR_BARS = {"covariance": None, "standard_deviation": None, "predicted_ray_error_mm": None, "hypotheses": []}
+HELD = np.outer(*[[1, 0, 1, 1, 1]] * 2) * VARIANCES
+UNRESOLVED = {"theta": dict.fromkeys(THETA), "source_frame": dict.fromkeys(FRAME)}
+# By verdict: what is not as in `answer` and `arrays`.
+PICTURES = {
+    "pass": ({"reasons": [MOVED["reason"], "the residual is not white"], "comparison": MOVED}, LOG),
+    "watch": (
+        {"covariance": HELD.tolist(), "theta_twin": None, "standard_deviation": UNRESOLVED},
+        {
+            "residual": np.ones((3, CELLS)),
+            "angles_rad": np.array([4.0, 0.1, 2.0]),
+            "phantom_image": np.zeros((64, 64)),
+            **{name: values for name, values in LOG.items() if name != "log_before"},
+        },
+    ),
+    "fail": (
+        NO_ERROR_BARS | {"rays_verdict": "fail"},
+        {"search_history": np.array([(64.0, -15_900.0), (128.0, -16_300.0)]), "residual": np.zeros((VIEWS, CELLS))},
+    ),
+}
+
+
+def pixels(png):
+    return np.asarray(Image.open(BytesIO(png)).convert("RGB")).astype(int)
+
+
+def near(picture, color):
+    return (np.abs(picture - np.array(color)).max(axis=2) < 40).sum()
+
+
+def overlay(**changes):
+    return pixels(overlay_png(answer(), arrays(**changes)))
+
+
+@cache
+def picture(verdict):
+    changes, others = PICTURES[verdict]
+    return pixels(report_png(answer(**changes, verdict=verdict), arrays(**others)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("verdict", "color", "pairs"),
+    [("pass", RED, 10), ("watch", AMBER, 6), ("fail", RED, 0)],
+    ids=[
+        "moved too far, two pictures of a log",
+        "R held, no twin, three views unsorted, no image, one picture of a log",
+        "no error bars, a correlation, perfect fit",
+    ],
+)
+def test_the_picture_has_its_next_step_s_color_and_what_there_is(verdict, color, pairs):
+    drawn = picture(verdict)
+    assert drawn.shape[1] == 1400
+    badge = drawn[:70, -250:]
+    # A badge's face has some 2 000 pixels.
+    assert near(badge, color) > 1000
+    assert all(near(badge, other) == 0 for other in {GREEN, AMBER, RED} - {color})
+    filled = (np.abs(drawn - np.array((0xC7, 0xDD, 0xEC))).max(axis=2) < 4).sum()  # a quarter of blue on white
+    # Ten pairs share a square of 4 x 4 panels, six one of 3 x 3: about 9 000 and 17 000 pixels each.
+    assert 6_000 * pairs < filled + 1 < 20_000 * pairs + 100
+
+
+@pytest.mark.slow
+def test_sentences_make_the_picture_longer_and_what_moved_too_far_is_red():
+    drawn = picture("pass")
+    # Head with six lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
+    assert abs(drawn.shape[0] - 100 * (1.0 + 6 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
+    assert near(drawn[80:200, :700], RED) > 200
+
+
+@pytest.mark.slow
+def test_a_log_after_stands_alone_where_there_is_none_before():
+    middle = picture("watch")[900:1300, 850:1150]
+    assert near(middle, (0, 0, 0)) > 0.5 * middle.shape[0] * middle.shape[1]
+
+
+@pytest.mark.slow
+def test_an_image_by_another_method_says_so_in_its_title():
+    by_fbp, named = overlay(), overlay(phantom_image_method=np.array(b"total_variation"))
+    assert named.shape != by_fbp.shape or (named != by_fbp).any()
+    assert (overlay(phantom_image_method=np.array(b"fbp")) == by_fbp).all()
+
+
+def test_views_and_angles_that_disagree():
+    with pytest.raises(ValueError, match=r"residual \(20, 48\) and 19 angles do not agree"):
+        report_panels(answer(), arrays(angles_rad=np.arange(19.0)))
+
+
+@pytest.mark.slow
+def test_outline_lies_where_x_is_down_and_y_is_right():
+    outline = np.array([(-190.0, 100.0), (-190.0, 190.0), (-150.0, 190.0), (-150.0, 100.0), (-190.0, 100.0)])
+    drawn = overlay(phantom_image=np.zeros((64, 64)), phantom_outlines_mm=outline)
+    panel = np.argwhere(drawn.max(axis=2) < 60)
+    top, left = panel.min(axis=0)
+    bottom, right = panel.max(axis=0)
+    row, column = np.argwhere(np.abs(drawn - np.array(ORANGE)).max(axis=2) < 40).mean(axis=0)
+    assert row < top + (bottom - top) / 3
+    assert column > left + (right - left) / 2
+
+
+@pytest.mark.slow
+def test_a_gap_between_outlines_is_not_drawn():
+    square = np.array([(-50.0, -50.0), (-50.0, 50.0), (50.0, 50.0), (50.0, -50.0), (-50.0, -50.0)]) / 2.0
+    two = np.concatenate([square - 120.0, np.full((1, 2), np.nan), square + 120.0])
+    black = {"phantom_image": np.zeros((64, 64))}
+    drawn, line = (
+        near(overlay(**black, phantom_outlines_mm=these), ORANGE) for these in (two, np.delete(two, 5, axis=0))
+    )
+    # The line from one square to the other is about as long as both of them.
+    assert line > 1.3 * drawn
+
+
+def test_the_table_has_each_value_with_its_deviation():
+    spreads = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
+    table = dict(calibration_table(answer(standard_deviation=spreads)))
+    assert table["source distance R"] == "917.100 ± 0.02 mm"
+    assert table["first angle alpha0"] == "146.1042 ± 0.57 °"
+    assert table["detector tilt alpha_D"] == "15.6954 ± 0.53 °"
+    assert table["  next best"] == "from-behind / as-given, 0.10% unexplained"
+    bare = dict(calibration_table(answer(standard_deviation=None, predicted_ray_error_mm=None)))
+    assert bare["source distance R"] == "917.100 mm"
+    assert "predicted ray error" not in bare
