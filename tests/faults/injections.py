@@ -5,14 +5,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import httpx
 from tests.faults.processes import playing, send, serving
 from tests.faults.product import LEASE_S, LONGEST_STOP_S
 from tests.faults.trial import Trial
 
-HOUR_S = 3600.0
 AIMED = 0.8  # share of the faults that look for a process with a job
 
 
@@ -85,41 +83,6 @@ def postgres_trouble(trial: Trial) -> None:
         trial.happened[f"postgresql {what}"] += 1
 
 
-def clock_steps(trial: Trial) -> None:
-    """Set the clock of one process, or of all, hours off in either direction, and back again."""
-    clocks = trial.clocks
-    assert clocks is not None
-    while trial.again(0.5, 3.0):
-        offset_s = trial.rng.choice((-1.0, 1.0)) * trial.rng.uniform(0.5, 12.0) * HOUR_S
-        if trial.rng.random() < 0.3:
-            clocks.step_all(offset_s)
-            trial.happened["stepped all"] += 1
-        else:
-            part, victim = _victim(trial, ("api", "worker", "attempt", "template"))
-            clocks.step(victim, offset_s)
-            trial.happened[f"stepped {part}"] += 1
-        time.sleep(trial.rng.uniform(0.0, 90.0) if trial.long else 0.0)  # a minute makes a step a lasting one
-    clocks.step_all(0.0)
-
-
-def disk_full(trial: Trial) -> None:
-    """Fill the disk to the last byte, then leave room for rows and none for results, then free the disk."""
-    ballast = trial.product.data / "ballast"
-    while trial.again(1.0, 4.0):
-        for free_bytes in (0, 120_000):
-            _leave_free(ballast, free_bytes)
-            time.sleep(trial.rng.uniform(1.0, 4.0))
-        ballast.unlink()
-        trial.happened["disk filled"] += 1
-
-
-def kill_services(trial: Trial) -> None:
-    """Kill one of several services by SIGKILL, while another continues."""
-    while trial.again(3.0, 10.0):
-        send([trial.rng.choice(trial.product.api)], signal.SIGKILL)
-        trial.happened["killed api"] += 1
-
-
 def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
     """Choose a part that runs and one of its processes, mostly one that has a job."""
     while True:
@@ -155,12 +118,3 @@ def _follow(trial: Trial) -> None:
     trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
     if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
         trial.wrong.append(f"a stream ended with {last}")
-
-
-def _leave_free(ballast: Path, free_bytes: int) -> None:
-    with ballast.open("ab", buffering=0) as file:
-        for size in (2**20, 2**12):
-            with suppress(OSError):
-                while True:
-                    file.write(bytes(size))
-        file.truncate(max(0, file.tell() - free_bytes))

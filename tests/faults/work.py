@@ -31,18 +31,10 @@ _DIFFERS = {"id", "created_at", "links", "at", "timing_s", "time_s", "sha256", "
 
 @dataclass(frozen=True)
 class Work:
-    """A kind of request.
-
-    Attributes
-    ----------
-    name : str
-        Name; requests of the same name have the same right answer.
-    plural : str
-        Place of the answer: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
-    """
+    """A kind of request: those of one name have one right answer."""
 
     name: str
-    plural: str
+    plural: str  # of the answer's place: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder
 
 
 @dataclass(frozen=True)
@@ -75,20 +67,11 @@ def _scan(slice_: Any, views: int) -> bytes:
 
 
 class Asker:
-    """Asks for jobs as patiently as a good client: until they are accepted.
-
-    Attributes
-    ----------
-    accepted : list of Accepted
-        The accepted jobs.
-    refused : dict of int to int
-        Number of waits by status; status 0 where there was no answer.
-    """
+    """Asks for jobs as patiently as a good client, until they are accepted, and lists them."""
 
     def __init__(self, client: httpx.Client, wait_s: float) -> None:
         self._client, self._wait_s = client, wait_s
         self.accepted: list[Accepted] = []
-        self.refused: dict[int, int] = {}
         self._base: dict[str, str] = {}
 
     def prepare(self) -> None:
@@ -96,14 +79,6 @@ class Asker:
         self._base["scanner"] = self._post("/v1/scanners", json={"name": "line", "constants": vars(SCANNER)})["id"]
         for name in BASE:
             self._base[name] = self.ask(name).subject_id
-
-    def schedule(self, scanner: str, cron: str) -> None:
-        """Create another scanner, a scan of it, and a schedule that calibrates it."""
-        scanner_id = self._post("/v1/scanners", json={"name": scanner, "constants": vars(SCANNER)})["id"]
-        base, self._base = self._base, {**self._base, "scanner": scanner_id}
-        self.ask("phantom scan")
-        self._base = base
-        self._post("/v1/schedules", json={"scanner_id": scanner_id, "cron": cron})
 
     def ask(self, name: str, number: int = 0) -> Accepted:
         """Request one of the mix; `number` distinguishes plans."""
@@ -150,7 +125,6 @@ class Asker:
                     return dict(answer.json())
                 status = answer.status_code
                 assert status >= 500, answer.text
-            self.refused[status] = self.refused.get(status, 0) + 1
             assert time.monotonic() < deadline, f"POST {path} was not accepted for {self._wait_s:g} s: {status}"
             time.sleep(0.2)
 
