@@ -98,7 +98,7 @@ def test_an_accepted_job_without_a_row_is_lost(store, audit):
     assert answering.counts().details == ["lost: job gone not in the database"]
 
 
-@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.room)
+@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.file)
 def test_a_planted_defect_has_one_place_and_its_tests(defect):
     assert defect.old != defect.new
     assert defect.place(ROOT).is_file()
