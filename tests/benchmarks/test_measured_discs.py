@@ -115,14 +115,8 @@ def test_several_discs_of_few_views_are_read_from_one_file(tmp_path):
 
 
 def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted():
-    numbers = {
-        "scale_bound_percent": 0.3,
-        "cor_off_mm": 0.01,
-        "cor_sd_mm": 0.02,
-        "tilt_off_deg": 0.1,
-        "tilt_sd_deg": 0.2,
-    }
-    numbers |= {"bound_mm": 0.02, "scale_off_percent": 0.05}
+    numbers = {"cor_off_mm": 0.01, "cor_sd_mm": 0.02, "tilt_off_deg": 0.1, "tilt_sd_deg": 0.2}
+    numbers |= {"bound_mm": 0.02, "scale_off_percent": 0.05, "scale_bound_percent": 0.3}
     results = [
         made
         for views in CALIBRATED_VIEWS
