@@ -48,7 +48,6 @@ def _embedded(engine: Engine) -> bool:
 FAULTS = (
     Fault("kill", injections.kill, jobs_a_fault=2),
     Fault("stop", injections.stop, on=_embedded, jobs_a_fault=6),
-    Fault("terminate", injections.terminate, on=lambda engine: engine.celery == engine.postgres, jobs_a_fault=8),
     Fault("redis", injections.redis_trouble, on=lambda engine: engine.celery, jobs_a_fault=4),
     Fault("postgresql", injections.postgres_trouble, on=lambda engine: engine.postgres, jobs_a_fault=4),
     Fault("upgrade", injections.kill, on=_embedded, jobs_a_fault=6, before=upgrade.before, begin=upgrade.begin),

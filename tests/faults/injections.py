@@ -1,14 +1,11 @@
 """The faults, a function each: it disturbs a trial until there have been enough, and leaves everything as it was."""
 
 import signal
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 
-import httpx
 from tests.faults.processes import playing, send, serving
-from tests.faults.product import LEASE_S, LONGEST_STOP_S
+from tests.faults.product import LEASE_S
 from tests.faults.trial import Trial
 
 AIMED = 0.8  # share of the faults that look for a process with a job
@@ -33,19 +30,6 @@ def stop(trial: Trial) -> None:
         time.sleep(2 * LEASE_S)
         send([victim], signal.SIGCONT)
         trial.happened[f"stopped {part}"] += 1
-
-
-def terminate(trial: Trial) -> None:
-    """Terminate by SIGTERM while jobs run and a stream of events is open, then start everything again."""
-    while trial.again(2.0, 6.0):
-        following = threading.Thread(target=_follow, args=(trial,), daemon=True)
-        following.start()
-        time.sleep(trial.rng.uniform(0.2, 1.0))
-        taken_s = trial.product.restart()
-        trial.happened["terminated"] += 1
-        if taken_s > LONGEST_STOP_S:
-            trial.wrong.append(f"a stop took {taken_s:.0f} s")
-        following.join()
 
 
 def redis_trouble(trial: Trial) -> None:
@@ -104,17 +88,3 @@ def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
         if what == once:
             left.remove(once)
         yield what
-
-
-def _follow(trial: Trial) -> None:
-    """Follow a job's events: a stop may not cut them off in the middle."""
-    job_id, last = trial.asker.accepted[-1].job_id, ""
-    with (
-        suppress(httpx.TransportError),
-        trial.product.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=LONGEST_STOP_S) as stream,
-    ):
-        for line in stream.iter_lines():
-            last = line.removeprefix("event: ") if line.startswith("event: ") else last
-    trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
-    if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
-        trial.wrong.append(f"a stream ended with {last}")

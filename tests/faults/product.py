@@ -78,14 +78,6 @@ class Product:
             time.sleep(0.1)
         raise AssertionError(f"the service was not ready after {READY_S:g} s; see {self._log}")
 
-    def restart(self) -> float:
-        """Stop everything in order, and start it again."""
-        with self._keeping:
-            taken_s = self._stop()
-            self._start_missing()
-        self.wait_until_ready()
-        return taken_s
-
     def end(self) -> float:
         """Stop everything for good; the seconds that it took."""
         self._ended.set()

@@ -36,7 +36,6 @@ class Trial:
     postgres: Postgres | None = None
     over: threading.Event = field(default_factory=threading.Event)  # every job has ended
     happened: Counter[str] = field(default_factory=Counter)  # injected faults
-    seen: Counter[str] = field(default_factory=Counter)  # other events that followed
     wrong: list[str] = field(default_factory=list)  # faults of the product other than the four counts
 
     def again(self, shortest_s: float, longest_s: float) -> bool:

@@ -127,7 +127,7 @@ def try_one(
     except Exception:  # noqa: BLE001 - it is reported with the rest
         return Outcome(engine.name, fault.name, broken=traceback.format_exc())
     counts.details.extend(trial.wrong)
-    return Outcome(engine.name, fault.name, counts, dict(trial.happened + trial.seen))
+    return Outcome(engine.name, fault.name, counts, dict(trial.happened))
 
 
 @contextmanager
