@@ -213,18 +213,15 @@ def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path)
     assert error_mm(calibrated(run, tmp_path / "two.h5", *BARE, "--angles-deg", "3:6", "--dataset", "that")) < 0.05
 
 
+DISC = '{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}'
+
+
 @pytest.mark.parametrize(
     ("name", "text", "flags", "code", "complaint"),
     [
         ("l.json", "{", (), "phantom", "is not a phantom's drawing"),
         ("l.json", '{"name": "x", "shapes": []}', (), "phantom", "shapes"),
-        (
-            "l.json",
-            '{"name": "x", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}]}',
-            (),
-            "phantom",
-            "radius_mm",
-        ),
+        ("l.json", f'{{"name": "x", "shapes": [{DISC}]}}', (), "phantom", "radius_mm"),
         ("l.png", "no picture", ("--phantom-width-mm", 400), "picture-not-png", ""),
     ],
 )

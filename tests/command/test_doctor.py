@@ -133,9 +133,7 @@ def test_services_stop_at_tables_of_a_later_version(data, command):
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):
-    with sqlite3.connect(data / "sawmill.db") as connection:
-        connection.execute("UPDATE alembic_version SET version_num = '0001'")
-    connection.close()
+    tables_of(data, "0001", None)
     assert "take a backup" in found("database", code=0)["cure"]
     connection = sqlite3.connect(data / "sawmill.db")
     assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
