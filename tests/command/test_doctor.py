@@ -35,16 +35,9 @@ def _alone(monkeypatch):
     monkeypatch.setenv("SAWMILL_PORT", "0")
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("made") / "data"
-    Store.open(StorageSettings(data_folder=folder)).close()
-    return folder
-
-
 @pytest.fixture
-def data(made, tmp_path):
-    return Path(shutil.copytree(made, tmp_path / "data"))
+def data(empty_data, tmp_path):
+    return Path(shutil.copytree(empty_data, tmp_path / "data"))
 
 
 @pytest.fixture

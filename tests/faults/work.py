@@ -82,36 +82,32 @@ class Asker:
 
     def ask(self, name: str, number: int = 0) -> Accepted:
         """Request one of the mix; `number` distinguishes plans."""
-        path, plural, options = self._request(name, number)
+        plural, options = self._request(name, number)
+        path = "/v1/phantoms/l-shape/plans" if plural == "plans" else f"/v1/{plural}"
         answer = self._post(path, **options)
         work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
         self.accepted.append(Accepted(work, answer["id"], answer["job_id"]))
         return self.accepted[-1]
 
-    def _request(self, name: str, number: int) -> tuple[str, str, Json]:
+    def _request(self, name: str, number: int) -> tuple[str, Json]:
         base, theta = self._base, vars(THETA)
         scan = {"scanner_id": base["scanner"], "data": "line-integrals"}
         match name:
             case "phantom scan":
                 spec = {**scan, "phantom_id": "l-shape", "angles_deg": "9:18"}
-                return "/v1/scans", "scans", {"params": spec, "content": phantom_scan()}
+                return "scans", {"params": spec, "content": phantom_scan()}
             case "log scan":
-                return "/v1/scans", "scans", {"params": {**scan, "angles_deg": "1.5:3"}, "content": log_scan()}
+                return "scans", {"params": {**scan, "angles_deg": "1.5:3"}, "content": log_scan()}
             case "calibration":
-                ask = {"scan_id": base["phantom scan"]}
+                return "calibrations", {"json": {"scan_id": base["phantom scan"]}}
             case "drift check":
-                ask = {"scan_id": base["log scan"], "calibration_id": base["calibration"]}
-                return "/v1/drifts", "drifts", {"json": ask}
+                return "drifts", {"json": {"scan_id": base["log scan"], "calibration_id": base["calibration"]}}
             case "reconstruction":
-                return (
-                    "/v1/reconstructions",
-                    "reconstructions",
-                    {"json": {"scan_id": base["log scan"], "theta": theta, "method": "fbp", "size": 64}},
-                )
+                ask = {"scan_id": base["log scan"], "theta": theta, "method": "fbp", "size": 64}
+                return "reconstructions", {"json": ask}
             case _:
                 ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta}
-                return "/v1/phantoms/l-shape/plans", "plans", {"json": ask}
-        return "/v1/calibrations", "calibrations", {"json": ask}
+                return "plans", {"json": ask}
 
     def _post(self, path: str, **options: Any) -> Json:
         deadline = time.monotonic() + self._wait_s
