@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from make_data_0_1_0 import ARCHIVE
+from data_0_1_0 import ARCHIVE
 from pydantic_settings import BaseSettings
 from typer.testing import CliRunner
 

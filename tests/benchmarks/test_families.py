@@ -77,12 +77,6 @@ def test_a_share_below_the_interval_has_a_star():
     assert "88.0% (89.0%)*" in families.table([line()] * 88 + [broken] * 12)
 
 
-def test_the_table_counts_refusals_and_wrong_passes():
-    refused = {"family": "wood", "refused": "phantom-not-seen"}
-    row = families.table([line(), refused, line(error_mm=0.11), line(error_mm=0.11, rays_verdict="watch")])
-    assert row.splitlines()[1].split()[:7] == ["wood", "4", "1", "100%", "0%", "0%", "1"]
-
-
 def test_the_figures_of_the_pages_are_those_of_the_table():
     refused = {"family": "wood", "refused": "phantom-not-seen"}
     other = line(family="mechanics", verdict="watch", scale_error_percent=0.4)

@@ -93,15 +93,3 @@ def test_seconds_are_measured_anew_with_the_settings_that_were_chosen(method, sc
         # A setting that is given is used: nothing is chosen in its place. The coupling of a log may be 0.
         other = METHODS[method](scan, {**first.settings, name: 0.5 * value or 0.1})
         assert not np.allclose(other.images, first.images, atol=1e-6), name
-
-
-def test_seconds_alone_change_nothing_else(tmp_path):
-    arguments = ["--logs", "2", "--methods", "FBP", *TINY, "--out", str(tmp_path)]
-    log_table.main(arguments)
-    (file,) = tmp_path.iterdir()
-    first = json.loads(file.read_text())["FBP"]
-    log_table.main([*arguments, "--seconds", "FBP", "CGLS, tuned"])
-    kept = json.loads(file.read_text())
-    assert set(kept) == {"FBP"}
-    assert kept["FBP"]["cpu_s"] != first["cpu_s"]
-    assert kept["FBP"]["errors"] == first["errors"]

@@ -227,19 +227,6 @@ def test_theta_gives_the_volume_of_its_calibration(log, calibration):
     np.testing.assert_array_equal(by_theta.volume, by_calibration.volume)
 
 
-def test_drift_sees_what_moved_and_that_nothing_did(calibration):
-    still, moved = (
-        sawmill.drift(sawmill.simulate_log_scan(SCANNER, theta, views=240, noise=0.002), calibration)
-        for theta in (THETA, replace(THETA, detector_shift_mm=THETA.detector_shift_mm + 5.0))
-    )
-    assert still.within_tolerance is True
-    assert not still.moved
-    assert moved.within_tolerance is False
-    assert moved.moved
-    assert moved.ray_change_mm > still.ray_change_mm
-    assert "COR moved" in moved.reason
-
-
 @pytest.mark.parametrize(
     ("offset", "views"),
     [(0.15, 20), *(pytest.param(o, v, marks=pytest.mark.nightly) for o in (0.0, 0.05, 0.2) for v in (20, 90, 360))],
@@ -262,6 +249,8 @@ def test_drift_is_the_command_s(phantom_file, result_file):
     read = sawmill.read_scan(path, data="line-integrals", source_to_cor_mm=859.46)
     found = sawmill.drift(read, sawmill.read_calibration(result_file))
     assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
+    for name in ("moved", "within_tolerance", "reason", "ray_change_mm"):
+        assert getattr(found, name) == printed[name]
 
 
 def test_a_baseline_is_of_earlier_answers_or_their_files(calibration, tmp_path):

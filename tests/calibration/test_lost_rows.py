@@ -8,9 +8,7 @@ import pytest
 
 import sawmill_calibration as sawmill
 from sawmill_calibration.conversion import to_phantom
-from sawmill_calibration.drift_checks.drift_check import (
-    mean_of_common_rows,
-)
+from sawmill_calibration.drift_checks.drift_check import mean_of_common_rows
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
@@ -71,14 +69,8 @@ def scans(lines, tmp_path_factory):
 
 
 def read(path, **options):
-    return sawmill.read_scan(
-        path,
-        data="counts",
-        source_to_cor_mm=SCANNER.source_to_cor_mm,
-        detector_pitch_mm=6.0,
-        row_pitch_mm=3.0,
-        **options,
-    )
+    pitches = {"detector_pitch_mm": 6.0, "row_pitch_mm": 3.0}
+    return sawmill.read_scan(path, data="counts", source_to_cor_mm=SCANNER.source_to_cor_mm, **pitches, **options)
 
 
 @pytest.fixture(scope="module")

@@ -59,29 +59,24 @@ def relative(image, other):
     return float(np.linalg.norm(image - other) / np.linalg.norm(other))
 
 
-@pytest.mark.parametrize("method", ITERATIVE)
-def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method):
-    # Tikhonov explains whatever it is given while there are more pixels than rays.
-    given = log(views=60)
+# Tikhonov explains whatever it is given while there are more pixels than rays; FBP fits only many views.
+@pytest.mark.parametrize(
+    ("method", "views", "times"), [*((method, 60, 1.5) for method in ITERATIVE), ("fbp", 180, 1.3)]
+)
+def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method, views, times):
+    given = log(views=views)
     right, volume = reconstruct(given, method=method)
     assert right.method.name == method
     assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.35
     off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     wrong, _ = reconstruct(replace(given, theta=off), method=method)
-    assert wrong.method.data_misfit > 1.5 * right.method.data_misfit
+    assert wrong.method.data_misfit > times * right.method.data_misfit
 
 
 def test_few_views_are_explained_better_than_filtered(log, reconstruct):
     truth = LOG.rasterise(SIZE, FIELD_MM)
     errors = {method: relative(reconstruct(log(), method=method)[1][0], truth) for method in ("fbp", "cauchy_map")}
     assert errors["cauchy_map"] < 0.5 * errors["fbp"]
-
-
-def test_fbp_reports_its_misfit_too(log, reconstruct, theta):
-    off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
-    right, _ = reconstruct(log(views=180))
-    wrong, _ = reconstruct(replace(log(views=180), theta=off))
-    assert wrong.method.data_misfit > 1.3 * right.method.data_misfit
 
 
 @pytest.mark.parametrize("views", [20, 45, 90, 360])
@@ -171,11 +166,6 @@ def test_rows_wider_than_the_middle_one_keep_their_wood(log, reconstruct):
     _, alone = reconstruct(replace(given, read=lambda _, __: flared(0, 1), rows=(0, 1)), **asked)
     # The larger field has more empty pixels to share the noise with; without the wood around it, all would be wrong.
     assert relative(together[0], alone[0]) < 0.1
-
-
-def test_fbp_of_a_region_reports_no_misfit(log, reconstruct):
-    region, _ = reconstruct(log(), size=20, field_mm=100.0)
-    assert region.method.data_misfit is None
 
 
 def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):

@@ -15,60 +15,52 @@ SHIFTED = replace(THETA, detector_shift_mm=THETA.detector_shift_mm + 15.0)
 TILTED = replace(THETA, detector_tilt=THETA.detector_tilt + 0.1)
 
 
-def causes(report):
-    misfits = (each for each in report.coded_remarks if each.code.endswith("misses-data"))
-    return [part.code for each in misfits for part in each.parts]
+ITERATIVE = {"method": "total_variation", "coupling": "none", "weight": 2000.0, "size": 96, "field_mm": 500.0}
+FILTERED = {"method": "fbp", "size": 192, "field_mm": 500.0}
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=40, seed=2)
+
+
+def remarks(scan, theta=THETA, **options):
+    report = sawmill.reconstruct(scan, theta, **options).result.method
+    return [part for each in report.coded_remarks if each.code.endswith("misses-data") for part in each.parts]
 
 
 @pytest.mark.parametrize(
-    ("physics", "theta", "displaced"),
+    ("views", "options", "physics", "theta", "displaced"),
     [
-        ({"beam": {"energy_spread": 0.6}}, THETA, False),
-        ({"beam": {"scatter_share": 0.2}}, THETA, False),
-        ({"detector": {"blur_mm": 8.0}}, THETA, False),
-        ({}, SHIFTED, True),
-        ({}, TILTED, True),
-        ({"motion": {"slip_mm": 10.0}}, THETA, True),
+        (40, ITERATIVE, {"beam": {"energy_spread": 0.6}}, THETA, False),
+        (40, ITERATIVE, {"beam": {"scatter_share": 0.2}}, THETA, False),
+        (40, ITERATIVE, {"detector": {"blur_mm": 8.0}}, THETA, False),
+        (40, ITERATIVE, {}, SHIFTED, True),
+        (40, ITERATIVE, {}, TILTED, True),
+        (40, ITERATIVE, {"motion": {"slip_mm": 10.0}}, THETA, True),
+        pytest.param(90, FILTERED, {"beam": {"scatter_share": 0.2}}, THETA, False, marks=pytest.mark.nightly),
+        pytest.param(90, FILTERED, {}, SHIFTED, True, marks=pytest.mark.nightly),
+        pytest.param(90, FILTERED, {"motion": {"slip_mm": 20.0}}, THETA, True, marks=pytest.mark.nightly),
     ],
-    ids=["hardening", "scatter", "blur", "column", "tilt", "slip"],
+    ids=[
+        *("hardening", "scatter", "blur", "column", "tilt", "slip"),
+        *("filtered, scatter", "filtered, column", "filtered, slip"),
+    ],
 )
-def test_the_named_cause_is_the_true_one(physics, theta, displaced):
-    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=40, physics=physics, seed=2)
-    options = {"method": "total_variation", "coupling": "none", "weight": 2000.0, "size": 96, "field_mm": 500.0}
-    report = sawmill.reconstruct(scan, theta, **options).result.method
-    assert causes(report) == ["misfit-by-displaced-views" if displaced else "misfit-without-displaced-views"]
+def test_the_named_cause_is_the_true_one(views, options, physics, theta, displaced):
+    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=views, physics=physics, seed=2)
+    (remark,) = remarks(scan, theta, **options)
+    assert remark.code == ("misfit-by-displaced-views" if displaced else "misfit-without-displaced-views")
 
 
-def test_single_views_that_do_not_fit_are_named_before_causes_of_the_whole_scan():
-    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=40, seed=2)
+def test_single_views_that_do_not_fit_are_named_before_causes_of_the_whole_scan(scan):
     exchanged = scan.line_integrals.copy()
     exchanged[[20, 21]] = exchanged[[5, 33]]
-    options = {"method": "total_variation", "coupling": "none", "weight": 2000.0, "size": 96, "field_mm": 500.0}
-    report = sawmill.reconstruct(replace(scan, line_integrals=exchanged), THETA, **options).result.method
-    (remark,) = (part for each in report.coded_remarks for part in each.parts)
+    (remark,) = remarks(replace(scan, line_integrals=exchanged), **ITERATIVE)
     assert (remark.code, remark.values["views"]) == ("misfit-in-few-views", "20-21")
 
 
-def test_a_wrong_order_of_the_views_never_clears_the_angles():
-    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=40, seed=2)
+def test_a_wrong_order_of_the_views_never_clears_the_angles(scan):
     wrong = np.concatenate([scan.line_integrals[:20], scan.line_integrals[:19:-1]])
-    options = {"method": "total_variation", "coupling": "none", "weight": 2000.0, "size": 96, "field_mm": 500.0}
-    report = sawmill.reconstruct(replace(scan, line_integrals=wrong), THETA, **options).result.method
-    (remark,) = (part for each in report.coded_remarks for part in each.parts)
+    (remark,) = remarks(replace(scan, line_integrals=wrong), **ITERATIVE)
     assert remark.code == "misfit-by-displaced-views" or "order" in remark.sentence
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("physics", "theta", "displaced"),
-    [
-        ({"beam": {"scatter_share": 0.2}}, THETA, False),
-        ({}, SHIFTED, True),
-        ({"motion": {"slip_mm": 20.0}}, THETA, True),
-    ],
-    ids=["scatter", "column", "slip"],
-)
-def test_a_filtered_image_names_the_true_cause_too(physics, theta, displaced):
-    scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=90, physics=physics, seed=2)
-    report = sawmill.reconstruct(scan, theta, method="fbp", size=192, field_mm=500.0).result.method
-    assert causes(report) == ["misfit-by-displaced-views" if displaced else "misfit-without-displaced-views"]

@@ -116,15 +116,12 @@ def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
     assert error_mm(whole) > 4.0 * error_mm(found)
 
 
-def test_the_report_is_a_picture(run, phantom_scan, tmp_path):
-    run("calibrate", phantom_scan, *KNOWN, *L, "--json", "--report", tmp_path / "out.png")
+def test_the_report_is_a_picture_or_a_page_as_its_name_says(run, phantom_scan, tmp_path):
+    for name in ("out.png", "out.html"):
+        run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--json", "--report", tmp_path / name)
     with Image.open(tmp_path / "out.png") as picture:
         assert picture.format == "PNG"
         assert min(picture.size) > 500
-
-
-def test_the_report_is_a_page_where_its_name_says_so(run, phantom_scan, tmp_path):
-    run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--json", "--report", tmp_path / "out.html")
     page = (tmp_path / "out.html").read_text()
     assert page.startswith("<!doctype html>")
     assert page.count("data:image/svg+xml;base64,") >= 2
@@ -167,35 +164,30 @@ def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, tmp_path
     reported = failure("calibrate", tmp_path / "tall.h5", *KNOWN, *L)
     assert reported["code"] == "too-large"
     assert "needs 6144000000000 bytes as float32" in reported["detail"]
-    rows = ScanRows(
-        read=lambda *_: pytest.fail("something was read"),
-        read_row=lambda *_: pytest.fail("something was read"),
-        usable_rows=(0, 10**8),
-        angles_rad=np.linspace(0.0, 6.0, 60),
-        rows=(0, 10**8),
-        row_step=1,
-        scanner=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5),
-        counts=False,
-        sha256="0" * 64,
-        remarks=(),
-    )
+    nothing = {"read": lambda *_: pytest.fail("something was read"), "remarks": (), "counts": False, "sha256": "0" * 64}
+    scanner = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
+    every = {"rows": (0, 10**8), "usable_rows": (0, 10**8), "row_step": 1, "angles_rad": np.linspace(0.0, 6.0, 60)}
+    rows = ScanRows(**nothing, **every, scanner=scanner, read_row=nothing["read"])
     needed = r"100000000 rows need 6144000000000 bytes in memory and \d+ are free; ask for fewer"
     with pytest.raises(JobFailure, match=needed):
         rows.stack()
 
 
 def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_scan, tmp_path):
-    assert failure("calibrate", bare_scan, *BARE)["code"] == "angles-missing"
     pitch = failure("calibrate", bare_scan, *KNOWN, *L, "--angles-deg", "3:6")
     assert pitch["code"] == "detector-pitch-missing"
     assert "--detector-pitch-mm" in pitch["detail"]
-    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--rows", "1:3")["code"] == "rows-outside"
-    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--views", 61)["code"] == "views-too-many"
-    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--angles-deg", "3:5")["code"] == "contradiction"
-    assert failure("calibrate", phantom_scan, *BARE[:-3], 4.5, *L)["code"] == "contradiction"
-    assert failure("calibrate", phantom_scan, *BARE, "--row-pitch-mm", 3)["code"] == "contradiction"
     (tmp_path / "text.h5").write_text("no scan")
-    assert failure("calibrate", tmp_path / "text.h5", *BARE)["code"] == "unknown-format"
+    for scan, flags, code in (
+        (bare_scan, BARE, "angles-missing"),
+        (phantom_scan, (*KNOWN, *L, "--rows", "1:3"), "rows-outside"),
+        (phantom_scan, (*KNOWN, *L, "--views", 61), "views-too-many"),
+        (phantom_scan, (*KNOWN, *L, "--angles-deg", "3:5"), "contradiction"),
+        (phantom_scan, (*BARE[:-3], 4.5, *L), "contradiction"),
+        (phantom_scan, (*BARE, "--row-pitch-mm", 3), "contradiction"),
+        (tmp_path / "text.h5", BARE, "unknown-format"),
+    ):
+        assert failure("calibrate", scan, *flags)["code"] == code
 
 
 def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
@@ -221,25 +213,23 @@ def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path)
     assert error_mm(calibrated(run, tmp_path / "two.h5", *BARE, "--angles-deg", "3:6", "--dataset", "that")) < 0.05
 
 
+DISC = '{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}'
+
+
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("name", "text", "flags", "code", "complaint"),
     [
-        ("{", "is not a phantom's drawing"),
-        ('{"name": "x", "shapes": []}', "shapes"),
-        ('{"name": "x", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}]}', "radius_mm"),
+        ("l.json", "{", (), "phantom", "is not a phantom's drawing"),
+        ("l.json", '{"name": "x", "shapes": []}', (), "phantom", "shapes"),
+        ("l.json", f'{{"name": "x", "shapes": [{DISC}]}}', (), "phantom", "radius_mm"),
+        ("l.png", "no picture", ("--phantom-width-mm", 400), "picture-not-png", ""),
     ],
 )
-def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text, complaint):
-    (tmp_path / "l.json").write_text(text)
-    reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
-    assert reported["code"] == "phantom"
+def test_a_file_that_is_no_phantom_is_refused(failure, phantom_scan, tmp_path, name, text, flags, code, complaint):
+    (tmp_path / name).write_text(text)
+    reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / name, *flags)
+    assert reported["code"] == code
     assert complaint in reported["detail"]
-
-
-def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
-    (tmp_path / "l.png").write_text("no picture")
-    reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
-    assert reported["code"] == "picture-not-png"
 
 
 def test_refusals_are_one_sentence_for_people(run, bare_scan):

@@ -149,13 +149,6 @@ def test_a_shell_completes_commands_flags_values_and_phantoms(shell, line, choic
     assert choices_in(shell, answer(shell, line)) == choices
 
 
-@pytest.mark.parametrize("shell", first_by_day(1, ["bash", "zsh"]))
-def test_the_installed_command_answers_a_shell(shell):
-    environment = os.environ | question(shell, "sawmill phantom draw rect")
-    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=120, check=True)
-    assert choices_in(shell, done.stdout) == {"rectangle-with-hole"}
-
-
 def test_zsh_offers_files_where_nothing_else_fits():
     assert answer("zsh", "sawmill calibrate sc").strip() == "_files"
 

@@ -35,16 +35,9 @@ def _alone(monkeypatch):
     monkeypatch.setenv("SAWMILL_PORT", "0")
 
 
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("made") / "data"
-    Store.open(StorageSettings(data_folder=folder)).close()
-    return folder
-
-
 @pytest.fixture
-def data(made, tmp_path):
-    return Path(shutil.copytree(made, tmp_path / "data"))
+def data(empty_data, tmp_path):
+    return Path(shutil.copytree(empty_data, tmp_path / "data"))
 
 
 @pytest.fixture
@@ -78,11 +71,6 @@ def test_a_folder_that_is_not_there_is_not_made(run, tmp_path):
     printed = run("doctor", "--data", tmp_path / "none").stdout
     assert "the first start of sawmill serve makes it" in printed
     assert not (tmp_path / "none").exists()
-
-
-def test_a_misspelt_setting(found, monkeypatch):
-    monkeypatch.setenv("SAWMILL_DATA_FOLDR", "/srv")
-    assert "did you mean SAWMILL_DATA_FOLDER?" in found("settings")["sentence"]
 
 
 def test_who_serves_the_folder_is_named(run, data):
@@ -138,9 +126,7 @@ def test_services_stop_at_tables_of_a_later_version(data, command):
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):
-    with sqlite3.connect(data / "sawmill.db") as connection:
-        connection.execute("UPDATE alembic_version SET version_num = '0001'")
-    connection.close()
+    tables_of(data, "0001", None)
     assert "take a backup" in found("database", code=0)["cure"]
     connection = sqlite3.connect(data / "sawmill.db")
     assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
@@ -178,16 +164,24 @@ def test_files_that_are_lost_are_counted_and_named(found, run, data):
     assert "cannot be read" in found("files")["sentence"]
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "subject", "words"),
+    [
+        ("DATA_FOLDR", "/srv", "settings", "did you mean SAWMILL_DATA_FOLDER?"),
+        ("DISK_RESERVE_BYTES", str(10**18), "disk", "it counts as full"),
+        ("BROKER_URL", "redis://:secret-word@127.0.0.1:1/0", "Redis", "127.0.0.1 does not answer"),
+    ],
+)
+def test_a_setting_that_is_wrong_or_names_what_is_not_there(found, monkeypatch, name, value, subject, words):
+    monkeypatch.setenv(f"SAWMILL_{name}", value)
+    finding = found(subject)
+    assert words in finding["sentence"]
+    assert "secret-word" not in json.dumps(finding)
+
+
 def test_a_server_that_is_away(found, monkeypatch):
     monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill@127.0.0.1:1/sawmill")
     assert found("database")["cure"] == "start its server, or end the process that holds it"
-
-
-def test_redis_that_is_away(found, monkeypatch):
-    monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://:secret-word@127.0.0.1:1/0")
-    finding = found("Redis")
-    assert "127.0.0.1 does not answer" in finding["sentence"]
-    assert "secret-word" not in json.dumps(finding)
 
 
 def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url):
@@ -204,11 +198,6 @@ def test_a_clock_that_is_off(found, data, moved_clock):
     store.close()
     moved_clock(ahead_s=7200.0)
     assert "+7200" in found("clock", code=0)["sentence"]
-
-
-def test_a_disk_that_counts_as_full(found, monkeypatch):
-    monkeypatch.setenv("SAWMILL_DISK_RESERVE_BYTES", str(10**18))
-    assert "it counts as full" in found("disk")["sentence"]
 
 
 def test_who_only_looks_keeps_no_service_from_starting(data):

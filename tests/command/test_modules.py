@@ -62,15 +62,8 @@ def test_no_toolkit_is_told_of_a_straight_detector(calibrated, run, tmp_path):
 def test_modules_that_the_file_states_are_known_from_the_start(calibrated, run, tmp_path):
     folder, answer = calibrated
     stack, path = np.load(folder / "scan.npy"), tmp_path / "scan.nxs"
-    new = new_scan(
-        path,
-        stack.shape,
-        angles_rad=np.deg2rad(8.0 * np.arange(VIEWS)),
-        detector_pitch_mm=4.5,
-        row_pitch_mm=None,
-        detector_modules=MODULES,
-    )
-    with new as written:
+    about = {"angles_rad": np.deg2rad(8.0 * np.arange(VIEWS)), "detector_pitch_mm": 4.5, "row_pitch_mm": None}
+    with new_scan(path, stack.shape, **about, detector_modules=MODULES) as written:
         written.data[...] = stack
         written.note(air_level=None, provenance={})
     assert "2, which meet at cell 128" in run("inspect", path, "--data", "line-integrals").stdout

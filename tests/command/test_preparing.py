@@ -57,24 +57,16 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
         assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
 
 
-def test_rows_that_too_few_views_have_are_refused_by_their_number(run, lossy, tmp_path):
-    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", "--align-rows", "profile", "--rows", "0:8", code=1)
-    assert "rows 0:8 were asked for, but too many views lost some of them" in json.dumps(answer)
-
-
-def test_without_being_asked_they_are_refused_with_the_flag(run, lossy, tmp_path):
-    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", code=1)
-    assert "(--align-rows)" in json.dumps(answer)
-
-
-def test_line_integrals_are_used_as_they_are_unless_asked(run, lossy, tmp_path):
-    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", "--align-rows", "profile")
-    assert len(answer["preparation"]) == 1
-
-
-def test_an_unknown_way_is_wrong_use(run, lossy, tmp_path):
-    flags = ("--theta", THETA, *SCANNER, "--data", "line-integrals", "-o", tmp_path / "out.h5")
-    assert "--align-rows" in run("reconstruct", lossy[0], *flags, "--align-rows", "guess", code=2).stderr
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (("--align-rows", "profile", "--rows", "0:8"), "rows 0:8 were asked for, but too many views lost some of them"),
+        ((), "(--align-rows)"),
+    ],
+    ids=["rows that too few views have", "views of unequal rows as they are"],
+)
+def test_lost_rows_are_refused_with_their_numbers_or_the_flag(run, lossy, tmp_path, flags, sentence):
+    assert sentence in json.dumps(reconstruct(run, lossy[0], tmp_path / "out.h5", *flags, code=1))
 
 
 def test_the_document_has_every_parameter_with_its_flag_and_values():

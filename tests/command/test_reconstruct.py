@@ -26,6 +26,17 @@ def volume(path) -> np.ndarray:
         return file["entry/reconstruction/data"][()]
 
 
+@pytest.fixture
+def changed(phantom_scan, tmp_path):
+    """A copy of the scan, opened to change it."""
+    shutil.copy(phantom_scan, tmp_path / "scan.h5")
+    return tmp_path / "scan.h5"
+
+
+LINES = ("--data", "line-integrals", *THETA)
+DETECTOR, ANGLES = "entry/instrument/detector", "entry/sample/rotation_angle"
+
+
 def relative_error(image, truth) -> float:
     return float(np.linalg.norm(image - truth) / np.linalg.norm(truth))
 
@@ -77,29 +88,21 @@ def test_a_foreign_scan_is_prepared_beside_the_output_and_nothing_of_it_stays(ru
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_value_that_is_no_number_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path):
-    shutil.copy(phantom_scan, tmp_path / "scan.h5")
-    with h5py.File(tmp_path / "scan.h5", "r+") as file:
-        file["entry/instrument/detector/data"][3, 1, 7] = np.nan
-    reported = failure(
-        "reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5"
-    )
+def test_a_value_that_is_no_number_is_reported_when_its_row_is_read(failure, changed, tmp_path):
+    with h5py.File(changed, "r+") as file:
+        file[f"{DETECTOR}/data"][3, 1, 7] = np.nan
+    reported = failure("reconstruct", changed, *LINES, "-o", tmp_path / "out.h5")
     assert (reported["code"], reported["detail"][:6]) == ("not-finite", "row 1 ")
     assert not (tmp_path / "out.h5").exists()
 
 
-def test_a_log_that_shows_nothing_has_no_curve_of_alpha(failure, phantom_scan, tmp_path):
-    shutil.copy(phantom_scan, tmp_path / "scan.h5")
-    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+def test_a_log_that_shows_nothing_has_no_curve_of_alpha(failure, changed, tmp_path):
+    with h5py.File(changed, "r+") as file:
         file[f"{DETECTOR}/data"][...] = 0.0
-    flags = ("--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5", "--method", "tikhonov")
-    reported = failure("reconstruct", tmp_path / "scan.h5", *flags, "--alpha-curve", tmp_path / "curve.png")
-    assert reported["code"] == "no-alpha-curve"
+    flags = ("-o", tmp_path / "out.h5", "--method", "tikhonov", "--alpha-curve", tmp_path / "curve.png")
+    assert failure("reconstruct", changed, *LINES, *flags)["code"] == "no-alpha-curve"
     assert not (tmp_path / "curve.png").exists()
     assert not volume(tmp_path / "out.h5").any()
-
-
-DETECTOR, ANGLES = "entry/instrument/detector", "entry/sample/rotation_angle"
 
 
 def _two_axes(file):
@@ -130,33 +133,26 @@ def _too_few_angles(file):
         (_elsewhere, "external-storage"),
     ],
 )
-def test_a_scan_of_the_product_that_was_tampered_with_is_refused(failure, phantom_scan, tmp_path, change, code):
-    shutil.copy(phantom_scan, tmp_path / "scan.h5")
-    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+def test_a_scan_of_the_product_that_was_tampered_with_is_refused(failure, changed, tmp_path, change, code):
+    with h5py.File(changed, "r+") as file:
         change(file)
-    flags = ("--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
-    assert failure("reconstruct", tmp_path / "scan.h5", *flags)["code"] == code
+    assert failure("reconstruct", changed, *LINES, "-o", tmp_path / "out.h5")["code"] == code
 
 
-def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, phantom_scan, tmp_path):
-    shutil.copy(phantom_scan, tmp_path / "scan.h5")
-    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, changed, tmp_path):
+    with h5py.File(changed, "r+") as file:
         _two_axes(file)
-    flags = ("--data", "line-integrals", *THETA, "--method", "fbp", "-o", tmp_path / "out.h5")
-    run("reconstruct", tmp_path / "scan.h5", *flags)
+    run("reconstruct", changed, *LINES, "--method", "fbp", "-o", tmp_path / "out.h5")
     assert volume(tmp_path / "out.h5").shape == (1, 256, 256)
 
 
-def test_damage_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path):
-    whole = bytearray(phantom_scan.read_bytes())
-    with h5py.File(phantom_scan) as file:
+def test_damage_is_reported_when_its_row_is_read(failure, changed, tmp_path):
+    whole = bytearray(changed.read_bytes())
+    with h5py.File(changed) as file:
         start = file[f"{DETECTOR}/data"].id.get_chunk_info_by_coord((0, 1, 0)).byte_offset
     whole[start + 100 : start + 200] = bytes(100)
-    (tmp_path / "scan.h5").write_bytes(whole)
-    reported = failure(
-        "reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5"
-    )
-    assert reported["code"] == "broken-file"
+    changed.write_bytes(whole)
+    assert failure("reconstruct", changed, *LINES, "-o", tmp_path / "out.h5")["code"] == "broken-file"
 
 
 def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_path):

@@ -23,90 +23,70 @@ def test_result_h5_alone_is_enough_to_reconstruct(run, stack, result_file, resul
     assert np.array_equal(volume(tmp_path / "json.h5"), volume(tmp_path / "hdf5.h5"))
 
 
-def as_picture(path, _result):
-    Image.new("L", (32, 32), 128).save(path, format="PNG")
+JSON = "entry/calibration_json"
 
 
-def as_another_hdf5(path, _result):
-    with h5py.File(path, "w") as file:
-        file["entry/data"] = np.zeros((4, 4))
+def hdf5_of(value, name=JSON):
+    """Write HDF5 with this value, or with one that is made of the result's file."""
+
+    def write(path, result):
+        with h5py.File(path, "w") as file:
+            file[name] = value(result) if callable(value) else value
+
+    return write
 
 
-def as_truncated(path, result):
-    path.write_bytes(result.read_bytes()[:-100])
-
-
-def as_number(path, _result):
-    with h5py.File(path, "w") as file:
-        file["entry/calibration_json"] = 3.0
-
-
-def as_another_program_s_text(path, _result):
-    with h5py.File(path, "w") as file:
-        file["entry/calibration_json"] = "no JSON"
-
-
-def as_incomplete(path, result):
+def incomplete(result):
     with h5py.File(result) as file:
-        known = json.loads(file["entry/calibration_json"][()])
+        known = json.loads(file[JSON][()])
     known["theta"].pop("detector_tilt")
+    return json.dumps(known)
+
+
+def text_of(shape, kind, **storage):
+    """Write HDF5 with a text that is stored so, and was never written."""
+
+    def write(path, _result):
+        with h5py.File(path, "w") as file:
+            file.create_dataset(JSON, shape, kind, **storage)
+
+    return write
+
+
+def text_that_claims_more_than_there_is(path, _result):
     with h5py.File(path, "w") as file:
-        file["entry/calibration_json"] = json.dumps(known)
-
-
-def as_link_elsewhere(path, result):
-    with h5py.File(path, "w") as file:
-        file["entry/calibration_json"] = h5py.ExternalLink(str(result), "/entry/calibration_json")
-
-
-def as_long_text(path, _result):
-    with h5py.File(path, "w") as file:
-        file.create_dataset("entry/calibration_json", (), dtype=f"S{MOST_BYTES + 1}")
-
-
-def as_packed_text(path, _result):
-    with h5py.File(path, "w") as file:
-        entry = file.create_group("entry")
-        entry.create_dataset("calibration_json", (1,), "S1024", chunks=(2**20,), maxshape=(None,), compression="gzip")
-
-
-def as_text_that_claims_more_than_there_is(path, _result):
-    text = "{}".ljust(1234)
-    with h5py.File(path, "w") as file:
-        file["entry/calibration_json"] = text
-        at = file["entry/calibration_json"].id.get_offset()
+        file[JSON] = "{}".ljust(1234)
+        at = file[JSON].id.get_offset()
     whole = bytearray(path.read_bytes())
     assert struct.unpack_from("<I", whole, at) == (1234,)
     struct.pack_into("<I", whole, at, 0xFFFF_FFF0)
     path.write_bytes(whole)
 
 
-def as_deep_json(path, _result):
-    path.write_text("[" * 2**20)
-
-
-def as_huge_json(path, _result):
+def huge_json(path, _result):
     with path.open("wb") as stream:
         stream.truncate(3 * 2**30)
+
+
+PACKED = {"chunks": (2**20,), "maxshape": (None,), "compression": "gzip"}
 
 
 @pytest.mark.parametrize(
     ("write", "reason"),
     [
-        (as_picture, "it is neither JSON nor HDF5"),
-        (as_another_hdf5, "it is HDF5 without /entry/calibration_json"),
-        (as_truncated, "truncated file"),
-        (as_number, "it is HDF5 without /entry/calibration_json"),
-        (as_another_program_s_text, "Invalid JSON"),
-        (as_incomplete, "theta.detector_tilt: Field required"),
-        (as_link_elsewhere, "leads through an external link"),
-        (as_long_text, "16777217 bytes"),
-        (as_packed_text, "1073741824 bytes"),
-        (as_text_that_claims_more_than_there_is, "4294967280 bytes"),
-        (as_deep_json, "it is neither JSON nor HDF5"),
-        (as_huge_json, "it has more than 16777216 bytes"),
+        (lambda path, _: Image.new("L", (32, 32), 128).save(path, format="PNG"), "it is neither JSON nor HDF5"),
+        (hdf5_of(np.zeros((4, 4)), "entry/data"), "it is HDF5 without /entry/calibration_json"),
+        (lambda path, result: path.write_bytes(result.read_bytes()[:-100]), "truncated file"),
+        (hdf5_of(3.0), "it is HDF5 without /entry/calibration_json"),
+        (hdf5_of("no JSON"), "Invalid JSON"),
+        (hdf5_of(incomplete), "theta.detector_tilt: Field required"),
+        (hdf5_of(lambda result: h5py.ExternalLink(str(result), f"/{JSON}")), "leads through an external link"),
+        (text_of((), f"S{MOST_BYTES + 1}"), "16777217 bytes"),
+        (text_of((1,), "S1024", **PACKED), "1073741824 bytes"),
+        (text_that_claims_more_than_there_is, "4294967280 bytes"),
+        (lambda path, _: path.write_text("[" * 2**20), "it is neither JSON nor HDF5"),
+        (huge_json, "it has more than 16777216 bytes"),
     ],
-    ids=lambda value: value.__name__ if callable(value) else "",
 )
 def test_what_is_neither_is_refused_in_one_sentence(failure, stack, result_hdf5, tmp_path, write, reason):
     path = tmp_path / "given"

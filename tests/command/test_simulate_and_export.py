@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import sawmill_calibration as sawmill
+from sawmill_calibration import InputError
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -15,6 +17,8 @@ from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import Rotation
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+SCANNER = Scanner(859.46, 256, 4.508593749)
+SLIPPED = {"motion": {"slip_mm": 20.0, "slip_at": 0.5}, "detector": {"bits": 12}}
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 SMALL = ("--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--views", 12)
 EXACT = ("--data", "line-integrals", *THETA, *SMALL)
@@ -27,9 +31,8 @@ def frames(path, key: int = 0) -> np.ndarray:
 
 
 def expected(angles, phantom=L_SHAPE) -> np.ndarray:
-    scanner = Scanner(859.46, 256, 4.508593749)
-    fan = FanBeamGeometry(scanner, TRUTH, angles)
-    return project(phantom, DetectorCells.of(scanner), fan.frame, fan.angles_rad, rays_per_cell=8)
+    fan = FanBeamGeometry(SCANNER, TRUTH, angles)
+    return project(phantom, DetectorCells.of(SCANNER), fan.frame, fan.angles_rad, rays_per_cell=8)
 
 
 def turn(views: int) -> np.ndarray:
@@ -104,9 +107,66 @@ def test_an_impossible_geometry_is_refused(run, tmp_path):
     assert result.stderr.startswith("geometry: ")
 
 
+@pytest.fixture
+def physics_file(tmp_path):
+    def write(content: object):
+        path = tmp_path / "physics.json"
+        path.write_text(content if isinstance(content, str) else json.dumps(content))
+        return path
+
+    return write
+
+
+def test_counts_show_what_the_file_names(run, tmp_path, physics_file):
+    """Nothing until the slip in the middle; then 20 mm, some eight cells, at the shadow's edges. Twelve bits."""
+    for name, content in (("still", {"detector": {"bits": 12}}), ("slipped", SLIPPED)):
+        flags = ("--physics", physics_file(content), *THETA, *SMALL, "--rows", 2)
+        run("simulate", "l-shape", *flags, "-o", tmp_path / f"{name}.h5")
+    still, slipped = (frames(tmp_path / f"{name}.h5").astype(float) for name in ("still", "slipped"))
+    assert still.shape == slipped.shape == (12, 2, 256)
+    assert np.array_equal(still[:6], slipped[:6])
+    assert (np.abs(still - slipped)[6:].max(axis=(1, 2)) > 500).all()
+    assert slipped.max() <= 4095
+    assert len(frames(tmp_path / "slipped.h5", 1)) == 10
+
+
+def test_python_reads_the_same_scan(run, tmp_path, physics_file):
+    path = physics_file(SLIPPED)
+    run("simulate", "l-shape", "--physics", path, *THETA, *SMALL, "-o", tmp_path / "out.h5")
+    read = sawmill.read_scan(tmp_path / "out.h5", data="counts", source_to_cor_mm=859.46)
+    for physics in (SLIPPED, path):
+        made = sawmill.simulate_phantom_scan("l-shape", SCANNER, TRUTH, views=12, physics=physics)
+        np.testing.assert_array_equal(made.line_integrals, read.line_integrals)
+        assert made.from_counts
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ({"beam": {"blur": 1}}, "beam.blur: Extra inputs are not permitted"),
+        ({"motion": {"slip_mm": -1}}, "motion.slip_mm: Input should be greater than or equal to 0"),
+        ({"detector": {"bits": 14}}, "detector.bits: Input should be 12 or 16"),
+        ("slip", "Invalid JSON"),
+    ],
+)
+def test_what_is_no_physics_is_refused(run, tmp_path, physics_file, content, complaint):
+    flags = ("--physics", physics_file(content), *THETA, *SMALL, "-o", tmp_path / "out.h5")
+    assert complaint in run("simulate", "l-shape", *flags, code=1).output
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_physics_are_of_counts(wrong_use, tmp_path, physics_file):
+    flags = ("--physics", physics_file({}), "--data", "line-integrals", *THETA, *SMALL, "-o", tmp_path / "out.h5")
+    assert "--physics makes counts: leave --data line-integrals out." in wrong_use("simulate", "l-shape", *flags)
+    with pytest.raises(InputError, match="give physics, or noise and background, not both"):
+        sawmill.simulate_phantom_scan("l-shape", SCANNER, TRUTH, physics={}, noise=0.1)
+    with pytest.raises(InputError, match=r"wood\.rings: Extra inputs"):
+        sawmill.simulate_phantom_scan("l-shape", SCANNER, TRUTH, physics={"wood": {"rings": 3}})
+
+
 def calibrated(result_file, angles_deg) -> FanBeamGeometry:
     theta = Theta(**json.loads(result_file.read_text())["theta"])
-    return FanBeamGeometry(Scanner(859.46, 256, 4.508593749), theta, np.deg2rad(angles_deg))
+    return FanBeamGeometry(SCANNER, theta, np.deg2rad(angles_deg))
 
 
 def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):

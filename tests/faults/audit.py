@@ -60,7 +60,7 @@ class Audit:
             return Ledger(
                 {row.id: row.state for row in rows},
                 sum(row.losses for row in rows),
-                [*_twice(connection), *_schedules(connection)],
+                list(_twice(connection)),
                 _all_ids(connection),
             )
 
@@ -112,17 +112,6 @@ def _twice(connection: Connection) -> Iterator[str]:
     for (what, identifier), times in Counter((row.what, row.id) for row in noted).items():
         if times > 1:
             yield f"{what} {identifier}: {times} times"
-
-
-def _schedules(connection: Connection) -> Iterator[str]:
-    """List the due times that ran twice: two outcomes, or a calibration that no outcome names."""
-    runs = connection.execute(text("SELECT schedule_id, due_at, calibration_id FROM schedule_runs")).all()
-    for due, times in Counter((run.schedule_id, str(run.due_at)) for run in runs).items():
-        if times > 1:
-            yield f"schedule {due}: {times} outcomes"
-    named = {run.calibration_id for run in runs}
-    made = connection.execute(text("SELECT id FROM calibrations WHERE schedule_id IS NOT NULL")).scalars()
-    yield from (f"calibration {identifier}: of no outcome" for identifier in made if identifier not in named)
 
 
 def _all_ids(connection: Connection) -> frozenset[str]:

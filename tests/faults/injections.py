@@ -1,18 +1,13 @@
 """The faults, a function each: it disturbs a trial until there have been enough, and leaves everything as it was."""
 
 import signal
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
-from pathlib import Path
 
-import httpx
 from tests.faults.processes import playing, send, serving
-from tests.faults.product import LEASE_S, LONGEST_STOP_S
+from tests.faults.product import LEASE_S
 from tests.faults.trial import Trial
 
-HOUR_S = 3600.0
 AIMED = 0.8  # share of the faults that look for a process with a job
 
 
@@ -35,19 +30,6 @@ def stop(trial: Trial) -> None:
         time.sleep(2 * LEASE_S)
         send([victim], signal.SIGCONT)
         trial.happened[f"stopped {part}"] += 1
-
-
-def terminate(trial: Trial) -> None:
-    """Terminate by SIGTERM while jobs run and a stream of events is open, then start everything again."""
-    while trial.again(2.0, 6.0):
-        following = threading.Thread(target=_follow, args=(trial,), daemon=True)
-        following.start()
-        time.sleep(trial.rng.uniform(0.2, 1.0))
-        taken_s = trial.product.restart()
-        trial.happened["terminated"] += 1
-        if taken_s > LONGEST_STOP_S:
-            trial.wrong.append(f"a stop took {taken_s:.0f} s")
-        following.join()
 
 
 def redis_trouble(trial: Trial) -> None:
@@ -85,41 +67,6 @@ def postgres_trouble(trial: Trial) -> None:
         trial.happened[f"postgresql {what}"] += 1
 
 
-def clock_steps(trial: Trial) -> None:
-    """Set the clock of one process, or of all, hours off in either direction, and back again."""
-    clocks = trial.clocks
-    assert clocks is not None
-    while trial.again(0.5, 3.0):
-        offset_s = trial.rng.choice((-1.0, 1.0)) * trial.rng.uniform(0.5, 12.0) * HOUR_S
-        if trial.rng.random() < 0.3:
-            clocks.step_all(offset_s)
-            trial.happened["stepped all"] += 1
-        else:
-            part, victim = _victim(trial, ("api", "worker", "attempt", "template"))
-            clocks.step(victim, offset_s)
-            trial.happened[f"stepped {part}"] += 1
-        time.sleep(trial.rng.uniform(0.0, 90.0) if trial.long else 0.0)  # a minute makes a step a lasting one
-    clocks.step_all(0.0)
-
-
-def disk_full(trial: Trial) -> None:
-    """Fill the disk to the last byte, then leave room for rows and none for results, then free the disk."""
-    ballast = trial.product.data / "ballast"
-    while trial.again(1.0, 4.0):
-        for free_bytes in (0, 120_000):
-            _leave_free(ballast, free_bytes)
-            time.sleep(trial.rng.uniform(1.0, 4.0))
-        ballast.unlink()
-        trial.happened["disk filled"] += 1
-
-
-def kill_services(trial: Trial) -> None:
-    """Kill one of several services by SIGKILL, while another continues."""
-    while trial.again(3.0, 10.0):
-        send([trial.rng.choice(trial.product.api)], signal.SIGKILL)
-        trial.happened["killed api"] += 1
-
-
 def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
     """Choose a part that runs and one of its processes, mostly one that has a job."""
     while True:
@@ -141,26 +88,3 @@ def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
         if what == once:
             left.remove(once)
         yield what
-
-
-def _follow(trial: Trial) -> None:
-    """Follow a job's events: a stop may not cut them off in the middle."""
-    job_id, last = trial.asker.accepted[-1].job_id, ""
-    with (
-        suppress(httpx.TransportError),
-        trial.product.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=LONGEST_STOP_S) as stream,
-    ):
-        for line in stream.iter_lines():
-            last = line.removeprefix("event: ") if line.startswith("event: ") else last
-    trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
-    if last not in {"end", "closing", ""}:  # empty: the stream could not be opened any more
-        trial.wrong.append(f"a stream ended with {last}")
-
-
-def _leave_free(ballast: Path, free_bytes: int) -> None:
-    with ballast.open("ab", buffering=0) as file:
-        for size in (2**20, 2**12):
-            with suppress(OSError):
-                while True:
-                    file.write(bytes(size))
-        file.truncate(max(0, file.tell() - free_bytes))

@@ -1,6 +1,6 @@
 """Defects planted by hand, one in each room: each must be found by the tests that are named with it.
 
-    python tests/faults/planted.py [--only ROOM ...]
+    python tests/faults/planted.py [--only FILE ...]
 
 Each defect is planted in a copy of the working tree, in which its tests run; a quarter of an hour for all. The exit
 code is 1 unless all are found. A defect names its file by its last name alone, so that a file may move.
@@ -23,7 +23,6 @@ COPIED = ("benchmarks", "docs", "examples", "installation", "openapi", "service"
 class Defect(NamedTuple):
     """A defect: in this file of the product the old text, which occurs once, becomes the new one."""
 
-    room: str
     file: str
     old: str
     new: str
@@ -42,152 +41,103 @@ class Defect(NamedTuple):
 
 DEFECTS = (
     Defect(
-        "jobs",
         "turns.py",
         "order_by(groups.c.priority, last_turn, groups.c.oldest",
         "order_by(groups.c.priority, groups.c.oldest",
         "test_turns.py",
     ),
     Defect(
-        "attempts",
         "leases.py",
         "silence.seconds >= self._lease_s or",
         "silence.seconds >= 2.0 * self._lease_s or",
         "test_leases.py",
     ),
     Defect(
-        "confinement",
         "landlock.py",
         "_checked(_call(RESTRICT_SELF, ruleset, 0))",
         "_call(RESTRICT_SELF, -1, 0)",
         "test_confinement.py",
     ),
     Defect(
-        "files",
         "verified_results.py",
         "if outcome is None or outcome[0] != identity:",
         "if outcome is None:",
         "test_verified_results.py",
     ),
-    Defect("keys", "key_store.py", "return row.revoked_at is None and (", "return (", "store/test_keys.py"),
-    Defect("ledger", "events.py", "EventRow.number > number, published()", "published()", "store/test_events.py"),
+    Defect("key_store.py", "return row.revoked_at is None and (", "return (", "store/test_keys.py"),
+    Defect("events.py", "EventRow.number > number, published()", "published()", "store/test_events.py"),
     Defect(
-        "webhooks",
         "outbox.py",
         "row.enabled, row.paused, row.next_attempt_at = False, True, None",
         "row.paused, row.next_attempt_at = True, None",
         "test_outbox.py",
     ),
     Defect(
-        "uploads",
         "upload_parts.py",
         "if self.upload.sha256 not in {None, sha256}:",
         "if self.upload.sha256 == sha256[::-1]:",
         "store/test_uploads.py",
     ),
-    Defect("TIFF", "page_values.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
+    Defect("page_values.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(
-        "HDF5",
         "nxtomo.py",
         "flats=_fields(dataset, keys, FLAT, bounds)",
         "flats=_fields(dataset, keys, DARK, bounds)",
         "test_reading.py",
     ),
     Defect(
-        "images",
         "image_names.py",
         '(0, int(part), "") if part.isdecimal()',
         '(0, len(part), "") if part.isdecimal()',
         "test_image_names.py",
     ),
+    Defect("geometry.py", "dtype=np.float64) + 0.5 - 0.5 * n)", "dtype=np.float64) - 0.5 * n)", "test_geometry.py"),
     Defect(
-        "geometry",
-        "geometry.py",
-        "dtype=np.float64) + 0.5 - 0.5 * n)",
-        "dtype=np.float64) - 0.5 * n)",
-        "test_geometry.py",
-    ),
-    Defect(
-        "projection",
         "projector.py",
         "quarters = -self.quarter_turn * np.arange(turns)",
         "quarters = self.quarter_turn * np.arange(turns)",
         "test_projector.py",
     ),
-    Defect("FBP", "filters.py", "kernel[0] = 0.25 / pitch_mm**2", "kernel[0] = 0.26 / pitch_mm**2", "test_fbp.py"),
+    Defect("filters.py", "kernel[0] = 0.25 / pitch_mm**2", "kernel[0] = 0.26 / pitch_mm**2", "test_fbp.py"),
     Defect(
-        "iterative",
         "descent.py",
         "earlier - values[active] < tolerance *",
         "earlier - values[active] < 1e3 * tolerance *",
         "test_descent.py",
     ),
     Defect(
-        "phantoms",
         "phantom.py",
         "return self._mapped(1.0, -1.0, 0.0, 0.0)",
         "return self._mapped(-1.0, 1.0, 0.0, 0.0)",
         "tomography/test_phantom.py",
     ),
+    Defect("ambiguous_poses.py", "PEAKS = 4", "PEAKS = 0", "test_ambiguity.py"),
     Defect(
-        "search",
-        "ambiguous_poses.py",
-        "PEAKS = 4",
-        "PEAKS = 0",
-        "test_ambiguity.py",
+        "normal_equations.py", "[:, :, own] + precision * np.eye(len(own))", "[:, :, own]", "test_normal_equations.py"
     ),
     Defect(
-        "joint fit",
-        "normal_equations.py",
-        "[:, :, own] + precision * np.eye(len(own))",
-        "[:, :, own]",
-        "test_normal_equations.py",
-    ),
-    Defect(
-        "judgement",
         "judgement.py",
         "if predicted.upper_95_mm <= tolerance_mm:",
         "if predicted.rms_mm <= tolerance_mm:",
         "test_judgement.py",
     ),
+    Defect("change.py", "CHANCE_OF_A_JUMP = 30.0", "CHANCE_OF_A_JUMP = 3000.0", "test_log_movement.py"),
+    Defect("metal_bodies.py", "exact = least - np.log(", "exact = least + np.log(", "tomography/test_metal.py"),
     Defect(
-        "drift",
-        "change.py",
-        "CHANCE_OF_A_JUMP = 30.0",
-        "CHANCE_OF_A_JUMP = 3000.0",
-        "test_log_movement.py",
-    ),
-    Defect(
-        "metal",
-        "metal_bodies.py",
-        "exact = least - np.log(",
-        "exact = least + np.log(",
-        "tomography/test_metal.py",
-    ),
-    Defect(
-        "store",
         "activations.py",
         "return activated.order_by(ActivationRow.number.desc()).limit(1)",
         "return activated.order_by(ActivationRow.number).limit(1)",
         "test_history.py",
     ),
+    Defect("drift_checks.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
     Defect(
-        "mill",
-        "drift_checks.py",
-        "and check.log_came_at > check.phantom_came_at\n",
-        "\n",
-        "mill/test_drift_checks.py",
-    ),
-    Defect(
-        "routes",
         "calibrations.py",
         'needs=Scope.ACTIVATE,\n    summary="Make a calibration the active one"',
         'needs=Scope.READ,\n    summary="Make a calibration the active one"',
         "service/test_keys.py",
     ),
-    Defect("pages", "lists.py", "midnight(day + _ONE_DAY)", "midnight(day)", "service/test_scans_page.py"),
+    Defect("lists.py", "midnight(day + _ONE_DAY)", "midnight(day)", "service/test_scans_page.py"),
     Defect(
-        "command",
         "export.py",
         "result.rotation.apply(np.deg2rad(angles.expand(views)))",
         "np.deg2rad(angles.expand(views))",
@@ -220,10 +170,10 @@ def is_found(defect: Defect, copy: Path) -> bool:
 def main() -> int:
     """Plant the defects one after another; print which are found."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    rooms = [defect.room for defect in DEFECTS]
-    parser.add_argument("--only", nargs="+", choices=rooms, default=rooms, metavar="ROOM", help=", ".join(rooms))
+    files = [defect.file for defect in DEFECTS]
+    parser.add_argument("--only", nargs="+", choices=files, default=files, metavar="FILE", help=", ".join(files))
     only = parser.parse_args().only
-    chosen, missed = [defect for defect in DEFECTS if defect.room in only], 0
+    chosen, missed = [defect for defect in DEFECTS if defect.file in only], 0
     with tempfile.TemporaryDirectory(prefix="sawmill-planted-") as folder:
         copy = Path(folder) / "copy"
         for name in COPIED:  # with the times of the files, by which compiled kernels are found to be theirs
@@ -235,7 +185,7 @@ def main() -> int:
         for defect in chosen:
             found = is_found(defect, copy)
             missed += not found
-            print(f"{defect.room:12} {'found' if found else 'NOT FOUND'}", flush=True)
+            print(f"{defect.file:24} {'found' if found else 'NOT FOUND'}", flush=True)
     return 1 if missed else 0
 
 

@@ -53,8 +53,12 @@ def _parent(process_id: int) -> int:
 
 def _number(process_id: int, place: int) -> int:
     """Read a field of /proc/PID/stat after the name: 1 is the parent's id, 19 the start time."""
-    fields = _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
+    fields = _fields(process_id)
     return int(fields[place]) if fields else 0
+
+
+def _fields(process_id: int) -> list[str]:
+    return _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
 
 
 def _part(process_id: int) -> str:
@@ -63,12 +67,8 @@ def _part(process_id: int) -> str:
 
 
 def _all() -> list[int]:
-    return [int(path.name) for path in Path("/proc").glob("[0-9]*") if _state(int(path.name)) not in {"", "Z"}]
-
-
-def _state(process_id: int) -> str:
-    fields = _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
-    return fields[0] if fields else ""
+    found = [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+    return [process_id for process_id in found if _fields(process_id)[:1] not in ([], ["Z"])]
 
 
 def _read(process_id: int, name: str) -> bytes:

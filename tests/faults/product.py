@@ -36,39 +36,29 @@ SETTINGS = {
 
 
 class Product:
-    """Servers that share a data folder and a database, and are kept up as an init system does.
+    """A server, and a Celery worker if there is a broker, kept up as an init system does.
 
-    Parameters
-    ----------
-    folder
-        Folder for the data folder, which is `folder / "data"`, and for logs.
-    variables
-        Variables of the environment, added to the usual ones.
-    services
-        `sawmill serve` processes; the client talks to the first.
-    broker
-        True if a Celery worker does the work.
+    The folder holds the data folder and the log; the variables are added to the usual ones.
     """
 
-    def __init__(self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool) -> None:
+    def __init__(self, folder: Path, variables: Mapping[str, str], *, broker: bool) -> None:
         self.world, self._log = folder.name, folder / "log"
         self.data = folder / "data"
         kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
         data = {"SAWMILL_DATA_FOLDER": str(self.data)}
         self._environment = {**kept, **SETTINGS, **data, **variables, MARK: self.world}
-        ports = [free_port() for _ in range(services)]
-        serve = [sys.executable, "-m", "sawmill_command.commands", "serve", "--no-examples", "--port"]
-        self._commands = [[*serve, str(port)] for port in ports]
+        port = str(free_port())
+        self._commands = [[sys.executable, "-m", "sawmill_command.commands", "serve", "--no-examples", "--port", port]]
         if broker:
             self._commands.append([sys.executable, "-m", "celery", "-A", "sawmill_worker.celery_app", "worker"])
         self._running: dict[int, subprocess.Popen[bytes]] = {}
         self._keeping, self._ended = threading.Lock(), threading.Event()
         self._keeper = threading.Thread(target=self._keep_up, daemon=True)
-        self.client = httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=30.0, trust_env=False)
+        self.client = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0, trust_env=False)
 
     @property
     def api(self) -> list[int]:
-        """The processes that serve, in order of their ports, and the Celery worker last."""
+        """The process that serves, and the Celery worker."""
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:
@@ -79,7 +69,7 @@ class Product:
             self._keeper.start()
 
     def wait_until_ready(self) -> None:
-        """Wait until the first service answers that it is."""
+        """Wait until the service answers that it is."""
         deadline = time.monotonic() + READY_S
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):
@@ -87,14 +77,6 @@ class Product:
                     return
             time.sleep(0.1)
         raise AssertionError(f"the service was not ready after {READY_S:g} s; see {self._log}")
-
-    def restart(self) -> float:
-        """Stop everything in order, and start it again."""
-        with self._keeping:
-            taken_s = self._stop()
-            self._start_missing()
-        self.wait_until_ready()
-        return taken_s
 
     def end(self) -> float:
         """Stop everything for good; the seconds that it took."""

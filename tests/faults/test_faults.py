@@ -1,8 +1,5 @@
 """The fault study: a small part of it, and that its counts see what they are there for."""
 
-import os
-import subprocess
-import sys
 from random import Random
 
 import httpx
@@ -11,10 +8,8 @@ from sqlalchemy import text
 from tests.faults import trial, work
 from tests.faults.audit import Audit, orphans
 from tests.faults.catalogue import ENGINES, FAULTS
-from tests.faults.clocks import Clocks
-from tests.faults.conduct import Plan, conduct_all
 from tests.faults.planted import DEFECTS, ROOT
-from tests.faults.servers import NotHere
+from tests.faults.trials import Plan, conduct_all
 from tests.faults.work import Accepted, Asker, Work
 
 from sawmill_contracts.plans import PlanAsk
@@ -103,42 +98,7 @@ def test_an_accepted_job_without_a_row_is_lost(store, audit):
     assert answering.counts().details == ["lost: job gone not in the database"]
 
 
-def test_a_stepped_clock_moves_the_wall_clock_of_its_process_alone(tmp_path):
-    try:
-        clocks = Clocks(tmp_path / "clocks")
-    except NotHere as reason:
-        pytest.skip(str(reason))
-    read = (
-        "import datetime, sqlite3, time\n"
-        "base = time.time(), time.monotonic()\n"
-        "while input():\n"
-        "    julian = sqlite3.connect(':memory:').execute(\"SELECT julianday('now')\").fetchone()[0]\n"
-        "    sqlite_s = (julian - 2440587.5) * 86400 - base[0]\n"
-        "    print(time.time() - base[0], datetime.datetime.now().timestamp() - base[0], sqlite_s,\n"
-        "          time.monotonic() - base[1], flush=True)\n"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", read],
-        env={**os.environ, **clocks.variables},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as reader:
-
-        def passed_s():
-            reader.stdin.write("now\n")
-            reader.stdin.flush()
-            return [float(word) for word in reader.stdout.readline().split()]
-
-        assert passed_s() == pytest.approx([0.0] * 4, abs=60.0)
-        clocks.step(reader.pid, -7200.0)
-        assert passed_s() == pytest.approx([-7200.0] * 3 + [0.0], abs=60.0)
-        clocks.step_all(7200.0)
-        assert passed_s() == pytest.approx([7200.0] * 3 + [0.0], abs=60.0)
-        reader.stdin.write("\n")
-
-
-@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.room)
+@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.file)
 def test_a_planted_defect_has_one_place_and_its_tests(defect):
     assert defect.old != defect.new
     assert defect.place(ROOT).is_file()

@@ -11,7 +11,6 @@ from random import Random
 
 from sqlalchemy.exc import DBAPIError
 from tests.faults.audit import Audit, Ledger, orphans
-from tests.faults.clocks import Clocks
 from tests.faults.product import Product
 from tests.faults.servers import Postgres, Redis
 from tests.faults.work import MIX, Accepted, Asker, answer_of
@@ -24,38 +23,20 @@ SETTLED_S = 45.0  # limit for the removal of remains: detection, 5 s of grace, r
 
 @dataclass
 class Trial:
-    """The state that faults use and change.
-
-    Attributes
-    ----------
-    most : int
-        Largest number of faults: otherwise a job might never have the time to end.
-    mix : sequence of str
-        Names of the jobs to request.
-    long : bool
-        True if outages last as long as in an hour's run.
-    over : threading.Event
-        Set when every job has ended.
-    happened, seen : Counter of str
-        Numbers of injected faults, and of other events that followed.
-    wrong : list of str
-        Faults of the product other than the four counts.
-    """
+    """The state that faults use and change."""
 
     product: Product
     audit: Audit
     asker: Asker
     rng: Random
-    most: int
-    mix: Sequence[str] = MIX
-    long: bool = False
+    most: int  # faults: with more a job might never have the time to end
+    mix: Sequence[str] = MIX  # names of the jobs to request
+    long: bool = False  # outages last as long as in an hour's run
     redis: Redis | None = None
     postgres: Postgres | None = None
-    clocks: Clocks | None = None
-    over: threading.Event = field(default_factory=threading.Event)
-    happened: Counter[str] = field(default_factory=Counter)
-    seen: Counter[str] = field(default_factory=Counter)
-    wrong: list[str] = field(default_factory=list)
+    over: threading.Event = field(default_factory=threading.Event)  # every job has ended
+    happened: Counter[str] = field(default_factory=Counter)  # injected faults
+    wrong: list[str] = field(default_factory=list)  # faults of the product other than the four counts
 
     def again(self, shortest_s: float, longest_s: float) -> bool:
         """Wait a while, then for a job to run; return whether there is to be another fault."""
@@ -104,12 +85,7 @@ def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
         progress()
 
 
-def disturbed(
-    trial: Trial,
-    fault: Callable[[Trial], None],
-    jobs: int,
-    progress: Callable[[], None],
-) -> None:
+def disturbed(trial: Trial, fault: Callable[[Trial], None], jobs: int, progress: Callable[[], None]) -> None:
     """Request the jobs, disturb, and wait until all has ended."""
     with ThreadPoolExecutor(2) as threads:
         disturbing = threads.submit(fault, trial)

@@ -1,40 +1,45 @@
-"""A trial from start to end, with the servers that it needs."""
+"""The trials of a run, one after the other, each from start to end with the servers that it needs."""
 
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, Self
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from tests.faults.audit import Audit
-from tests.faults.catalogue import Engine, Fault
-from tests.faults.clocks import Clocks
+from tests.faults.catalogue import ENGINES, Engine, Fault
 from tests.faults.processes import marked
 from tests.faults.product import LONGEST_STOP_S, Product
 from tests.faults.servers import NotHere, Postgres, Redis
 from tests.faults.trial import Counts, Trial, count, disturbed, settle
-from tests.faults.work import MIX, Asker
+from tests.faults.work import BASE, MIX, PLANS, Asker, answer_of
+
+FEWEST_JOBS = 4  # in a trial
 
 
 @dataclass(frozen=True)
-class Request:
-    """A trial to be run; `seed` decides the time and the target of each fault."""
+class Plan:
+    """The scope of a run; `folder` keeps data and logs, `seed` decides the time and the target of each fault."""
 
-    engine: Engine
-    fault: Fault
+    faults: Sequence[Fault]
+    engines: Sequence[Engine]
     jobs: int
-    seed: str
-    mix: Sequence[str] = MIX
+    seed: int
     long: bool = False
+    folder: Path | None = None
+    mix: Sequence[str] = MIX
     workers: int = 2
 
-    @property
-    def most_faults(self) -> int:
-        """More might leave a job no time to end."""
-        return max(2, self.jobs // self.fault.jobs_a_fault)
+    def pairs(self) -> list[tuple[Engine, Fault, int]]:
+        """List each engine with each fault that it can have, and the pair's share of the jobs."""
+        pairs = [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
+        shares = [max(FEWEST_JOBS, (self.jobs + number) // len(pairs)) for number in range(len(pairs))]
+        return [(*pair, share) for pair, share in zip(pairs, shares, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -48,76 +53,97 @@ class Outcome:
     skipped: str = ""
     broken: str = ""
 
-    @classmethod
-    def of(cls, document: dict[str, Any]) -> Self:
-        """Read an outcome from the document that `as_json` writes."""
-        counts = document["counts"] and Counts(**document["counts"])
-        return cls(**document | {"counts": counts})
-
     @property
     def sound(self) -> bool:
         """True if nothing is wrong, as far as the trial went."""
         return not self.broken and (self.counts is None or self.counts.sound)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the whole outcome as JSON."""
-        return asdict(self)
-
 
 @dataclass
 class Places:
-    """Folders and servers of a run; a server starts when it is first needed."""
+    """Folders and servers of a run; PostgreSQL starts when it is first needed."""
 
     folder: Path
     stack: ExitStack
     _postgres: Postgres | None = None
 
     def postgres(self) -> Postgres:
-        """Return the one server of all trials, started when first needed."""
+        """Return the one server of all trials."""
         if self._postgres is None:
             self._postgres = Postgres(self.folder / "postgresql")
             self._postgres.start()
             self.stack.callback(self._postgres.end, crash=False)
         return self._postgres
 
+    def redis(self, folder: Path, stack: ExitStack) -> Redis:
+        """Start a server for one trial."""
+        redis = Redis(folder / "redis")
+        redis.start()
+        stack.callback(redis.kill)
+        return redis
 
-def try_one(places: Places, request: Request, right: dict[str, str], tick: Callable[[], None]) -> Outcome:
+
+def conduct_all(plan: Plan) -> Iterator[Outcome]:
+    """Compute the right answers, then yield the outcomes of the trials as they end."""
+    bar = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with ExitStack() as stack:
+        folder = plan.folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-faults-")))
+        folder.chmod(0o755)  # PostgreSQL runs as somebody else
+        places = Places((folder / f"run-{int(time.time())}").absolute(), stack)
+        progress = stack.enter_context(Progress(*bar, console=Console(stderr=True)))
+        task = progress.add_task("right answers", total=sum(jobs for *_, jobs in plan.pairs()))
+        right = right_answers(places, plan)
+        for engine, fault, jobs in plan.pairs():
+            progress.update(task, description=f"{engine.name}: {fault.name}")
+            yield try_one(places, plan, (engine, fault, jobs), right, lambda: progress.advance(task))
+
+
+def right_answers(places: Places, plan: Plan) -> dict[str, str]:
+    """Compute the answer to each kind of work when no fault happens."""
+    with trial_of(places, plan, ENGINES[0], Fault("none", lambda _: None), 0) as trial:
+        for number in range(PLANS):
+            trial.asker.ask("plan", number)
+        for name in sorted(set(plan.mix) - {"plan", *BASE}):
+            trial.asker.ask(name)
+        settle(trial)
+        client, data = trial.product.client, trial.product.data
+        return {accepted.work.name: answer_of(client, data, accepted) for accepted in trial.asker.accepted}
+
+
+def try_one(
+    places: Places, plan: Plan, pair: tuple[Engine, Fault, int], right: dict[str, str], tick: Callable[[], None]
+) -> Outcome:
     """Start, ask, disturb, count; a trial that breaks down keeps no other from being made."""
-    started = time.monotonic()
-    names = request.engine.name, request.fault.name
+    started, (engine, fault, jobs) = time.monotonic(), pair
     try:
-        with trial_of(places, request) as trial:
-            if request.fault.begin:
-                request.fault.begin(trial)
-            disturbed(trial, request.fault.disturb, request.jobs, tick)
-            if request.fault.finish:
-                request.fault.finish(trial)
+        with trial_of(places, plan, *pair) as trial:
+            if fault.begin:
+                fault.begin(trial)
+            disturbed(trial, fault.disturb, jobs, tick)
             settle(trial)
             counts = count(trial, right, started)
     except NotHere as reason:
-        return Outcome(*names, skipped=str(reason))
+        return Outcome(engine.name, fault.name, skipped=str(reason))
     except Exception:  # noqa: BLE001 - it is reported with the rest
-        return Outcome(*names, broken=traceback.format_exc())
+        return Outcome(engine.name, fault.name, broken=traceback.format_exc())
     counts.details.extend(trial.wrong)
-    return Outcome(*names, counts, dict(trial.happened + trial.seen))
+    return Outcome(engine.name, fault.name, counts, dict(trial.happened))
 
 
 @contextmanager
-def trial_of(places: Places, request: Request) -> Iterator[Trial]:
+def trial_of(places: Places, plan: Plan, engine: Engine, fault: Fault, jobs: int) -> Iterator[Trial]:
     """Start the product with everything that its faults need; at the end stop it, in time and completely."""
-    engine, fault = request.engine, request.fault
     folder = places.folder / f"{engine.name}-{fault.name}"
     folder.mkdir(parents=True, exist_ok=True)
-    clocks = Clocks(folder / "clocks") if fault.clocks else None
-    variables = {"SAWMILL_WORKERS": str(request.workers), **(clocks.variables if clocks else {})}
+    variables = {"SAWMILL_WORKERS": str(plan.workers)}
     with ExitStack() as stack:
         postgres = places.postgres() if engine.postgres else None
         if postgres:
             variables["SAWMILL_DATABASE_URL"] = postgres.new_database(folder.name)
-        redis = _redis(folder, stack) if engine.celery else None
+        redis = places.redis(folder, stack) if engine.celery else None
         if redis:
             variables["SAWMILL_BROKER_URL"] = redis.url
-        product = Product(folder, variables, services=fault.services, broker=engine.celery)
+        product = Product(folder, variables, broker=engine.celery)
         url = variables.get("SAWMILL_DATABASE_URL", f"sqlite:///{product.data}/sawmill.db")
         if fault.before:
             fault.before(product.data, url)
@@ -126,10 +152,10 @@ def trial_of(places: Places, request: Request) -> Iterator[Trial]:
         audit = Audit(url)
         stack.callback(audit.close)
         audit.install()
-        asker = Asker(product.client, 900.0 if request.long else 120.0)
-        rng = Random(request.seed)  # noqa: S311
-        trial = Trial(product, audit, asker, rng, request.most_faults, request.mix, request.long)
-        trial.redis, trial.postgres, trial.clocks = redis, postgres, clocks
+        asker = Asker(product.client, 900.0 if plan.long else 120.0)
+        rng = Random(f"{plan.seed} {engine.name} {fault.name}")  # noqa: S311
+        most = max(2, jobs // fault.jobs_a_fault)
+        trial = Trial(product, audit, asker, rng, most, plan.mix, plan.long, redis, postgres)
         asker.prepare()
         yield trial
         taken_s = product.end()
@@ -137,10 +163,3 @@ def trial_of(places: Places, request: Request) -> Iterator[Trial]:
             trial.wrong.append(f"the last stop took {taken_s:.0f} s")
         if left := marked(product.world):
             trial.wrong.append(f"{len(left)} processes are left over")
-
-
-def _redis(folder: Path, stack: ExitStack) -> Redis:
-    redis = Redis(folder / "redis")
-    redis.start()
-    stack.callback(redis.kill)
-    return redis

@@ -11,6 +11,7 @@ from tests.faults.work import Accepted, Work, log_scan, phantom_scan
 
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
+from sawmill_store import mill_tables  # noqa: F401 - brings the migrations
 
 REVISION = "0003"
 # In tables of that revision, with what `tests.faults.work` asks for; the first is running.

@@ -31,18 +31,10 @@ _DIFFERS = {"id", "created_at", "links", "at", "timing_s", "time_s", "sha256", "
 
 @dataclass(frozen=True)
 class Work:
-    """A kind of request.
-
-    Attributes
-    ----------
-    name : str
-        Name; requests of the same name have the same right answer.
-    plural : str
-        Place of the answer: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder.
-    """
+    """A kind of request: those of one name have one right answer."""
 
     name: str
-    plural: str
+    plural: str  # of the answer's place: /v1/<plural>/<id>, and <plural>/<id>/ in the data folder
 
 
 @dataclass(frozen=True)
@@ -75,20 +67,11 @@ def _scan(slice_: Any, views: int) -> bytes:
 
 
 class Asker:
-    """Asks for jobs as patiently as a good client: until they are accepted.
-
-    Attributes
-    ----------
-    accepted : list of Accepted
-        The accepted jobs.
-    refused : dict of int to int
-        Number of waits by status; status 0 where there was no answer.
-    """
+    """Asks for jobs as patiently as a good client, until they are accepted, and lists them."""
 
     def __init__(self, client: httpx.Client, wait_s: float) -> None:
         self._client, self._wait_s = client, wait_s
         self.accepted: list[Accepted] = []
-        self.refused: dict[int, int] = {}
         self._base: dict[str, str] = {}
 
     def prepare(self) -> None:
@@ -97,46 +80,34 @@ class Asker:
         for name in BASE:
             self._base[name] = self.ask(name).subject_id
 
-    def schedule(self, scanner: str, cron: str) -> None:
-        """Create another scanner, a scan of it, and a schedule that calibrates it."""
-        scanner_id = self._post("/v1/scanners", json={"name": scanner, "constants": vars(SCANNER)})["id"]
-        base, self._base = self._base, {**self._base, "scanner": scanner_id}
-        self.ask("phantom scan")
-        self._base = base
-        self._post("/v1/schedules", json={"scanner_id": scanner_id, "cron": cron})
-
     def ask(self, name: str, number: int = 0) -> Accepted:
         """Request one of the mix; `number` distinguishes plans."""
-        path, plural, options = self._request(name, number)
+        plural, options = self._request(name, number)
+        path = "/v1/phantoms/l-shape/plans" if plural == "plans" else f"/v1/{plural}"
         answer = self._post(path, **options)
         work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
         self.accepted.append(Accepted(work, answer["id"], answer["job_id"]))
         return self.accepted[-1]
 
-    def _request(self, name: str, number: int) -> tuple[str, str, Json]:
+    def _request(self, name: str, number: int) -> tuple[str, Json]:
         base, theta = self._base, vars(THETA)
         scan = {"scanner_id": base["scanner"], "data": "line-integrals"}
         match name:
             case "phantom scan":
                 spec = {**scan, "phantom_id": "l-shape", "angles_deg": "9:18"}
-                return "/v1/scans", "scans", {"params": spec, "content": phantom_scan()}
+                return "scans", {"params": spec, "content": phantom_scan()}
             case "log scan":
-                return "/v1/scans", "scans", {"params": {**scan, "angles_deg": "1.5:3"}, "content": log_scan()}
+                return "scans", {"params": {**scan, "angles_deg": "1.5:3"}, "content": log_scan()}
             case "calibration":
-                ask = {"scan_id": base["phantom scan"]}
+                return "calibrations", {"json": {"scan_id": base["phantom scan"]}}
             case "drift check":
-                ask = {"scan_id": base["log scan"], "calibration_id": base["calibration"]}
-                return "/v1/drifts", "drifts", {"json": ask}
+                return "drifts", {"json": {"scan_id": base["log scan"], "calibration_id": base["calibration"]}}
             case "reconstruction":
-                return (
-                    "/v1/reconstructions",
-                    "reconstructions",
-                    {"json": {"scan_id": base["log scan"], "theta": theta, "method": "fbp", "size": 64}},
-                )
+                ask = {"scan_id": base["log scan"], "theta": theta, "method": "fbp", "size": 64}
+                return "reconstructions", {"json": ask}
             case _:
                 ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta}
-                return "/v1/phantoms/l-shape/plans", "plans", {"json": ask}
-        return "/v1/calibrations", "calibrations", {"json": ask}
+                return "plans", {"json": ask}
 
     def _post(self, path: str, **options: Any) -> Json:
         deadline = time.monotonic() + self._wait_s
@@ -150,7 +121,6 @@ class Asker:
                     return dict(answer.json())
                 status = answer.status_code
                 assert status >= 500, answer.text
-            self.refused[status] = self.refused.get(status, 0) + 1
             assert time.monotonic() < deadline, f"POST {path} was not accepted for {self._wait_s:g} s: {status}"
             time.sleep(0.2)
 

@@ -113,13 +113,17 @@ def describe(folder: Path, **changes: str) -> None:
     (folder / "SHA256SUMS").write_text("".join(bundle.sums(folder)))
 
 
+def install(unpacked: Path, *arguments: object) -> "subprocess.CompletedProcess[str]":
+    command = ["sh", str(unpacked / "install.sh"), *map(str, arguments)]
+    return subprocess.run(command, cwd=unpacked.parent, capture_output=True, text=True, check=False)
+
+
 @pytest.fixture
 def refused(unpacked: Path, tmp_path: Path) -> Install:
     """The complaint of the script, which leaves nothing."""
 
     def run(*arguments: object, code: int = 1) -> str:
-        command = ["sh", str(unpacked / "install.sh"), *map(str, arguments)]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = install(unpacked, *arguments)
         assert (done.returncode, done.stdout) == (code, ""), done.stderr
         assert not (tmp_path / "target/current").exists()
         return done.stderr
@@ -174,8 +178,7 @@ def test_an_installation_that_fails_leaves_nothing_of_itself(unpacked, tmp_path)
     fake = tmp_path / "python"
     fake.write_text(f'#!/bin/sh\n[ "$3" != venv ] || exit 7\nexec {sys.executable} "$@"\n')
     fake.chmod(0o755)
-    command = ["sh", str(unpacked / "install.sh"), "--python", str(fake), str(tmp_path / "target")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = install(unpacked, "--python", fake, tmp_path / "target")
     assert (done.returncode, list((tmp_path / "target").iterdir())) == (7, []), done.stderr
 
 
@@ -200,14 +203,13 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
     for name in ("docs", "examples", "openapi"):
         (unpacked / name).mkdir()
 
-    def install() -> str:
-        command = ["sh", str(unpacked / "install.sh"), "--python", str(stand_in), str(target)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    def installed() -> str:
+        done = install(unpacked, "--python", stand_in, target)
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
 
     describe(unpacked)
-    assert f'"{target}/current/bin/sawmill" install-service --to /etc/systemd/system' in install()
+    assert f'"{target}/current/bin/sawmill" install-service --to /etc/systemd/system' in installed()
     given = log.read_text().splitlines()
     assert "install --quiet --no-index --no-deps --no-cache-dir wheels/a-1.0-py3-none-any.whl" in given[0]
     assert given[1:] == [
@@ -215,7 +217,7 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
         f"{target}/1.2.3/bin/sawmill compile",
     ]
     describe(unpacked, version="1.3.0")
-    shown = install()
+    shown = installed()
     assert (target / "current").readlink() == Path("1.2.3")
     (change,) = re.findall(r"^  (ln .*)$", shown, re.MULTILINE)
     for version_in_use in ("1.3.0", "1.2.3"):

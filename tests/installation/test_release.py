@@ -29,10 +29,21 @@ def commit(tmp_path: Path) -> Path:
     }.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
-    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
-    for command in (["init"], ["add", "."], [*author, "commit", "--message", "A release"], ["tag", "v1.2.3"]):
-        subprocess.run(["git", *command], cwd=root, check=True, capture_output=True)
+    git(root, "init")
+    tagged(root, "A release")
     return root
+
+
+def git(root: Path, *words: str) -> str:
+    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
+    return subprocess.run(["git", *author, *words], cwd=root, check=True, capture_output=True, text=True).stdout
+
+
+def tagged(root: Path, subject: str) -> None:
+    """Commit everything as 1.2.3."""
+    git(root, "add", ".")
+    git(root, "commit", "--message", subject)
+    git(root, "tag", "--force", "v1.2.3")
 
 
 def test_a_commit_whose_tag_version_changelog_and_contract_agree_is_released(commit):
@@ -58,14 +69,12 @@ def test_a_commit_that_is_no_release_is_refused_with_the_remedy(commit, file, te
 
 
 def test_a_commit_whose_figures_are_older_than_their_code_is_no_release(commit):
-    first = subprocess.run(["git", "rev-parse", "HEAD"], cwd=commit, check=True, capture_output=True, text=True).stdout
+    first = git(commit, "rev-parse", "HEAD")
     (results := commit / "benchmarks/results").mkdir(parents=True)
     file = {"commit": first.strip(), "measures": ["worker"], "command": "make bench"}
     (results / "speed.json").write_text(json.dumps(file))
     (commit / "worker/fit.py").touch()
-    author = ["-c", "user.name=nobody", "-c", "user.email=nobody@mill.example"]
-    for command in (["add", "."], [*author, "commit", "--message", "A fit"], ["tag", "--force", "v1.2.3"]):
-        subprocess.run(["git", *command], cwd=commit, check=True, capture_output=True)
+    tagged(commit, "A fit")
     with pytest.raises(release.ReleaseError, match=r"^stale figures, speed: worker changed in .*: run make bench$"):
         release.check(commit, "1.2.3")
 

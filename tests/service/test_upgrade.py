@@ -1,4 +1,4 @@
-"""A data folder of version 0.1.0 is served and worked on by this version; `make_data_0_1_0.py` made it."""
+"""A data folder of version 0.1.0 is served and worked on by this version."""
 
 import io
 import math
@@ -7,7 +7,7 @@ import tarfile
 import h5py
 import numpy as np
 import pytest
-from make_data_0_1_0 import ARCHIVE
+from data_0_1_0 import ARCHIVE
 
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store

@@ -17,8 +17,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from data_0_1_0 import ARCHIVE
 from databases import sqlite_alone
-from make_data_0_1_0 import ARCHIVE
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import text
 from system_calls import at_call, refusing

@@ -8,7 +8,7 @@ import tarfile
 from contextlib import closing, contextmanager
 
 import pytest
-from make_data_0_1_0 import ARCHIVE
+from data_0_1_0 import ARCHIVE
 from sqlalchemy import text
 from system_calls import at_call, refusing
 

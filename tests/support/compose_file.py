@@ -82,15 +82,9 @@ def of_containers(service: Service, kind: str) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the containers' addresses, files and users are here.
+    """Where the containers' addresses, files and users are here."""
 
-    Attributes
-    ----------
-    folder
-        Has `.env` and `secrets`, as the repository has where the file is used, and takes volumes and tmpfs.
-    """
-
-    folder: Path
+    folder: Path  # has `.env` and `secrets`, as where the file is used, and takes volumes and tmpfs
     ports: dict[str, str] = field(
         default_factory=lambda: {name: str(free_port()) for name in ("api", "tls", "health", "redis", "postgres")}
     )

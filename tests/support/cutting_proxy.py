@@ -14,16 +14,8 @@ _PIECE_BYTES = 2**14
 class CuttingProxy:
     """Passes bytes on in both directions.
 
-    Parameters
-    ----------
-    service
-        Host and port.
-    cuts
-        Number of parts that are cut. The service learns of every other cut; the others leave it an open, silent line.
-    after_bytes
-        Bytes of a part that still pass, with its head.
-    wrong_offsets
-        Number of parts, after those that are cut, whose offset is changed to 1.
+    The first `cuts` parts are cut `after_bytes`, the head included. The service learns of every other cut; the others
+    leave it an open, silent line. The offsets of the next `wrong_offsets` parts are changed to 1.
     """
 
     def __init__(self, service: tuple[str, int], *, cuts: int, after_bytes: int, wrong_offsets: int = 0) -> None:

@@ -26,13 +26,7 @@ FROM_THE_FIRST = "SELECT setval(format('%I', sequencename)::regclass, start_valu
 
 
 class EmptiedDatabases:
-    """One at a time, with all tables and the built-in phantoms.
-
-    Parameters
-    ----------
-    data
-        An empty data folder, for the template that each is a copy of: it goes with the databases.
-    """
+    """One at a time, with all tables and the built-in phantoms; the empty data folder goes with them."""
 
     def __init__(self, server: PostgresDatabases, data: Path) -> None:
         self._server, self._template = server, f"template_{uuid4().hex}"

@@ -85,16 +85,8 @@ def scan(
 ) -> Array:
     """Compute the mean transmission of each cell, (views, cells).
 
-    Parameters
-    ----------
-    moved_mm : (views, 2) float64
-        Displacement of the phantom in the laboratory: across the beam, and along the beam.
-    turned_rad : (views,) float64
-        Turn of the phantom beyond the angles.
-    slope_per_mm : tuple of float
-        Relative change of all densities per mm in x and in y of the drawing; 0 at the drawing's origin.
-    beam : callable
-        Transmission of each ray along its attenuation.
+    `moved_mm` displaces the phantom across and along the beam, `turned_rad` turns it beyond the angles, (views,);
+    `slope_per_mm` is the relative change of all densities in x and y of the drawing, 0 at its origin.
     """
     ends = detector.points(frame, rays).reshape(-1, 2)
     towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]

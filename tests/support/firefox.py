@@ -29,13 +29,7 @@ PREFERENCES = {
 
 
 class Firefox:
-    """One tab of Firefox.
-
-    Attributes
-    ----------
-    errors : list of str
-        Errors of the pages' scripts so far.
-    """
+    """One tab of Firefox, with the errors of its pages' scripts so far."""
 
     def __init__(self, socket: WebSocketClientConnection) -> None:
         self._socket, self._numbers = socket, count(1)

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -112,32 +112,31 @@ class Service:
         return response
 
 
+def parents() -> dict[int, int]:
+    """Map each running process to its parent."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+    return found
+
+
 def descendants(process_id: int) -> set[int]:
     """Of a process: its children, theirs, and so on, as they are now."""
-    parents = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-    found, new = set[int](), {process_id}
+    of, found, new = parents(), set[int](), {process_id}
     while new:
         found |= new
-        new = {child for child, parent in parents.items() if parent in new} - found
+        new = {child for child, parent in of.items() if parent in new} - found
     return found
 
 
 def workers(process_id: int) -> set[int]:
     """Find the embedded workers of a service."""
     found = set()
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(stat.read_text().rpartition(")")[2].split()[1])
-            command = (stat.parent / "cmdline").read_bytes()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if parent == process_id and b"sawmill_worker.poller" in command:
-            found.add(int(stat.parent.name))
+    for child in (child for child, parent in parents().items() if parent == process_id):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if b"sawmill_worker.poller" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.add(child)
     return found
 
 
@@ -193,18 +192,8 @@ def wait_until(holds: Callable[[], object], limit_s: float = 120.0) -> None:
 def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequence[str] = ()) -> Iterator[Service]:
     """`sawmill serve` with a data folder of its own, once it is ready; `prefix` is a command that becomes it."""
     port, data, log = free_port(), folder / "data", folder / "service.log"
-    serve = [
-        sys.executable,
-        "-m",
-        "sawmill_command.commands",
-        "serve",
-        "--data",
-        str(data),
-        "--port",
-        str(port),
-        *flags,
-    ]
-    command = [*prefix, *serve]
+    serve = ["-m", "sawmill_command.commands", "serve", "--data", str(data), "--port", str(port), *flags]
+    command = [*prefix, sys.executable, *serve]
     address = f"http://127.0.0.1:{port}"
     with (
         process(command, environment, log) as server,

@@ -2,6 +2,8 @@
 
 from typing import Any, Protocol
 
+from results import comparison
+
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -22,18 +24,9 @@ MOVED = (
     "the rays moved 0.66 mm RMS where 0.50 mm is allowed: the COR moved -2.12 mm on the detector and the tilt followed"
 )
 SLIPPED = "the phantom slipped by 2.5 mm in view 131: fasten the phantom on the log's end, and repeat the scan"
-COMPARISON = {
-    "calibration_id": "passed",
-    "ray_change_mm": 0.66,
-    "scale_change_percent": 0.12,
-    "angle_change_deg": 0.1,
-    "cor_column_change_mm": -2.12,
-    "source_distance_change_mm": 2.5,
-    "tilt_change_deg": 0.05,
-    "tolerance_mm": 0.5,
-    "within_tolerance": False,
-    "reason": MOVED,
-}
+COMPARISON = comparison(
+    0.66, calibration_id="passed", scale_change_percent=0.12, cor_column_change_mm=-2.12, reason=MOVED
+)
 FAILURE = Failure(
     kind=FailureKind.INPUT,
     code="phantom-not-seen",

@@ -148,13 +148,7 @@ def own_server() -> Iterator[PostgresServer]:
 
 @contextmanager
 def shared_server(folder: Path) -> Iterator[PostgresDatabases]:
-    """One for all processes of a run: the first that asks starts it, and stops it when the others have ended.
-
-    Parameters
-    ----------
-    folder
-        Of the run, with what its processes must know of one another.
-    """
+    """One for all processes of a run: the first that asks starts it, and stops it when the others have ended."""
     port = folder / "postgres-port"
     with (folder / "postgres-starts").open("w") as starts, (folder / "postgres-used").open("w") as used:
         server: PostgresServer | None = None

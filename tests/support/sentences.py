@@ -1,11 +1,9 @@
-"""What the sources say to their readers, counted: `python tests/support/sentences.py [FOLDER ...]` names each place."""
+"""What the sources say to their readers: docstrings, comments, and the descriptions of the public document."""
 
-# ruff: noqa: T201 - a program too
 import ast
 import io
 import json
 import re
-import sys
 import tokenize
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,9 +34,9 @@ class Text(NamedTuple):
     text: str
 
 
-def sources(folders: tuple[str, ...] = PRODUCT) -> list[Path]:
+def sources() -> list[Path]:
     """Return the modules, migrations left out."""
-    paths = sorted(path for folder in folders for path in Path(ROOT, folder).rglob("*.py"))
+    paths = sorted(path for folder in PRODUCT for path in Path(ROOT, folder).rglob("*.py"))
     return [path for path in paths if "migrations" not in path.parts]
 
 
@@ -90,27 +88,3 @@ def fragments(document: Any) -> list[Text]:
     """Select the descriptions of the public document that have a sentence which begins as none does."""
     said = descriptions(document)
     return [text for text in said if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]
-
-
-def main() -> None:
-    """Print each place below some folders, and the counts."""
-    folders = tuple(sys.argv[1:]) or PRODUCT
-    every, opening, private, lines = 0, 0, 0, 0
-    for path in sources(folders):
-        lines += len(path.read_text().splitlines())
-        said = list(docstrings(path))
-        every += len(said)
-        for text in opening_badly(iter(said)):
-            opening += 1
-            print(f"{text.place}: opens: {text.text.splitlines()[0]}")
-        for text in (*said, *comments(path)):
-            for line in text.text.splitlines():
-                for word in PRIVATE.findall(line):
-                    private += 1
-                    print(f"{text.place}: word {word!r}: {line.strip()}")
-    print(f"{opening} of {every} docstrings open so; {private} private words in {lines} lines", file=sys.stderr)
-    print(f"{len(fragments(public_document()))} fragments in the public document", file=sys.stderr)
-
-
-if __name__ == "__main__":
-    main()

@@ -30,14 +30,8 @@ def _path_of(arguments: tuple[Any, ...]) -> str:
 def at_call(call: str, fault: Fault, *, below: Path | str = "") -> Iterator[None]:
     """Let something happen just before each call of the system, within the block, in every thread.
 
-    Parameters
-    ----------
-    call
-        Name of the audit event: `os.rename`, `os.mkdir`, `open`, `os.scandir`, `subprocess.Popen`, and so on.
-    fault
-        Function of the path; what it raises is what the call raises.
-    below
-        Beginning of the paths (the first argument of the call) at which it happens.
+    `call` is the name of an audit event; the fault is called with the path, and what it raises the call raises; `below`
+    is the beginning of the paths (the first argument of the call) at which it happens.
     """
     entry = (call, str(below), fault)
     _faults.append(entry)

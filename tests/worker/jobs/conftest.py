@@ -14,6 +14,7 @@ from small_scanner import calibration, constants, scanner, sinogram, spec, theta
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan, ScanSpec
 from sawmill_platform.contracts.jobs import Job, JobKind
@@ -65,42 +66,67 @@ def finish(store: Store) -> Callable[[MillAttempt, dict[str, Any]], Job]:
 
 
 @pytest.fixture
-def ask() -> type[CalibrationAsk]:
-    return CalibrationAsk
-
-
-@pytest.fixture
-def upload(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[[NDArray[np.float64], str], Scan]:  # noqa: F811
-    """Accept a stack (views, rows, detector) of line integrals of one scanner's."""
+def send(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[..., Scan]:  # noqa: F811
+    """Accept one array, or several by name, as a scan of one scanner's that is declared so."""
     store.scanners.create(spec(), scanner_id="line-2")
 
-    def accept(stack: NDArray[np.float64], angles_deg: str) -> Scan:
+    def accept(content: NDArray[Any] | dict[str, NDArray[Any]], **declared: Any) -> Scan:
         buffer = io.BytesIO()
-        np.save(buffer, stack.astype(np.float32))
+        np.savez(buffer, **content) if isinstance(content, dict) else np.save(buffer, content.astype(np.float32))
         received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        reported = ScanSpec(
-            scanner_id="line-2", data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
-        )
-        return store.scans.accept(reported, received)
+        return store.scans.accept(ScanSpec(scanner_id="line-2", **declared), received)
 
     return accept
 
 
 @pytest.fixture
-def ingested(
-    upload: Callable[[NDArray[np.float64], str], Scan],
-    attempt: Callable[..., MillAttempt],
-    finish: Callable[[MillAttempt, dict[str, Any]], Job],
-) -> Callable[[NDArray[np.float64], str], Scan]:
-    """The same, read and ready."""
+def upload(send: Callable[..., Scan]) -> Callable[[NDArray[np.float64], str], Scan]:
+    """Accept a stack (views, rows, detector) of line integrals."""
+    return lambda stack, angles_deg: send(
+        stack, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
+    )
 
-    def ready(stack: NDArray[np.float64], angles_deg: str) -> Scan:
-        scan = upload(stack, angles_deg)
+
+@pytest.fixture
+def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, dict[str, Any]], Job]) -> Callable:
+    """Read the newest upload, and give it back."""
+
+    def read(scan: Scan) -> Scan:
         reading = attempt(job_kinds.INGEST)
         finish(reading, run(reading))
         return scan
 
-    return ready
+    return read
+
+
+@pytest.fixture
+def ingested(
+    upload: Callable[[NDArray[np.float64], str], Scan], ingest: Callable[[Scan], Scan]
+) -> Callable[[NDArray[np.float64], str], Scan]:
+    """The same, read and ready."""
+    return lambda stack, angles_deg: ingest(upload(stack, angles_deg))
+
+
+@pytest.fixture
+def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
+    """Ask for a calibration of a scan; its attempt."""
+
+    def ask(scan: Scan, reported: list[Progress] | None = None, **options: Any) -> MillAttempt:
+        store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **options))
+        return attempt(job_kinds.CALIBRATE, reported)
+
+    return ask
+
+
+@pytest.fixture
+def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[..., MillAttempt]:
+    """Ask for a reconstruction of a scan; its attempt."""
+
+    def ask(scan: Scan, **options: Any) -> MillAttempt:
+        store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, **options))
+        return attempt(job_kinds.RECONSTRUCT)
+
+    return ask
 
 
 @pytest.fixture(autouse=True, scope="module")

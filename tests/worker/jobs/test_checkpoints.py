@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_contracts import job_kinds
-from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import PaperOptions
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.jobs import checkpoints
 from sawmill_worker.jobs.attempt import MillAttempt
@@ -29,10 +27,9 @@ class Killed(Exception):  # noqa: N818 - what happened to it
     pass
 
 
-@pytest.fixture
-def hours_go_by(attempt):
+def hours_go_by(job: MillAttempt) -> MillAttempt:
     """An attempt for which a second goes by at each look at the clock: a checkpoint every few evaluations."""
-    return lambda kind: replace(attempt(kind), monotonic=map(float, count()).__next__)
+    return replace(job, monotonic=map(float, count()).__next__)
 
 
 @pytest.fixture
@@ -61,46 +58,36 @@ def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
 
 
 def same(one, other):
-    assert {k: v for k, v in one.items() if k not in NOT_COMPARED} == {
-        k: v for k, v in other.items() if k not in NOT_COMPARED
-    }
+    assert one | dict.fromkeys(NOT_COMPARED) == other | dict.fromkeys(NOT_COMPARED)
 
 
 @pytest.fixture
-def search(store, ingested, sinogram, turn):
+def search(ingested, calibrating, sinogram, turn):
     """Ask for a published search of some 200 evaluations, its polish included."""
     scan = ingested(sinogram(turn(20))[:, None], "9:18")
     paper = PaperOptions(image_size=32, max_generations=1)
-
-    def asked(**options: Any) -> None:
-        wanted = CalibrationAsk(scan_id=scan.id, method=CalibrationMethod.PAPER, paper=paper, rows="0:1", **options)
-        store.calibrations.accept(wanted)
-
-    return asked
+    return lambda: calibrating(scan, method=CalibrationMethod.PAPER, paper=paper, rows="0:1")
 
 
-def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, hours_go_by, run_killed):
-    search()
-    job = hours_go_by(job_kinds.CALIBRATE)
+def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, run_killed):
+    job = hours_go_by(search())
     whole = run(job)
     result, deaths = run_killed(job, 4)
     assert deaths > 3
     same(result, whole)
 
 
-def test_a_short_job_keeps_nothing(search, attempt):
-    search()
+def test_a_short_job_keeps_nothing(search):
     announced = []
-    job = replace(attempt(job_kinds.CALIBRATE), monotonic=lambda: 0.0)
+    job = replace(search(), monotonic=lambda: 0.0)
     run(replace(job, announce=announced.append))
     assert announced == []
     assert not job.checkpoints.exists()
 
 
 @pytest.mark.parametrize("damage", ["truncated", "another scanner", "another version"])
-def test_progress_that_does_not_fit_is_passed_over(search, store, hours_go_by, spec, monkeypatch, damage):
-    search()
-    job = hours_go_by(job_kinds.CALIBRATE)
+def test_progress_that_does_not_fit_is_passed_over(search, store, spec, monkeypatch, damage):
+    job = hours_go_by(search())
 
     def die(names):
         store.files.keep(job.output, job.job.id, names)
@@ -122,16 +109,13 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, hours_go_by, s
 
 
 @pytest.fixture
-def volume(store, ingested, sinogram, turn, theta):
+def volume(ingested, reconstructing, sinogram, turn, theta):
     """Ask for a volume of a log that is dense here and thin there, with noise."""
 
-    def asked(rows: int, **options: Any) -> None:
+    def asked(rows: int, **options: Any) -> MillAttempt:
         stack = sinogram(turn(20))[:, None] * np.linspace(0.5, 1.5, rows)[:, None]
         stack += 0.5 * np.random.default_rng(1216).standard_normal(stack.shape)
-        scan = ingested(stack, "9:18")
-        store.reconstructions.accept(
-            ReconstructionAsk(scan_id=scan.id, theta=theta, size=32, field_mm=420.0, **options)
-        )
+        return reconstructing(ingested(stack, "9:18"), theta=theta, size=32, field_mm=420.0, **options)
 
     return asked
 
@@ -154,11 +138,8 @@ def everything_in(path):
         pytest.param("tikhonov", 33, {}, marks=pytest.mark.nightly),
     ],
 )
-def test_a_volume_killed_again_and_again_has_the_same_values(
-    volume, hours_go_by, run_killed, tmp_path, method, rows, options
-):
-    volume(rows, method=method, **options)
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+def test_a_volume_killed_again_and_again_has_the_same_values(volume, run_killed, tmp_path, method, rows, options):
+    job = hours_go_by(volume(rows, method=method, **options))
     whole = run(job)
     result, deaths = run_killed(job, 0)
     assert deaths > 1
@@ -170,9 +151,8 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
         np.testing.assert_array_equal(found[name], right[name], err_msg=name)
 
 
-def test_blocks_that_are_damaged_are_made_again(volume, store, hours_go_by, run_killed):
-    volume(150, method="fbp")
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+def test_blocks_that_are_damaged_are_made_again(volume, store, run_killed):
+    job = hours_go_by(volume(150, method="fbp"))
     whole = run(job)
     folder = store.files.kept_with(job.job.id)
     announced = []
@@ -188,19 +168,17 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, hours_go_by, run_
     same(result, whole)
 
 
-def test_checkpoints_leave_room_for_the_volume(volume, hours_go_by, full_disk):
-    volume(150, method="fbp")
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+def test_checkpoints_leave_room_for_the_volume(volume, full_disk):
+    job = hours_go_by(volume(150, method="fbp"))
     full_disk(150 * 32 * 32 * 4)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
     assert announced == []
 
 
-def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, full_disk):
+def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, full_disk):
     now, announced = [0.0], []
-    search()
-    job = replace(attempt(job_kinds.CALIBRATE), announce=announced.extend, monotonic=lambda: now[0])
+    job = replace(search(), announce=announced.extend, monotonic=lambda: now[0])
     keeper = AttemptKeeper(job, {})
 
     def keep_when_due(name):

@@ -8,10 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_calibration.drift_checks.baselines import (
-    baselines_of,
-    read_answers,
-)
+from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.scans.scan import Scan, rows_of_memory
 from sawmill_contracts import job_kinds
@@ -138,28 +135,20 @@ def test_a_log_that_turned_the_other_way_is_reported_first(look, log_scan):
 
 
 @pytest.fixture
-def asked(store, attempt, finish, known):
+def asked(store, attempt, finish, ingest, known):
     """Upload a stack of that scanner's, and ask for drift against the known calibration; its job's attempt."""
     tolerances = Tolerances(ray_change_mm=0.25)
     store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=tolerances), scanner_id="line-2")
 
     def ask(stack, *, rows=None, deviations=None, averaged_rows=None):
-        buffer = io.BytesIO()
+        buffer, step = io.BytesIO(), 360.0 / len(stack)
         if deviations is None:
             np.save(buffer, stack.astype(np.float32))
         else:
             np.savez(buffer, mean=stack.astype(np.float32), deviations=deviations.astype(np.float32))
-        step = 360.0 / len(stack)
-        spec = ScanSpec(
-            scanner_id="line-2",
-            data=DataKind.LINE_INTEGRALS,
-            angles_deg=f"{step / 2}:{step}",
-            phantom_id="l-shape",
-            averaged_rows=averaged_rows,
-        )
-        scan = store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8))
-        reading = attempt(job_kinds.INGEST)
-        finish(reading, run(reading))
+        angles = {"angles_deg": f"{step / 2}:{step}", "averaged_rows": averaged_rows, "phantom_id": "l-shape"}
+        spec = ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS, **angles)
+        scan = ingest(store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8)))
         calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
         result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
         finish(attempt(job_kinds.CALIBRATE), result)
@@ -184,18 +173,10 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
 
 def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
     looking = asked(log_scan()[:, None])
+    of_fifty = {"looks": 50, "outliers": 0, "first_at": None, "last_at": None, "tilt_offset_rad": 0.0}
     baselines = [
-        KnownBaseline(
-            method=method,
-            looks=50,
-            outliers=0,
-            first_at=None,
-            last_at=None,
-            cor_column_offset_mm=offset_mm,
-            tilt_offset_rad=0.0,
-            covariance=[[1e-6, 0.0], [0.0, 1e-12]],
-        )
-        for method, offset_mm in (("view-pairs", 0.7), ("opposite-rays", 0.2))
+        KnownBaseline(method=method, cor_column_offset_mm=off, covariance=[[1e-6, 0.0], [0.0, 1e-12]], **of_fifty)
+        for method, off in (("view-pairs", 0.7), ("opposite-rays", 0.2))
     ]
     given = looking.given.model_copy(update={"baselines": tuple(baselines)})
     result = DriftResult.model_validate(run(replace(looking, given=given)))

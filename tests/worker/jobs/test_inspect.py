@@ -38,15 +38,12 @@ def needed(result):
     return [part.field for part in result.missing if part.needed]
 
 
-def test_what_the_file_does_not_carry_is_named_by_its_field(inspected):
-    result = inspected(npz(projections=COUNTS, flats=COUNTS[:2]))
+def test_what_neither_the_file_carries_nor_was_given_is_named_by_its_field(inspected):
+    content = npz(projections=COUNTS, flats=COUNTS[:2])
+    result = inspected(content)
     assert (result.file, result.verdict) == ("morning.npz", "incomplete")
     assert (result.reading.shape.views, result.reading.flats, result.reading.angles) == (12, 2, None)
     assert needed(result) == ["angles_deg", "data", "detector_pitch_mm"]
-
-
-def test_with_what_was_given_nothing_is_missing_but_the_scanner_s_constants(inspected):
-    content = npz(projections=COUNTS, flats=COUNTS[:2])
     result = inspected(content, data=DataKind.COUNTS, angles_deg="0.5:30")
     assert (result.reading.angles.first_deg, result.reading.angles.last_deg) == pytest.approx((0.5, 330.5))
     assert needed(result) == ["detector_pitch_mm"]

@@ -15,7 +15,6 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
-from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
 from sawmill_formats.output.scan_reader import read_stored_scan
@@ -56,84 +55,68 @@ def test_another_detectors_upload_is_refused(upload, attempt):
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "other-detector")
 
 
-def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):
-    scan = ingested(sinogram(turn(60))[:, None], "3:6")
-    store.calibrations.accept(ask(scan_id=scan.id))
+def test_a_calibration_writes_its_numbers(ingested, calibrating, sinogram, turn, scanner, theta):
     reported = []
-    calibrating = attempt(job_kinds.CALIBRATE, reported)
-    result = CalibrationResult.model_validate(run(calibrating))
+    job = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"), reported)
+    result = CalibrationResult.model_validate(run(job))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.02
     assert result.comparison is None
-    assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
+    assert [path.name for path in job.output.iterdir()] == ["result.h5"]
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
 
 
-def test_saturated_cells_are_the_first_reason(store, spec, attempt, finish, ask, sinogram, turn):
-    store.scanners.create(spec(), scanner_id="line-2")
+def test_saturated_cells_are_the_first_reason(send, ingest, calibrating, sinogram, turn):
     counts = 65_535.0 * np.exp(-sinogram(turn(60)) / 100.0)[:, None]
-    buffer = io.BytesIO()
-    np.savez(buffer, projections=counts, flats=np.full((10, 1, 128), 65_535.0), angles_deg=np.rad2deg(turn(60)))
-    received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-    scan = store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.COUNTS, phantom_id="l-shape"), received)
-    reading = attempt(job_kinds.INGEST)
-    finish(reading, run(reading))
-    store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
-    result = CalibrationResult.model_validate(run(calibrating))
+    arrays = {"projections": counts, "flats": np.full((10, 1, 128), 65_535.0), "angles_deg": np.rad2deg(turn(60))}
+    job = calibrating(ingest(send(arrays, data=DataKind.COUNTS, phantom_id="l-shape")))
+    result = CalibrationResult.model_validate(run(job))
     assert (result.verdict, result.coded_reasons[0].code) == ("watch", "cells-saturated")
     # The file that the service prepared has the share of the cells too.
-    assert read_scan(calibrating.file, data="line-integrals", source_to_cor_mm=859.46).saturated_share == 1.0
+    assert read_scan(job.file, data="line-integrals", source_to_cor_mm=859.46).saturated_share == 1.0
 
 
-def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt, finish, ask, sinogram, turn):
-    scan = ingested(sinogram(turn(60))[:, None], "3:6")
-    first = store.calibrations.accept(ask(scan_id=scan.id, activate=True))
-    calibrating = attempt(job_kinds.CALIBRATE)
-    finish(calibrating, run(calibrating))
-    assert store.scanners.get("line-2").active_calibration_id == first.id
+def test_a_calibration_is_compared_with_the_active_one(store, ingested, calibrating, finish, sinogram, turn):
+    first = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"), activate=True)
+    finish(first, run(first))
+    assert store.scanners.get("line-2").active_calibration_id == first.job.subject_id
     # The same sinogram with its angles counted backwards: a scanner that now turns the other way.
-    other = ingested(sinogram(turn(60))[:, None], "-3:-6")
-    store.calibrations.accept(ask(scan_id=other.id))
-    result = run(attempt(job_kinds.CALIBRATE))
-    assert result["comparison"]["calibration_id"] == first.id
+    result = run(calibrating(ingested(sinogram(turn(60))[:, None], "-3:-6")))
+    assert result["comparison"]["calibration_id"] == first.job.subject_id
     assert not result["comparison"]["within_tolerance"]
     assert "turns the other way" in result["comparison"]["reason"]
 
 
-def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
-    store, ingested, attempt, ask, sinogram, scanner, theta
-):
+def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(ingested, calibrating, sinogram, scanner, theta):
     angles = np.deg2rad(np.arange(0.0, 200.0, 4.0))
-    scan = ingested(sinogram(angles)[:, None], "0:4")
-    store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
-    result = CalibrationResult.model_validate(run(calibrating))
+    job = calibrating(ingested(sinogram(angles)[:, None], "0:4"))
+    result = CalibrationResult.model_validate(run(job))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.05
-    record = calibration_file.read_calibration(calibrating.output / "result.h5")
+    record = calibration_file.read_calibration(job.output / "result.h5")
     arrays = CalibrationArrays.of(record.arrays)
     assert arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
-    # x > 0 holds the L's long leg, x < 0 and y < 0 nothing.
-    pixel = arrays.phantom_field_mm / 256
-    leg, nothing = (arrays.phantom_image[round(128 + mm / pixel), round(128 - 60.0 / pixel)] for mm in (60.0, -60.0))
-    assert leg == pytest.approx(1.0, abs=0.15)
-    assert nothing == pytest.approx(0.0, abs=0.15)
+    assert_shows_the_l(arrays.phantom_image, arrays.phantom_field_mm)
     assert "log_after" not in record.arrays
     with Image.open(io.BytesIO(overlay_png(result, arrays))) as picture:
         assert min(picture.size) > 300
 
 
-def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, ask, sinogram, turn):
-    scan = ingested(sinogram(turn(60))[:, None], "3:6")
-    store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
-    result = run(calibrating)
-    with h5py.File(calibrating.output / "result.h5") as file:
+def assert_shows_the_l(image, field_mm, *, within=0.15):
+    """x > 0 holds the L's long leg, x < 0 and y < 0 nothing."""
+    middle = len(image) / 2
+    leg, beside = (round(middle + mm * len(image) / field_mm) for mm in (60.0, -60.0))
+    assert (image[leg, beside], image[beside, beside]) == pytest.approx((1.0, 0.0), abs=within)
+
+
+def test_what_a_picture_is_drawn_from_is_in_the_file(ingested, calibrating, sinogram, turn):
+    job = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"))
+    result = run(job)
+    with h5py.File(job.output / "result.h5") as file:
         units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
     assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
-    record = calibration_file.read_calibration(calibrating.output / "result.h5")
+    record = calibration_file.read_calibration(job.output / "result.h5")
     assert record.answer == json.loads(json.dumps(result))
     made = record.arrays
     assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
@@ -141,28 +124,21 @@ def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, a
     evaluations, best = made["search_history"].T
     assert (np.diff(best) < 0.0).all()
     assert evaluations[-1] <= result["search"]["evaluations"]
-    half = 0.5 * made["phantom_field_mm"] / 256
-    middle, outside = (round(128 + mm / (2 * half)) for mm in (60.0, -60.0))
-    # x > 0 holds the L's long leg, x < 0 and y < 0 nothing.
-    assert made["phantom_image"][middle, outside] == pytest.approx(1.0, abs=0.15)
-    assert made["phantom_image"][outside, outside] == pytest.approx(0.0, abs=0.15)
+    assert_shows_the_l(made["phantom_image"], made["phantom_field_mm"])
 
 
 def test_a_log_beside_the_phantom_is_kept_before_and_after(
-    store, ingested, attempt, finish, ask, sinogram, turn, scanner, theta
+    ingested, calibrating, finish, sinogram, turn, scanner, theta
 ):
     log = Phantom("log", (Disc((20.0, 10.0), 110.0), Disc((40.0, -30.0), 15.0)))
     shadow = project(log, DetectorCells.of(scanner), theta.source_frame(859.46), turn(60), rays_per_cell=8)
-    air = np.zeros_like(shadow)
-    stack = np.stack([sinogram(turn(60))] * 2 + [shadow] * 4 + [air], axis=1)
-    scan = ingested(stack, "3:6")
-    kept = []
+    stack = np.stack([sinogram(turn(60))] * 2 + [shadow] * 4 + [np.zeros_like(shadow)], axis=1)
+    scan, kept = ingested(stack, "3:6"), []
     for _ in range(2):
-        store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
-        calibrating = attempt(job_kinds.CALIBRATE)
-        result = run(calibrating)
-        kept.append(calibration_file.read_calibration(calibrating.output / "result.h5").arrays)
-        finish(calibrating, result)
+        job = calibrating(scan, activate=True, rows="0:2")
+        result = run(job)
+        kept.append(calibration_file.read_calibration(job.output / "result.h5").arrays)
+        finish(job, result)
     first, second = kept
     assert [one["log_before_with"] for one in kept] == [b"unshifted", b"active"]
     # Nothing shifted or tilted is not this scanner: the log is not where it is.
@@ -173,64 +149,32 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
     assert inside == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, sinogram, turn, theta):
-    scan = ingested(np.repeat(sinogram(turn(60))[:, None], 2, axis=1), "3:6")
-    wanted = ReconstructionAsk(scan_id=scan.id, theta=theta, rows="1:2", size=64, field_mm=420.0)
-    store.reconstructions.accept(wanted)
-    reconstructing = attempt(job_kinds.RECONSTRUCT)
-    result = run(reconstructing)
-    assert (result["shape"], result["rows"]) == ([1, 64, 64], [1, 2])
-    with h5py.File(reconstructing.output / "volume.h5") as file:
-        image = file["entry/reconstruction/data"][0]
-    inside, outside = image[45, 20], image[20, 20]  # x > 0 holds the L's long leg, x < 0 and y < 0 nothing
-    assert inside == pytest.approx(1.0, abs=0.2)
-    assert outside == pytest.approx(0.0, abs=0.2)
+def test_a_reconstruction_uses_the_theta_and_the_rows_that_it_is_given(ingested, reconstructing, sinogram, turn, theta):
+    scan = ingested(sinogram(turn(60))[:, None] * np.arange(7.0)[:, None], "3:6")
+    job = reconstructing(scan, theta=theta, rows="1:7:2", size=64, field_mm=420.0)
+    result = run(job)
+    assert (result["shape"], result["rows"], result["row_step"]) == ([3, 64, 64], [1, 7], 2)
+    with h5py.File(job.output / "volume.h5") as file:
+        images = file["entry/reconstruction/data"][()]
+    assert_shows_the_l(images[0], 420.0, within=0.2)
+    # Rows 1, 3 and 5 hold 1, 3 and 5 times the phantom; single precision.
+    assert images.mean(axis=(1, 2)) / images[0].mean() == pytest.approx([1.0, 3.0, 5.0], rel=1e-3)
 
 
 def test_a_reconstruction_takes_out_the_hardening_that_its_calibration_found(
-    store, ingested, attempt, finish, ask, sinogram, turn
+    ingested, calibrating, reconstructing, finish, sinogram, turn
 ):
     """Of 13 % on the phantom's longest path."""
     lengths = sinogram(turn(60))
     spread = 0.3 / lengths.max()
     scan = ingested((np.log1p(spread * lengths) / spread)[:, None], "3:6")
-    known = store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
-    finish(calibrating, run(calibrating))
+    known = calibrating(scan)
+    finish(known, run(known))
     for handling, sentences in (("auto", 1), ("none", 0)):
-        asked = {"scan_id": scan.id, "calibration_id": known.id, "hardening": handling, "size": 32}
-        store.reconstructions.accept(ReconstructionAsk(**asked))
-        reconstructing = attempt(job_kinds.RECONSTRUCT)
-        result = run(reconstructing)
-        finish(reconstructing, result)
+        job = reconstructing(scan, calibration_id=known.job.subject_id, hardening=handling, size=32)
+        result = run(job)
+        finish(job, result)
         assert sum(done.startswith("beam hardening of -") for done in result["preparation"]) == sentences
-
-
-def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
-    store, ingested, attempt, finish, sinogram, turn, theta
-):
-    stack = sinogram(turn(60))[:, None] * np.arange(1.0, 8.0)[:, None]
-    scan = ingested(stack, "3:6")
-    asked = {"scan_id": scan.id, "theta": theta, "size": 32}
-    results, images, middles = [], [], []
-    for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
-        store.reconstructions.accept(ReconstructionAsk(**asked, **options))
-        reconstructing = attempt(job_kinds.RECONSTRUCT)
-        results.append(run(reconstructing))
-        with h5py.File(reconstructing.output / "volume.h5") as file:
-            volume = file["entry/reconstruction"]
-            images.append(volume["data"][()])
-            middles.append((volume["x"][()].mean(), volume["y"][()].mean()))
-            np.testing.assert_array_equal(file["entry/side_view/along_x/data"], images[-1].max(axis=1))
-        finish(reconstructing, results[-1])
-    (region, whole), part = images, results[0]
-    assert (part["rows"], part["row_step"], part["shape"]) == ([1, 7], 2, [3, 32, 32])
-    assert middles == [pytest.approx((60.0, -60.0)), pytest.approx((0.0, 0.0))]
-    # Rows 1, 3 and 5 hold 2, 4 and 6 times the phantom; single precision.
-    means = region.mean(axis=(1, 2))
-    assert means / means[0] == pytest.approx([1.0, 2.0, 3.0], rel=1e-4)
-    # The same field in pixels of 12.5 mm, four times as wide: what its edges blur is a few per cent.
-    assert means[0] == pytest.approx(whole[1, 17:25, 7:15].mean(), rel=0.05)
 
 
 def test_a_picture_is_traced_to_its_drawing(store, attempt):
@@ -248,16 +192,9 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
 
 def test_modules_that_a_file_states_stay_with_its_scan(store, spec, attempt, tmp_path):
     store.scanners.create(spec(), scanner_id="line-2")
+    about = {"angles_rad": np.deg2rad(60.0 * np.arange(6)), "detector_pitch_mm": 9.0, "row_pitch_mm": None}
     modules = (DetectorModule(64, 1.5, 0.01),)
-    new = new_scan(
-        tmp_path / "sent.nxs",
-        (6, 1, 128),
-        angles_rad=np.deg2rad(60.0 * np.arange(6)),
-        detector_pitch_mm=9.0,
-        row_pitch_mm=None,
-        detector_modules=modules,
-    )
-    with new as written:
+    with new_scan(tmp_path / "sent.nxs", (6, 1, 128), **about, detector_modules=modules) as written:
         written.data[...] = 1.0
         written.note(air_level=None, provenance={})
     received = store.files.receive([(tmp_path / "sent.nxs").read_bytes()], max_bytes=10**7)

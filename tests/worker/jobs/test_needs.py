@@ -7,7 +7,6 @@ from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_vocabulary import DataKind
@@ -47,17 +46,14 @@ def test_what_reads_a_file_has_no_needs_of_memory(store, scan, attempt):
     assert needs_of(attempt(job_kinds.TRACE_PHANTOM)).memory_bytes == 0
 
 
-def test_a_calibration_needs_all_rows_that_it_averages(store, scan, attempt, ask):
-    store.calibrations.accept(ask(scan_id=scan.id))
-    assert needs_of(attempt(job_kinds.CALIBRATE)).memory_bytes > max(2 * STACK, DATA_BYTES)
-    store.calibrations.accept(ask(scan_id=scan.id, rows="0:16"))
-    assert needs_of(attempt(job_kinds.CALIBRATE)).memory_bytes < DATA_BYTES
+def test_a_calibration_needs_all_rows_that_it_averages(scan, calibrating):
+    assert needs_of(calibrating(scan)).memory_bytes > max(2 * STACK, DATA_BYTES)
+    assert needs_of(calibrating(scan, rows="0:16")).memory_bytes < DATA_BYTES
 
 
-def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(store, scan, attempt):
+def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(scan, reconstructing):
     def needs(**options):
-        store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, theta=THETA, **options))
-        return needs_of(attempt(job_kinds.RECONSTRUCT))
+        return needs_of(reconstructing(scan, theta=THETA, **options))
 
     usual = needs(method="fbp")
     # Half of what is free is for the blocks, which take 0.8 GB.

@@ -1,6 +1,5 @@
 """From a file as read to the sinograms that every job uses, as asked."""
 
-import io
 import math
 import subprocess
 import sys
@@ -16,7 +15,6 @@ from sawmill_calibration.scans import prepare as preparing
 from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts import job_kinds
 from sawmill_contracts.preparing import PrepareOptions
-from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import Projections, held
@@ -173,32 +171,15 @@ def test_missing_features_are_reported(prepare, exposed):
 
 
 @pytest.fixture
-def upload(store, spec):
+def upload(send):
     """Accept line integrals (views, rows, detector) of one scanner's, to be prepared as asked."""
-    scanner = store.scanners.create(spec(), scanner_id="line-2")
-
-    def accept(stack, **asked):
-        buffer = io.BytesIO()
-        np.save(buffer, stack.astype(np.float32))
-        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **asked)
-        return store.scans.accept(spec, received)
-
-    return accept
+    return lambda stack, **asked: send(stack, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **asked)
 
 
 @pytest.fixture
-def upload_file(store, spec):
+def upload_file(send):
     """Accept a file of arrays beside its angles, 10 degrees apart from 0 on, whatever is declared of it."""
-    scanner = store.scanners.create(spec(), scanner_id="line-3")
-
-    def accept(arrays, **declared):
-        buffer = io.BytesIO()
-        np.savez(buffer, angles_deg=10.0 * np.arange(VIEWS), **arrays)
-        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        return store.scans.accept(ScanSpec(scanner_id=scanner.id, **declared), received)
-
-    return accept
+    return lambda arrays, **declared: send({"angles_deg": 10.0 * np.arange(VIEWS), **arrays}, **declared)
 
 
 def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):

@@ -19,7 +19,7 @@ HALO = 45
 VIEWS = 24
 MOST = 0.45
 # Scatter leaves as much power as the freer fit, or 1.6 times as much if its halo is half as wide; 2 % of glare
-# leaves 6 times as much (tests/calibration/test_scattered_radiation.py).
+# leaves 6 times as much (tests/calibration/test_beam.py).
 MOST_LEFT = 2.0
 # Each repetition leaves about `around + wide` of the error, and the first estimate is right where the scatter is
 # smooth.
