@@ -6,7 +6,7 @@ test_refusals.py, those that unpack to gigabytes in test_bombs.py.
 
 import io
 from pathlib import Path
-from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_STORED, ZipFile
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED
 
 import h5py
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 import tifffile
 from PIL import Image
+from scan_writers import hdf5, mat, npy, npz, zipped
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AngleList, AngleSteps
@@ -35,14 +36,6 @@ def png(path):
     Image.fromarray(STACK[0].astype(np.uint8)).save(path, "PNG")
 
 
-def npy(array):
-    def write(path):
-        with path.open("wb") as stream:
-            np.save(stream, array, allow_pickle=array.dtype.hasobject)
-
-    return write
-
-
 def npy_header(shape):
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f4", "fortran_order": False, "shape": shape})
@@ -56,37 +49,9 @@ def put(place, value):
     return changed
 
 
-def npz(**arrays):
-    def write(path):
-        with path.open("wb") as stream:
-            np.savez(stream, **arrays)
-
-    return write
-
-
-def mat(*, packed=False, **variables):
-    return lambda path: scipy.io.savemat(path, variables, appendmat=False, do_compression=packed)
-
-
 def nested(depth):
     """A struct in a struct, to this depth."""
     return {"s": nested(depth - 1)} if depth else VALUES[:, 0]
-
-
-def hdf5(members, attributes=()):
-    """A dataset of each value, a group of each None, by their paths; (path, name, value) of attributes."""
-
-    def write(path):
-        with h5py.File(path, "w") as file:
-            for name, value in members.items():
-                if value is None:
-                    file.create_group(name)
-                else:
-                    file[name] = value
-            for member, name, value in attributes:
-                file[member].attrs[name] = value
-
-    return write
 
 
 def created(shape, dtype="f4", *, written=None, **options):
@@ -143,18 +108,6 @@ def tiff(*pages, **options):
         with tifffile.TiffWriter(path) as file:
             for page in pages:
                 file.write(page, contiguous=False, metadata=None, **options)
-
-    return write
-
-
-def zipped(members, method=ZIP_STORED):
-    def write(path):
-        with ZipFile(path, "w", method) as archive:
-            for name, content in members.items():
-                stream = io.BytesIO()
-                if isinstance(content, np.ndarray):
-                    tifffile.imwrite(stream, content)
-                archive.writestr(name, stream.getvalue() or content)
 
     return write
 

@@ -4,7 +4,6 @@ import io
 import struct
 import zlib
 from contextlib import suppress
-from dataclasses import replace
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import h5py
@@ -12,20 +11,13 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
+from scan_files import read_scan
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
-from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
 BOMB = zlib.compress(bytes(24 * 2**20), 1)
-
-
-def read_scan(path, **given):
-    """A scan with all of its projections in memory."""
-    with reading_scan(path, **given) as scan:
-        (block,) = scan.blocks(2**30)
-        return replace(scan, projections=block.samples)
 
 
 def refused(path, code, sentence, **options):
