@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.change import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
+from sawmill_tomography.drift.change import (
+    DetectorFit,
+    Disturbance,
+    DriftError,
+    disturbed_turn,
+    drift_change,
+    likely_cause,
+)
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.paired_rays import Derivatives, PairedRays
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
@@ -397,3 +404,14 @@ def test_differences_that_change_slowly_count_as_correlated():
     # Of 200 the standard deviation is known to 5 %; Bartlett's weights leave some of the correlation out.
     assert alone > 2.0
     assert together == pytest.approx(1.1, abs=0.2)
+
+
+def test_a_known_distance_removes_its_part_of_the_errors():
+    """The errors of what remains are those of a normal distribution whose third value is known."""
+    root = np.random.default_rng(1).standard_normal((3, 3))
+    covariance = root @ root.T
+    about = (Rotation.AS_GIVEN, 1.0, True, 0.01, np.zeros(2), ())
+    known = DetectorFit(-209.0, -0.08, 1620.0, covariance, False, *about).at_distance(1623.0)
+    np.testing.assert_allclose(known.covariance, np.linalg.inv(np.linalg.inv(covariance)[:2, :2]), rtol=1e-9)
+    expected = [-209.0, -0.08] + 3.0 * covariance[:2, 2] / covariance[2, 2]
+    np.testing.assert_allclose([known.cor_column_mm, known.tilt_rad], expected)
