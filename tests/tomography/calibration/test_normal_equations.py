@@ -185,8 +185,11 @@ def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_fin
     assert power(found) > 0.5 * max(map(power, cells))
 
 
+@pytest.mark.parametrize(
+    "steps", [[[Term.GAIN, Term.OFFSET]], [[Term.GAIN], [Term.OFFSET]]], ids=["together", "in turn"]
+)
 @pytest.mark.parametrize("precision", [0.0, 3.0])
-def test_unknowns_of_each_view_are_eliminated_from_its_derivatives(precision):
+def test_unknowns_of_each_view_are_eliminated_from_its_derivatives(steps, precision):
     """The derivatives less what those by the view's gain and offset explain of them, in whole arrays."""
     model = scan(counts=False, effects=False)
     grams, rows = ViewGrams(model), derivatives(model)[[Term.R, Term.U_C, Term.GAIN, Term.OFFSET]]
@@ -194,7 +197,8 @@ def test_unknowns_of_each_view_are_eliminated_from_its_derivatives(precision):
     of_view = np.einsum("pkm,qkm->kpq", weighted, rows) + np.diag([0.0, 0.0, precision, precision])
     explained = np.linalg.solve(of_view[:, 2:, 2:], of_view[:, 2:, :2])
     left = weighted[:2] - np.einsum("kpq,pkm->qkm", explained, weighted[2:])
-    grams.project_out([Term.GAIN, Term.OFFSET], precision)
+    for terms in steps:
+        grams.project_out(terms, precision)
     system, sums = grams.system([Column.of(Term.R), Column.of(Term.U_C)]), left.sum(axis=1)
     normal = np.einsum("pkm,qkm->pq", left, rows[:2]) - (sums * grams.stripe_shares) @ sums.T
     np.testing.assert_allclose(system.normal, normal, rtol=1e-9)
