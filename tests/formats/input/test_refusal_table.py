@@ -5,8 +5,9 @@ test_refusals.py, those that unpack to gigabytes in test_bombs.py.
 """
 
 import io
+import stat
 from pathlib import Path
-from zipfile import ZIP_BZIP2, ZIP_DEFLATED
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZipFile, ZipInfo
 
 import h5py
 import numpy as np
@@ -95,6 +96,32 @@ def shuffled_late(path):
         space = h5py.h5s.create_simple(VALUES.shape)
         h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_DOUBLE, space, layout)
         file["data"][()] = VALUES
+
+
+def matlab(members):
+    """HDF5 as MATLAB 7.3 begins it."""
+
+    def write(path):
+        hdf5(members)(path)
+        stored = path.read_bytes()
+        path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + stored)
+
+    return write
+
+
+def symbolic_link(path):
+    """An archive whose array is a link to a file beside it."""
+    entry = ZipInfo("data.npy")
+    entry.create_system, entry.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
+    with ZipFile(path, "w") as archive:
+        archive.writestr(entry, "/etc/hostname")
+
+
+OME = (
+    '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" UUID="urn:uuid:1"><Image ID="Image:0"><Pixels '
+    'ID="Pixels:0" DimensionOrder="XYCZT" Type="float" SizeX="8" SizeY="1" SizeC="1" SizeZ="6" SizeT="1">'
+    '<TiffData><UUID FileName="other.tif">urn:uuid:2</UUID></TiffData></Pixels></Image></OME>'
+)
 
 
 def text_in_chunks(path):
@@ -249,6 +276,7 @@ TABLE = {
     "hdf5: written in part": (created((6, 3, 8), chunks=(2, 2, 8), written=slice(3)), {}),
     "hdf5: another filter": (created((6, 3, 8), chunks=(6, 3, 8), scaleoffset=2, written=...), {}),
     "hdf5: texts": (created((6, 8), h5py.string_dtype()), {"dataset": "data"}),
+    "mat 7.3: behind an external link": (matlab({"data": h5py.ExternalLink("other.h5", "/data")}), {}),
     "mat: a struct by its name": (mat(scan={"a": 1}), {"dataset": "scan"}),
     "mat: a field that is not there": (mat(scan={"a": 1}), {"dataset": "scan/b"}),
     "mat: an array of structs": (
@@ -263,6 +291,8 @@ TABLE = {
         {"max_bytes": 2**20},
     ),
     "tiff: packed by LZMA": (tiff(STACK[0], compression="lzma"), {}),
+    "tiff: OME of pages in another file": (tiff(np.ones((1, 8), np.float32), description=OME), {}),
+    "zip: a symbolic link": (symbolic_link, {}),
     "zip: unpacks to more than allowed": (zipped({"0.tif": bytes(2**26)}, ZIP_DEFLATED), {"max_bytes": 10**6}),
     "zip: packed by BZIP2": (zipped({"0.tif": b"x"}, ZIP_BZIP2), {}),
 }
