@@ -14,12 +14,9 @@ from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
+pytestmark = pytest.mark.clocked
+
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

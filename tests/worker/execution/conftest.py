@@ -218,8 +218,6 @@ def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, sta
     made.close()
 
 
-
-
 @pytest.fixture
 def start(
     store: Store, settings: ExecutionSettings, stop: threading.Event, attempts: Callable[..., Starter]
