@@ -10,6 +10,7 @@ import pytest
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
 
 VIEWS, ROWS, CELLS = 6, 3, 8
 
@@ -78,3 +79,9 @@ def refusal(path, **given):
             pass
     assert "\n" not in str(refused.value)
     return refused.value.code, str(refused.value)
+
+
+def new_volume(path, shape, **changes):
+    """A volume's writer, whose numbers say nothing but what a test asks of them."""
+    about = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
+    return new_reconstruction(path, shape, **{"pixel_mm": 1.5, "row_pitch_mm": None, "unit": "1/mm"} | about | changes)
