@@ -35,13 +35,9 @@ def commands(page: Path) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_command_and_option_exists(page):
+def test_every_command_option_and_setting_exists(page):
     for words in commands(page):
         check_options(words)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_setting_exists(page):
     assert set(re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]", page.read_text())) <= KNOWN | MISSPELT
 
 
