@@ -26,7 +26,7 @@ from sawmill_vocabulary import Adjustment, Scanner
 CELLS, PITCH_MM, R_S, VIEWS = 768, 1.5, 859.46, 20
 ANGLES = full_turn(VIEWS)
 SCANNER = Scanner(R_S, CELLS, PITCH_MM)
-SCANS = 60
+SCANS = 30
 
 
 def calibrated(moved_mm, *, seed, **options):
