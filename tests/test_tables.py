@@ -25,12 +25,10 @@ ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
 PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
-    "service/sawmill_service/pages/frame/verdicts.py: _MOVED_WORDS": "the other answers have the words of _WORDS",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
     "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
-    "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
