@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 import yaml
 from compose_file import (
     COMPOSE,
@@ -25,16 +24,11 @@ from compose_file import (
     of_containers,
     read_compose,
 )
-from pydantic_settings import BaseSettings
+from page_blocks import KNOWN, blocks, check_options
 
-from sawmill_command.commands import main
-from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.settings import ServiceSettings
 
 PAGE, OPERATIONS = ROOT / "docs/do/containers.md", ROOT / "docs/do/run.md"
-SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
-KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
 BIN = Path(sys.executable).parent
 # What the images of others bring along; everything else must come from our own installation.
 PROGRAMS = {
@@ -205,12 +199,6 @@ def test_the_servers_are_those_that_tests_run_with(services):
     assert all(re.search(r":\d+\.\d+", service["image"]) for service in services.values())
 
 
-def blocks(page: Path, language: str) -> list[str]:
-    """Fenced blocks, lines that go on joined."""
-    found = re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
-    return [block.replace("\\\n", "") for block in found]
-
-
 def documented_commands() -> list[list[str]]:
     """What docs/do/run.md says of one machine and of a cluster."""
     lines = [line for block in blocks(OPERATIONS, "sh") for line in block.splitlines()]
@@ -218,18 +206,11 @@ def documented_commands() -> list[list[str]]:
 
 
 def test_every_sawmill_command_and_option_exists(services):
-    application = typer.main.get_command(main)
-    page = re.findall(r"\bsawmill [a-z].*", "\n".join(blocks(PAGE, "text")))
     commands = [command for service in services.values() for command in words(service)]
     named = [command for command in [*commands, *documented_commands()] if command[0] == "sawmill"]
-    assert page
-    for _, *arguments in [*named, *(line.split() for line in page)]:
-        command = application
-        while arguments and arguments[0] in getattr(command, "commands", {}):
-            command = command.commands[arguments.pop(0)]
-        assert not hasattr(command, "commands"), f"there is no command sawmill {' '.join(arguments)}"
-        flags = {flag for parameter in command.params for flag in parameter.opts}
-        assert {word for word in arguments if word.startswith("--")} <= flags, arguments
+    assert named
+    for command in named:
+        check_options(command[1:])
 
 
 def test_what_the_page_adds_fits(document, services):

@@ -16,6 +16,7 @@ import typer
 from generate import PAGES as GENERATED
 from PIL import Image
 from pydantic import TypeAdapter
+from scan_files import new_volume
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
@@ -23,7 +24,6 @@ from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_formats.input.reading import reading_scan
-from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.choosing import EXPECTED_ERRORS, VIEWS, seconds_a_slice
@@ -181,19 +181,8 @@ def run():
 
 @pytest.mark.slow
 def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
-    with new_reconstruction(
-        tmp_path / "volume.h5",
-        (3, 6, 6),
-        pixel_mm=1.5,
-        row_pitch_mm=20.0,
-        unit="1/mm",
-        geometry={},
-        parameters={},
-        software_version="0",
-        input_sha256="0",
-        centre_mm=(10.0, -30.0),
-        first_slice_mm=100.0,
-    ) as volume:
+    places = {"row_pitch_mm": 20.0, "centre_mm": (10.0, -30.0), "first_slice_mm": 100.0}
+    with new_volume(tmp_path / "volume.h5", (3, 6, 6), **places) as volume:
         volume.write(0, np.ones((3, 6, 6), np.float32))
     (tmp_path / "napari.py").write_text(NAPARI)
     reported = [

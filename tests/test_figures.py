@@ -14,22 +14,13 @@ FAST_S = 1.0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_shows_the_figures_of_the_results(page):
+def test_a_page_shows_the_figures_of_the_results_with_their_commits_and_days(page):
     text = page.read_text()
     assert filled(text, RESULTS_FILES) == text, "stale: run `make figures`"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_each_mark_is_complete_and_no_prose_begins_with_one(page):
-    text = page.read_text()
     assert len(PLACE.findall(text)) == text.count("<!-- figure") == text.count("<!-- end -->")
     # Markdown takes a line that begins with a comment for HTML, to the line's end.
     assert not re.search(r"^ *<!-- (?:figure [^\n]*|end) -->.", text, re.MULTILINE)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_a_page_shows_commit_and_day_of_each_results_file(page):
-    shown = [(place[2], place[3]) for place in PLACE.finditer(page.read_text())]
+    shown = [(place[2], place[3]) for place in PLACE.finditer(text)]
     assert {name for name, _ in shown} == {name for name, key in shown if key in {"measured", "run"}}
 
 

@@ -10,15 +10,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import typer
 from data_0_1_0 import ARCHIVE
-from pydantic_settings import BaseSettings
+from page_blocks import KNOWN, blocks, check_options
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
-from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.settings import ServiceSettings
 
 ROOT = Path(__file__).parents[1]
 DO = ROOT / "docs/do"
@@ -26,17 +22,9 @@ PAGES = [
     *(DO / f"{name}.md" for name in ("install", "containers", "run", "monitor", "backup", "sizing", "troubleshooting")),
     ROOT / "docs/understand/security.md",
 ]
-SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
-KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
 MISSPELT = {"SAWMILL_WORKER"}
 # A service of compose, a command, a folder that a page makes.
 NO_NAMES = {"short-worker", "install-service", "sawmill-after"}
-
-
-def blocks(page: Path, language: str = "text") -> list[str]:
-    """The fenced blocks of a language; a line that is continued is one line."""
-    found = re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
-    return [block.replace("\\\n", "") for block in found]
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -46,24 +34,10 @@ def commands(page: Path) -> list[list[str]]:
     return [shlex.split(match[1]) for match in found if match]
 
 
-def options_of(words: list[str]) -> set[str]:
-    """The options of the command that the words name; the words that name it are taken off."""
-    command = typer.main.get_command(main)
-    while words and words[0] in getattr(command, "commands", {}):
-        command = command.commands[words.pop(0)]
-    assert not hasattr(command, "commands"), f"there is no command sawmill {' '.join(words)}"
-    return {flag for parameter in command.params for flag in parameter.opts}
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_command_and_option_exists(page):
+def test_every_command_option_and_setting_exists(page):
     for words in commands(page):
-        flags = options_of(words)
-        assert {word for word in words if word.startswith("--")} <= flags, words
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_every_setting_exists(page):
+        check_options(words)
     assert set(re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]", page.read_text())) <= KNOWN | MISSPELT
 
 

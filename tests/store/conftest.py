@@ -101,8 +101,10 @@ def clocked_store(filled: StorageSettings, clock: TestClock) -> Iterator[Store]:
 
 
 @pytest.fixture
-def store(filled: StorageSettings) -> Iterator[Store]:
-    opened = Store(filled)
+def store(request: pytest.FixtureRequest, filled: StorageSettings) -> Iterator[Store]:
+    """A store, whose clock a test moves that is marked `clocked`."""
+    clocked = request.node.get_closest_marker("clocked")
+    opened = Store(filled, clock=request.getfixturevalue("clock") if clocked else None)
     yield opened
     opened.close()
 

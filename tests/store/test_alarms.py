@@ -17,12 +17,9 @@ from sawmill_store.mill_tables import PhantomRow, ScannerRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Disc
 
+pytestmark = pytest.mark.clocked
+
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

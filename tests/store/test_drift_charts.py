@@ -20,14 +20,11 @@ from sawmill_store.drift_charts import DriftCharts, _counted
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
 
+pytestmark = pytest.mark.clocked
+
 COLUMN, TILT = -209.1, -0.083
 DEVIATIONS = np.array([0.05, 0.002])
 COVARIANCE = np.outer(DEVIATIONS, DEVIATIONS) * [[1.0, -0.6], [-0.6, 1.0]]
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

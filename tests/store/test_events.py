@@ -18,12 +18,7 @@ from sawmill_platform.files.upload_stream import AsSent
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.uploads.upload_store import UploadQuota
 
-pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
+pytestmark = [pytest.mark.slow, pytest.mark.clocked]
 
 
 @pytest.fixture

@@ -9,20 +9,15 @@ from contextlib import closing, contextmanager
 
 import pytest
 from data_0_1_0 import ARCHIVE
+from databases import sqlite_alone
 from sqlalchemy import text
 from system_calls import at_call, refusing
 
 from sawmill_platform.backups.taking import take_backup
-from sawmill_platform.errors import (
-    FolderUnavailable,
-    StorageMisconfigured,
-    disk_outage_reported,
-)
+from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, disk_outage_reported
 from sawmill_platform.files.file_store import IDENTITY, FileStore, read_identity
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
-
-sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
 
 
 @pytest.fixture

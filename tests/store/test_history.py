@@ -15,12 +15,9 @@ from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow
 
+pytestmark = pytest.mark.clocked
+
 ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

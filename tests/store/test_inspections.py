@@ -7,12 +7,9 @@ from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
 from sawmill_contracts.scans import ScanSpec
 from sawmill_vocabulary import DataKind
 
+pytestmark = pytest.mark.clocked
+
 GRACE_S = 3600.0
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

@@ -183,15 +183,6 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
     assert store.scans.get(scan.id).state is ScanState.REFUSED
 
 
-def test_a_passing_failure_is_tried_again_and_the_third_is_final(store, upload):
-    upload(store)
-    assert [store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) for _ in range(3)] == [
-        JobState.QUEUED,
-        JobState.QUEUED,
-        JobState.FAILED,
-    ]
-
-
 @pytest.mark.parametrize("outage", [FULL, AWAY])
 @pytest.mark.slow
 def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
@@ -231,13 +222,6 @@ def test_a_job_that_waits_is_cancelled_at_once(store, upload):
     assert (ended.state, ended.not_before, ended.waiting_for) == (JobState.CANCELLED, None, None)
 
 
-def test_a_cancelled_job_is_not_waited_for(store, upload):
-    scan = upload(store)
-    held = claim(store)
-    store.jobs.request_cancel(scan.job_id)
-    assert store.jobs.fail(held, FULL) is JobState.CANCELLED
-
-
 @pytest.mark.dialect
 def test_a_wait_ends(clocked_store, clock, upload):
     store = clocked_store
@@ -258,51 +242,46 @@ def test_other_failures_are_final(store, ready_scan, kind):
     assert (calibration.state, calibration.failure) == ("failed", failure)
 
 
+ENDS = {
+    "cancelled": lambda store, held: store.jobs.cancelled(held) or JobState.CANCELLED,
+    "put off": lambda store, held: store.jobs.fail(held, FULL),
+    "given back": lambda store, held: store.jobs.release(held),
+    "lost": lambda store, _: take_back_all(store)[0].state,
+}
+
+
 @pytest.mark.dialect
-def test_a_running_job_hears_of_its_cancellation(store, upload):
-    scan = upload(store)
-    held = claim(store)
+@pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
+def test_a_running_job_that_is_to_be_cancelled_hears_of_it_and_is_not_tried_again(store, upload, end):
+    scan, held = upload(store), claim(store)
     asked = store.jobs.request_cancel(scan.job_id)
     assert (asked.state, asked.cancel_requested) == (JobState.RUNNING, True)
     assert store.jobs.heartbeat(held) is True
-    store.jobs.cancelled(held)
+    assert end(store, held) is JobState.CANCELLED
     assert store.jobs.get(scan.job_id).state is JobState.CANCELLED
-
-
-def test_a_cancelled_job_of_a_lost_worker_is_not_tried_again(store, upload):
-    scan = upload(store)
-    claim(store)
-    store.jobs.request_cancel(scan.job_id)
-    assert [job.state for job in take_back_all(store)] == [JobState.CANCELLED]
 
 
 @pytest.mark.dialect
-def test_a_released_job_goes_back_to_its_place(store, upload):
+def test_a_released_job_goes_back_to_its_place_and_that_is_no_loss(store, upload):
     first, second = upload(store), upload(store)
-    store.jobs.release(claim(store))
-    assert list(store.jobs.queued_job_ids()) == [first.job_id, second.job_id]
-    assert claim(store).attempt == 2
-
-
-def test_a_release_is_no_loss(store, upload):
-    scan = upload(store)
-    for _ in range(5):
-        store.jobs.release(claim(store))
+    for attempt in range(1, 6):
+        held = claim(store)
+        assert (held.job_id, held.attempt) == (first.job_id, attempt)
+        store.jobs.release(held)
+        assert list(store.jobs.queued_job_ids()) == [first.job_id, second.job_id]
     assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.QUEUED
-    job = store.jobs.get(scan.job_id)
-    assert (job.attempt, job.losses) == (6, 1)
+    assert store.jobs.get(first.job_id).losses == 1
 
 
-def test_a_release_of_a_job_that_is_to_be_cancelled_ends_it(store, upload):
-    scan, held = upload(store), claim(store)
-    store.jobs.request_cancel(scan.job_id)
-    assert store.jobs.release(held) is JobState.CANCELLED
-    assert store.jobs.get(scan.job_id).state is JobState.CANCELLED
-
-
-def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upload, scanner):
+@pytest.fixture
+def example(store, scanner):
+    """Accept a scan in the background."""
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
-    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
+    return lambda: store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
+
+
+def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upload, example):
+    scan = example()
     held = claim(store)
     assert not store.jobs.is_in_the_way(held)
     upload(store)
@@ -312,12 +291,8 @@ def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upl
 
 
 @pytest.mark.dialect
-def test_background_jobs_come_last(store, upload, scanner):
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-    examples = [
-        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND).job_id
-        for _ in range(2)
-    ]
+def test_background_jobs_come_last(store, upload, example):
+    examples = [example().job_id for _ in range(2)]
     users = [upload(store).job_id for _ in range(2)]
     order = [*users, *examples]
     assert [store.jobs.get(job_id).queue_position for job_id in order] == [0, 1, 2, 3]
@@ -325,12 +300,8 @@ def test_background_jobs_come_last(store, upload, scanner):
     assert [claim(store).job_id for _ in order] == order
 
 
-def test_a_job_brings_forward_what_it_needs(store, scanner):
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
-    scans = [
-        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
-        for _ in range(2)
-    ]
+def test_a_job_brings_forward_what_it_needs(store, example):
+    scans = [example() for _ in range(2)]
     calibrations = [
         store.calibrations.accept(CalibrationAsk(scan_id=scan.id), priority=Priority.BACKGROUND) for scan in scans
     ]

@@ -13,12 +13,9 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
 
+pytestmark = pytest.mark.clocked
+
 ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 def opens(store, key):

@@ -19,13 +19,10 @@ from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.outbox import LEASE, DeliveryAttempt, message_id
 from sawmill_platform.webhooks.webhook_store import KEPT, MOST
 
+pytestmark = pytest.mark.clocked
+
 URL = "https://alarms.mill.example/sawmill"
 DELIVERED = DeliveryAttempt(200)
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@ from datetime import UTC, date, datetime, time, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
-from racing import race
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
@@ -15,12 +14,9 @@ from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
+pytestmark = pytest.mark.clocked
+
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture
@@ -268,18 +264,14 @@ def run_due_at(settings: StorageSettings, moment: datetime) -> int:
     return ran
 
 
-def assert_each_time_ran_once(store, schedule, ran: int) -> None:
-    times = [run.due_at for run in store.schedules.runs(schedule.id)]
-    assert len(times) == len(set(times)) == ran
-    assert times[0] == START.replace(hour=8)
-
-
 @pytest.mark.dialect
 def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
     moments = [START.replace(hour=hour) for hour in (6, 7, 8) for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
         ran = sum(pool.map(run_due_at, [store.settings] * len(moments), moments))
-    assert_each_time_ran_once(store, schedule, ran)
+    times = [run.due_at for run in store.schedules.runs(schedule.id)]
+    assert len(times) == len(set(times)) == ran
+    assert times[0] == START.replace(hour=8)
 
 
 def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store, scanner, clock):
@@ -302,19 +294,3 @@ def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store,
     wall = {day: time(4) if day == date(2026, 3, 29) else time(3, 30) for day in sundays}
     zone = ZoneInfo("Europe/Helsinki")
     assert [run.due_at for run in ran] == [datetime.combine(day, wall[day], zone).astimezone(UTC) for day in sundays]
-
-
-@pytest.mark.nightly
-def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
-    imports = (
-        "from datetime import UTC, datetime\n"
-        "from sawmill_platform.settings import StorageSettings\n"
-        "from sawmill_store.store import Store"
-    )
-    program = (
-        f"settings = StorageSettings.model_validate_json({store.settings.model_dump_json()!r})\n"
-        "moments = [datetime(2026, 3, 2, hour, tzinfo=UTC) for hour in (6, 7, 8)]\n"
-        "print(sum(len(Store(settings, clock=lambda: moment).schedules.run_due()) for moment in moments))"
-    )
-    ran = sum(map(int, race(3, imports, program).split()))
-    assert_each_time_ran_once(store, schedule, ran)

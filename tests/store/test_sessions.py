@@ -8,12 +8,9 @@ from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.keys.sessions import LASTS, RENEWAL_STEP
 
+pytestmark = pytest.mark.clocked
+
 OPENER = hash_of("the token")
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 def count(store):

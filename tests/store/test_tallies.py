@@ -10,13 +10,10 @@ from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.jobs.tallies import SETTLED, Amount, Fate, Tallies
 
+pytestmark = pytest.mark.clocked
+
 REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is damaged")
 SUCCEEDED, FAILED, LOST = event_kinds.SUCCEEDED, event_kinds.FAILED, event_kinds.LOST
-
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
 
 
 @pytest.fixture

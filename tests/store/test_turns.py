@@ -13,10 +13,7 @@ from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.turns import Selection
 from sawmill_store.store import Store
 
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
+pytestmark = pytest.mark.clocked
 
 
 def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen

@@ -91,24 +91,18 @@ def test_an_upload_whose_sum_was_not_ended_is_completed_by_an_empty_part(store):
     assert store.uploads.get(upload.id).state is UploadState.COMPLETE
 
 
-def test_a_deleted_upload_takes_no_more(store):
+@pytest.mark.parametrize("sent", [False, True])
+def test_a_deleted_upload_takes_no_more_and_is_gone(store, sent):
     upload = create(store)
     part = store.uploads.begin_part(upload.id, 0)
-    store.uploads.delete(upload.id)
-    part.take(AsSent(), CONTENT, commits=False)
-    with pytest.raises(NotFound):
+    if sent:
+        part.take(AsSent(), CONTENT, commits=True)
         part.finish(AsSent())
-    part.close()
-
-
-def test_an_upload_that_is_deleted_before_its_sum_is_gone(store):
-    upload = create(store)
-    part = store.uploads.begin_part(upload.id, 0)
-    part.take(AsSent(), CONTENT, commits=True)
-    part.finish(AsSent())
     store.uploads.delete(upload.id)
+    if not sent:
+        part.take(AsSent(), CONTENT, commits=False)
     with pytest.raises(NotFound):
-        part.complete()
+        part.complete() if sent else part.finish(AsSent())
     part.close()
     assert list((store.files.folder / "unfinished").iterdir()) == []
 

@@ -11,10 +11,7 @@ from sawmill_platform.jobs.turns import Selection
 from sawmill_store.store import Store
 from sawmill_vocabulary import CalibrationMethod, Progress
 
-
-@pytest.fixture
-def store(clocked_store):
-    return clocked_store
+pytestmark = pytest.mark.clocked
 
 
 def waits(store):

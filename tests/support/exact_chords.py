@@ -14,6 +14,13 @@ from sawmill_tomography.phantoms.phantom import Polygon, Shape
 from sawmill_vocabulary import DetectorModule, SourceFrame
 
 Array = NDArray[np.float64]
+# A calibration's, near that of the published scanner.
+FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
+
+
+def full_turn(views: int) -> Array:
+    """Return the angles of views all round, the first at 0."""
+    return np.linspace(0.0, 2.0 * np.pi, views, endpoint=False)
 
 
 @dataclass(frozen=True)

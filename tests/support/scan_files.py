@@ -1,11 +1,16 @@
 """Scans in files, which the tests of readers and of our own files share."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.volume_writer import new_reconstruction
 
 VIEWS, ROWS, CELLS = 6, 3, 8
 
@@ -58,3 +63,25 @@ def published_data():
     if not folder.is_dir():
         pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
     return folder
+
+
+def read_scan(path, **given):
+    """A scan with all of its projections in memory."""
+    with reading_scan(path, **given) as scan:
+        (block,) = scan.blocks(2**30)
+        return replace(scan, projections=block.samples)
+
+
+def refusal(path, **given):
+    """The code and the sentence that refuse a file, at the latest where its samples are read."""
+    with pytest.raises(UnreadableScan) as refused, reading_scan(path, **given) as scan:
+        for _ in scan.blocks(2**26):
+            pass
+    assert "\n" not in str(refused.value)
+    return refused.value.code, str(refused.value)
+
+
+def new_volume(path, shape, **changes):
+    """A volume's writer, whose numbers say nothing but what a test asks of them."""
+    about = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
+    return new_reconstruction(path, shape, **{"pixel_mm": 1.5, "row_pitch_mm": None, "unit": "1/mm"} | about | changes)

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.change import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
+from sawmill_tomography.drift.change import (
+    DetectorFit,
+    Disturbance,
+    DriftError,
+    disturbed_turn,
+    drift_change,
+    likely_cause,
+)
 from sawmill_tomography.drift.opposite_rays.conjugate_rays import conjugate_fit
 from sawmill_tomography.drift.opposite_rays.paired_rays import Derivatives, PairedRays
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
@@ -103,43 +110,44 @@ def plain(full_turn):
     return scan(full_turn(180), seed=WITHOUT_METAL)
 
 
-def check_answer(sinogram, angles, frame, remark):
-    fit = conjugate_fit(MILL, sinogram, angles, moved(frame, 0.6, 0.002))
+def with_faulty_cells(plain):
+    plain[:, 150] = 0.0
+    plain[:, 231] = 1.4 * plain.max()
+    plain[:, 230] = 30.0 * np.random.default_rng(3).random(180)
+
+
+def with_corrupt_views(plain):
+    plain[40], plain[90], plain[120, :200] = 30.0, 0.0, -50.0
+
+
+def with_views_of_another_angle(plain):
+    plain[[20, 60, 61]] = plain[[10, 75, 76]]
+
+
+def with_gains_of_each_view(plain):
+    plain *= 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
+
+
+@pytest.mark.parametrize("sense", list(Rotation))
+@pytest.mark.parametrize(
+    ("spoil", "remark"),
+    [
+        (None, None),
+        (with_faulty_cells, "detector cells without a usable signal"),
+        (with_corrupt_views, "3 corrupt views"),
+        (with_views_of_another_angle, "3 views whose rays do not agree"),
+        (with_gains_of_each_view, "gain scattered by"),
+    ],
+)
+def test_what_is_wrong_with_a_scan_is_left_out_or_evened_out_and_named(plain, full_turn, frame, sense, spoil, remark):
+    sinogram = plain.copy()
+    if spoil is not None:
+        spoil(sinogram)
+    fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002))
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
     assert fit.deviation[0] < 0.15  # a clean scan of this log gives 0.05 mm
     assert fit.relative_residual < 0.15
     assert [remark in done for done in fit.adjustments] == ([True] if remark else [])
-
-
-def test_a_sound_scan_is_left_alone(plain, full_turn, frame):
-    check_answer(plain, full_turn(180), frame, None)
-
-
-def test_faulty_cells_are_left_out(plain, full_turn, frame):
-    faulty = plain.copy()
-    faulty[:, 150] = 0.0
-    faulty[:, 231] = 1.4 * plain.max()
-    faulty[:, 230] = 30.0 * np.random.default_rng(3).random(180)
-    check_answer(faulty, full_turn(180), frame, "detector cells without a usable signal")
-
-
-def test_corrupt_views_are_left_out(plain, full_turn, frame):
-    corrupt = plain.copy()
-    corrupt[40], corrupt[90], corrupt[120, :200] = 30.0, 0.0, -50.0
-    check_answer(corrupt, full_turn(180), frame, "3 corrupt views")
-
-
-@pytest.mark.parametrize("sense", list(Rotation))
-def test_views_of_another_angle_are_left_out(plain, full_turn, frame, sense):
-    repeated = plain.copy()
-    repeated[20], repeated[60], repeated[61] = plain[10], plain[75], plain[76]
-    check_answer(repeated, sense.apply(full_turn(180)), frame, "3 views whose rays do not agree")
-
-
-@pytest.mark.parametrize("sense", list(Rotation))
-def test_each_view_s_own_gain_is_evened_out(plain, full_turn, frame, sense):
-    gain = 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
-    check_answer(plain * gain, sense.apply(full_turn(180)), frame, "gain scattered by")
 
 
 def disturbed(angles, *, encoder_deg=0.0, wobble_mm=0.0, body=None, seed=WITHOUT_METAL):
@@ -236,18 +244,24 @@ def test_sparse_and_partial_turns_are_refused(frame, angles, code, sentence):
     assert refusal.value.code == code
 
 
-def test_what_shows_no_centre_is_refused(full_turn, frame):
-    round_log = Phantom("round", (Disc((0.0, 0.0), 120.0, 0.02),))
-    for sinogram in (np.zeros((180, 384)), scan(full_turn(180), body=round_log, noise=0.02)):
-        with pytest.raises(DriftError) as refusal:
-            conjugate_fit(MILL, sinogram, full_turn(180), frame)
-        assert refusal.value.code == "nothing-seen"
+ROUND = Phantom("round", (Disc((0.0, 0.0), 120.0, 0.02),))
 
 
-def test_a_centre_beyond_the_detector_is_refused(full_turn, frame):
-    with pytest.raises(DriftError, match="edge or beyond") as refusal:
-        conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), replace(frame, cor_column_mm=600.0))
-    assert refusal.value.code == "outside-detector"
+@pytest.mark.parametrize(
+    ("body", "off_mm", "codes"),
+    [
+        (None, 0.0, {"nothing-seen"}),
+        (ROUND, 0.0, {"nothing-seen"}),
+        (log(1), 90.0, {"moved-too-far", "nothing-seen"}),
+        (log(1), 600.0, {"outside-detector"}),
+    ],
+    ids=["no log", "a round log", "moved too far", "beyond the detector"],
+)
+def test_what_shows_no_centre_is_refused(full_turn, frame, body, off_mm, codes):
+    sinogram = np.zeros((180, 384)) if body is None else scan(full_turn(180), body=body, noise=0.02)
+    with pytest.raises(DriftError) as refusal:
+        conjugate_fit(MILL, sinogram, full_turn(180), moved(frame, off_mm))
+    assert refusal.value.code in codes
 
 
 def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn, frame):
@@ -265,12 +279,6 @@ def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn,
     change = drift_change(MILL, frame, np.eye(5) * 1e-8, fit)
     assert change.deviation[2] == change.significance[2] == change.change[2] == 0.0
     assert "Nothing moved" in likely_cause(frame, change)
-
-
-def test_a_geometry_that_moved_too_far_is_refused(full_turn, frame):
-    with pytest.raises(DriftError) as refusal:
-        conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), moved(frame, 90.0))
-    assert refusal.value.code in {"moved-too-far", "nothing-seen"}
 
 
 def turntable(theta: Theta, by_mm: float) -> Theta:
@@ -397,3 +405,14 @@ def test_differences_that_change_slowly_count_as_correlated():
     # Of 200 the standard deviation is known to 5 %; Bartlett's weights leave some of the correlation out.
     assert alone > 2.0
     assert together == pytest.approx(1.1, abs=0.2)
+
+
+def test_a_known_distance_removes_its_part_of_the_errors():
+    """The errors of what remains are those of a normal distribution whose third value is known."""
+    root = np.random.default_rng(1).standard_normal((3, 3))
+    covariance = root @ root.T
+    about = (Rotation.AS_GIVEN, 1.0, True, 0.01, np.zeros(2), ())
+    known = DetectorFit(-209.0, -0.08, 1620.0, covariance, False, *about).at_distance(1623.0)
+    np.testing.assert_allclose(known.covariance, np.linalg.inv(np.linalg.inv(covariance)[:2, :2]), rtol=1e-9)
+    expected = [-209.0, -0.08] + 3.0 * covariance[:2, 2] / covariance[2, 2]
+    np.testing.assert_allclose([known.cor_column_mm, known.tilt_rad], expected)

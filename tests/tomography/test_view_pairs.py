@@ -320,55 +320,22 @@ def test_a_far_calibration_makes_nothing_less_certain():
     assert far.deviation[0] == pytest.approx(near.deviation[0], rel=0.3)
 
 
-def test_a_scan_without_a_log_is_refused():
-    _, frame = averaged(turn(20), rows=1)
-    air = np.random.default_rng(1).standard_normal((20, 768))
-    with pytest.raises(DriftError, match="air in every cell and no log") as refusal:
-        view_pair_fit(MILL, air, turn(20), frame, Rotation.AS_GIVEN)
-    assert refusal.value.code == "nothing-seen"
+REFUSED = {
+    "air alone": (view_pair_fit, turn(20), {"logs": 0.0}, "nothing-seen", "air in every cell and no log"),
+    "within 0.2 rad": (detector_fit, np.linspace(0.0, 0.2, 20), {}, "nothing-seen", "spread the views over more of"),
+    "7 views": (view_pair_fit, turn(7), {}, "sparse-views", "7 usable views are too few to be compared: 8 are needed"),
+    "at one place": (view_pair_fit, np.full(20, 0.3), {}, "sparse-views", "spread them over the turn"),
+    "cut off": (view_pair_fit, turn(20), {"first": 300}, "log-cut-off", "the log reaches an end of the detector"),
+    "another scanner": (detector_fit, turn(20), {"off_mm": 60.0}, "moved-too-far", "another scanner's"),
+}
 
 
-def test_views_close_together_are_not_called_a_scanner_that_moved():
-    angles = np.linspace(0.0, 0.2, 20)
+@pytest.mark.parametrize(("fitted", "angles", "change", "code", "sentence"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_compared_is_refused(fitted, angles, change, code, sentence):
+    rng, first = np.random.default_rng(1), change.get("first", 0)
     rays, frame = averaged(angles, rows=1)
-    with pytest.raises(DriftError, match="spread the views over more of the turn") as refusal:
-        detector_fit(MILL, noisy(rays, np.random.default_rng(1), rows=60), angles, frame, Rotation.AS_GIVEN)
-    assert refusal.value.code == "nothing-seen"
-
-
-def cut_off(rays):
-    return rays[:, 300:]
-
-
-@pytest.mark.parametrize(
-    ("views", "change", "scanner", "code", "sentence"),
-    [
-        (7, None, MILL, "sparse-views", "7 usable views are too few to be compared: 8 are needed, all round or not"),
-        (20, cut_off, replace(MILL, num_detector_pixels=468), "log-cut-off", "the log reaches an end of the detector"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(views, change, scanner, code, sentence):
-    rays, frame = averaged(turn(views))
-    scan = noisy(rays if change is None else change(rays), np.random.default_rng(1), rows=100)
+    scan = noisy(rays[:, first:], rng, rows=60) if change.get("logs", 1.0) else rng.standard_normal(rays.shape)
+    start = replace(frame, cor_column_mm=frame.cor_column_mm + change.get("off_mm", 0.0))
     with pytest.raises(DriftError, match=sentence) as refusal:
-        view_pair_fit(scanner, scan, turn(views), frame, Rotation.AS_GIVEN)
+        fitted(replace(MILL, num_detector_pixels=768 - first), scan, angles, start, Rotation.AS_GIVEN)
     assert refusal.value.code == code
-
-
-def test_views_all_at_one_place_are_refused():
-    angles = np.full(20, 0.3)
-    rays, frame = averaged(angles)
-    with pytest.raises(DriftError, match="spread them over the turn") as refusal:
-        view_pair_fit(
-            MILL, rays + 1e-3 * np.random.default_rng(1).standard_normal(rays.shape), angles, frame, Rotation.AS_GIVEN
-        )
-    assert refusal.value.code == "sparse-views"
-
-
-def test_a_calibration_of_another_scanner_is_refused():
-    rays, frame = averaged(turn(20))
-    scan = noisy(rays, np.random.default_rng(1), rows=100)
-    far = replace(frame, cor_column_mm=frame.cor_column_mm + 60.0)
-    with pytest.raises(DriftError, match="another scanner's") as refusal:
-        detector_fit(MILL, scan, turn(20), far, Rotation.AS_GIVEN)
-    assert refusal.value.code == "moved-too-far"

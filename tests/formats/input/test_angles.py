@@ -10,23 +10,23 @@ from sawmill_formats.input.reading import agree_on_angles
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
-def test_start_and_step():
-    given = parse_angles("0.5:1")
-    assert given == AngleSteps(0.5, 1.0)
-    np.testing.assert_array_equal(given.expand(3), [0.5, 1.5, 2.5])
+def test_a_start_with_its_step_is_a_sequence():
+    np.testing.assert_array_equal(AngleSteps(0.5, 1.0).expand(3), [0.5, 1.5, 2.5])
+    np.testing.assert_array_equal(AngleSteps(10.0, -2.5).expand(3), [10.0, 7.5, 5.0])
 
 
-def test_steps_may_run_backwards():
-    np.testing.assert_array_equal(parse_angles("10 : -2.5").expand(3), [10, 7.5, 5])
-
-
-def test_list():
-    assert parse_angles("0, 1.5,-2e1") == AngleList((0.0, 1.5, -20.0))
-
-
-def test_decimal_commas_stand_beside_a_colon_or_semicolons():
-    assert parse_angles("0,5:1,25") == AngleSteps(0.5, 1.25)
-    assert parse_angles("0,5; 1.5;2") == AngleList((0.5, 1.5, 2.0))
+@pytest.mark.parametrize(
+    ("text", "angles"),
+    [
+        ("0.5:1", AngleSteps(0.5, 1.0)),
+        ("10 : -2.5", AngleSteps(10.0, -2.5)),
+        ("0,5:1,25", AngleSteps(0.5, 1.25)),
+        ("0, 1.5,-2e1", AngleList((0.0, 1.5, -20.0))),
+        ("0,5; 1.5;2", AngleList((0.5, 1.5, 2.0))),
+    ],
+)
+def test_steps_and_lists_are_read_with_points_or_commas(text, angles):
+    assert parse_angles(text) == angles
 
 
 @pytest.mark.parametrize("text", ["", "a:1", "0:1:2", "1,,2", "nan", "inf:1", "0:", "zero"])

@@ -6,6 +6,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from scan_writers import hdf5, npz
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.hdf5 import open_hdf5
@@ -19,19 +20,6 @@ FLATS, DARKS = np.full((2, ROWS, CELLS), 61_000.0, np.float32), np.full((1, ROWS
 ANGLES = np.array([0.5, 60.5, 121.0, 180.5, 240.5, 300.25])
 DATA, THETA, DETECTOR = "exchange/data", "exchange/theta", "measurement/instrument/detector"
 COUNTS, INTEGRALS = {"counts": True}, {"counts": False}
-
-
-def hdf5(members, attributes=()):
-    """Datasets by their paths, and (path, name, value) of attributes."""
-
-    def write(path):
-        with h5py.File(path, "w") as file:
-            for name, value in members.items():
-                file[name] = value
-            for member, name, value in attributes:
-                file[member].attrs[name] = value
-
-    return write
 
 
 def exchange(*attributes, data=STACK, **members):
@@ -61,14 +49,6 @@ def cil(order, *attributes, data=STACK):
     return hdf5(
         {place: moved, angles: np.deg2rad(ANGLES)}, [*names, *units, *of_data, ("/", "creator", "NEXUSDataWriter.py")]
     )
-
-
-def npz(**arrays):
-    def write(path):
-        with path.open("wb") as stream:
-            np.savez(stream, **arrays)
-
-    return write
 
 
 def scan_of(write, path, **options):

@@ -7,6 +7,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
+from scan_files import refusal
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -52,9 +53,7 @@ def samples(file, **options):
 
 
 def refused(file, **options):
-    with pytest.raises(UnreadableScan) as refusal:
-        samples(file, **options)
-    return refusal.value.code, str(refusal.value)
+    return refusal(file, counts=False, **{"angles_deg": STEPS} | options)
 
 
 @pytest.fixture

@@ -1,15 +1,11 @@
 """Flat and dark fields in files of their own, of every kind that holds one stack or one image."""
 
-from zipfile import ZipFile
-
-import h5py
 import numpy as np
 import pytest
-import scipy.io
 import tifffile
-from scan_files import CELLS, ROWS
+from scan_files import CELLS, ROWS, refusal
+from scan_writers import hdf5, mat, npz, zipped
 
-from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan
 
@@ -29,43 +25,22 @@ def fields(rng):
     return rng.integers(50_000, 60_000, (2, ROWS, CELLS)).astype(np.uint16)
 
 
-def nxtomo_of(path, images, key):
-    with h5py.File(path, "w") as file:
-        entry = file.create_group("entry")
-        entry["definition"] = "NXtomo"
-        entry["instrument/detector/data"] = images
-        entry["instrument/detector/image_key"] = [key] * len(images)
-
-
-def zip_of(path, images, name):
-    for index, image in enumerate(images):
-        tifffile.imwrite(path.with_name(f"{name}{index}.tif"), image)
-    with ZipFile(path, "w") as archive:
-        for index in range(len(images)):
-            archive.write(path.with_name(f"{name}{index}.tif"), f"{name}{index}.tif")
-
-
-def npz_of(path, **arrays):
-    with path.open("wb") as stream:
-        np.savez(stream, **arrays)
-
-
-def hdf5_of(path, images):
-    with h5py.File(path, "w") as file:
-        file["anything"] = images
+def nxtomo_of(images, key):
+    detector = "entry/instrument/detector/"
+    return hdf5({"entry/definition": "NXtomo", detector + "data": images, detector + "image_key": [key] * len(images)})
 
 
 WRITERS = {
     "npy": np.save,
-    "npz": lambda path, images: npz_of(path, anything=images),
-    "npz of flats": lambda path, images: npz_of(path, flats=images, darks=images[:, ::-1]),
-    "mat": lambda path, images: scipy.io.savemat(path, {"flats": images}),
+    "npz": lambda path, images: npz(anything=images)(path),
+    "npz of flats": lambda path, images: npz(flats=images, darks=images[:, ::-1])(path),
+    "mat": lambda path, images: mat(flats=images)(path),
     "tiff": lambda path, images: tifffile.imwrite(path, images, metadata=None),
-    "zip": lambda path, images: zip_of(path, images, "air-"),
-    "zip of flats": lambda path, images: zip_of(path, images, "flat-"),
-    "hdf5": hdf5_of,
-    "nxtomo of flats": lambda path, images: nxtomo_of(path, images, 1),
-    "nxtomo of views": lambda path, images: nxtomo_of(path, images, 0),
+    "zip": lambda path, images: zipped({f"air-{n}.tif": image for n, image in enumerate(images)})(path),
+    "zip of flats": lambda path, images: zipped({f"flat-{n}.tif": image for n, image in enumerate(images)})(path),
+    "hdf5": lambda path, images: hdf5({"anything": images})(path),
+    "nxtomo of flats": lambda path, images: nxtomo_of(images, 1)(path),
+    "nxtomo of views": lambda path, images: nxtomo_of(images, 0)(path),
 }
 
 
@@ -95,12 +70,6 @@ def test_fields_of_a_sinogram(fields, stack, tmp_path):
         np.testing.assert_array_equal(scan.flats, fields[:, :1])
 
 
-def refusal(path, **given):
-    with pytest.raises(UnreadableScan) as refused, reading_scan(path, **given):
-        pass
-    return refused.value.code, str(refused.value)
-
-
 def test_fields_in_the_file_and_beside_it_are_refused(nxtomo, fields, tmp_path):
     np.save(tmp_path / "f.npy", fields)
     code, sentence = refusal(nxtomo(), counts=True, flats=tmp_path / "f.npy")
@@ -123,7 +92,7 @@ def test_fields_beside_line_integrals_are_refused(scan_file, fields, tmp_path):
 
 
 def test_a_file_of_other_fields_is_not_taken_for_these(scan_file, fields, tmp_path):
-    nxtomo_of(tmp_path / "flats.nxs", fields, 1)
+    nxtomo_of(fields, 1)(tmp_path / "flats.nxs")
     given = {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
     code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, **given)
     assert code == "dataset-missing"

@@ -1,13 +1,10 @@
 """Honest files as other programs write them: all views in order, with angles and fields, and no remark but facts."""
 
-import io
 import zipfile
 
-import h5py
 import numpy as np
 import pytest
-import scipy.io
-import tifffile
+from scan_writers import hdf5, mat, npz, tiff_bytes
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
@@ -25,16 +22,10 @@ DETECTOR, THETA = "entry/instrument/detector/", "entry/sample/rotation_angle"
 DATA, EXCHANGE_DETECTOR = "exchange/data", "measurement/instrument/detector/"
 
 
-def tiff(image):
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, image, photometric="minisblack")
-    return stream.getvalue()
-
-
 def images(views, flats, darks):
     """Members of an archive by patterns of their names: `n` counts, `a` is the angle."""
     return {
-        pattern.format(n=n, a=ANGLES[n]): tiff(image)
+        pattern.format(n=n, a=ANGLES[n]): tiff_bytes(image, photometric="minisblack")
         for pattern, stack in ((views, STACK), (flats, FLATS), (darks, DARKS))
         for n, image in enumerate(stack)
     }
@@ -67,20 +58,7 @@ def stacks(**options):
     def write(path):
         with zipfile.ZipFile(path, "w") as file:
             for name, stack in (("log17.tif", STACK), ("log17_flat.tif", FLATS), ("log17_dark.tif", DARKS)):
-                stream = io.BytesIO()
-                tifffile.imwrite(stream, stack, **options)
-                file.writestr(name, stream.getvalue())
-
-    return write
-
-
-def hdf5(members, attributes):
-    def write(path):
-        with h5py.File(path, "w") as file:
-            for name, value in members.items():
-                file[name] = value
-            for name, units in attributes.items():
-                file[name].attrs["units"] = units
+                file.writestr(name, tiff_bytes(stack, **options))
 
     return write
 
@@ -89,27 +67,14 @@ def nxtomo(angles, unit, **members):
     keys = np.repeat([2, 1, 0], [FIELDS, FIELDS, VIEWS])
     arrays = {"data": np.concatenate([DARKS, FLATS, STACK]), "image_key": keys, "x_pixel_size": 0.15} | members
     paths = {DETECTOR + name: value for name, value in arrays.items()} | {"entry/definition": "NXtomo", THETA: angles}
-    return hdf5(paths, {THETA: unit, DETECTOR + "x_pixel_size": "cm"})
+    return hdf5(paths, [(THETA, "units", unit), (DETECTOR + "x_pixel_size", "units", "cm")])
 
 
 def exchange(fields, **members):
     arrays = {"data": STACK, "theta": ANGLES.astype(np.float32)} | fields
     paths = {f"exchange/{name}": value for name, value in arrays.items()}
     paths |= {EXCHANGE_DETECTOR + name: value for name, value in ({"x_pixel_size": 1500.0} | members).items()}
-    return hdf5(paths, {EXCHANGE_DETECTOR + "x_pixel_size": "um", "exchange/data": "counts"})
-
-
-def npz(**arrays):
-    def write(path):
-        with path.open("wb") as stream:
-            np.savez(stream, **arrays)
-
-    return write
-
-
-def mat(path):
-    with path.open("wb") as stream:
-        scipy.io.savemat(stream, {"projections": STACK, "flats": FLATS, "darks": DARKS, "angles_deg": ANGLES})
+    return hdf5(paths, [(EXCHANGE_DETECTOR + "x_pixel_size", "units", "um"), ("exchange/data", "units", "counts")])
 
 
 ALL_IMAGES = np.r_[np.full(2 * FIELDS, 180.0), ANGLES]
@@ -154,10 +119,10 @@ FILES = {
     ),
     "Data Exchange": (exchange({"data_white": FLATS, "data_dark": DARKS}, **CAMERA), {}, set()),
     "Data Exchange, flats twice": (exchange(BEFORE_AND_AFTER), {}, {"flats-by-name"}),
-    "plain HDF5": (hdf5({**OF_NUMPY, "time_s": np.arange(90.0)}, {}), {}, set()),
+    "plain HDF5": (hdf5({**OF_NUMPY, "time_s": np.arange(90.0)}), {}, set()),
     "NPZ of integers": (npz(**OF_NUMPY), {}, set()),
     "NPZ of floats": (npz(**{name: array.astype(np.float32) for name, array in OF_NUMPY.items()}), {}, set()),
-    "MAT": (mat, {}, set()),
+    "MAT": (mat(**OF_NUMPY), {}, set()),
 }
 
 

@@ -27,29 +27,20 @@ BEAM_ON = DARKS.copy()
 BEAM_ON[0] = FLATS[0]
 
 
-@pytest.mark.parametrize(
-    ("flats", "darks", "odd_flats", "odd_darks"),
-    [
-        (FLATS, DARKS, [], []),
-        (FLATS, None, [], []),
-        (FLATS * DRIFT, DARKS, [], []),
-        (changed(FLATS, slice(5, None), 0.95), DARKS, [], []),
-        (FLATS, BEAM_ON, [], [0]),
-        (changed(FLATS, 3, SHADOW), DARKS, [3], []),
-        (changed(FLATS, [8, 9], 0.0), BEAM_ON, [8, 9], [0]),
-        (changed(FLATS, 4, 0.5), None, [4], []),
-    ],
-    ids=[
-        "honest",
-        "no darks",
-        "drift",
-        "before and after",
-        "beam on",
-        "phantom",
-        "shutter",
-        "half open",
-    ],
-)
+# Flats, darks, and the numbers of those of each that are left out.
+ODD = {
+    "honest": (FLATS, DARKS, [], []),
+    "no darks": (FLATS, None, [], []),
+    "drift": (FLATS * DRIFT, DARKS, [], []),
+    "before and after": (changed(FLATS, slice(5, None), 0.95), DARKS, [], []),
+    "beam on": (FLATS, BEAM_ON, [], [0]),
+    "phantom": (changed(FLATS, 3, SHADOW), DARKS, [3], []),
+    "shutter": (changed(FLATS, [8, 9], 0.0), BEAM_ON, [8, 9], [0]),
+    "half open": (changed(FLATS, 4, 0.5), None, [4], []),
+}
+
+
+@pytest.mark.parametrize(("flats", "darks", "odd_flats", "odd_darks"), ODD.values(), ids=ODD)
 def test_odd_fields_are_left_out_and_named(flats, darks, odd_flats, odd_darks):
     kept_flats, kept_darks, remarks = without_odd_fields(flats, darks)
     assert np.array_equal(kept_flats, np.delete(flats, odd_flats, axis=0))

@@ -18,36 +18,29 @@ def saved(path, picture: Image.Image, **options):
     return path / "picture.png"
 
 
-def test_grey_is_read_as_it_is(tmp_path):
-    read = read_picture(saved(tmp_path, Image.fromarray(GREY)))
-    assert read.dtype == np.float32
-    assert np.array_equal(read, GREY)
-
-
-def test_transparency_is_ignored(tmp_path):
-    alpha = np.random.default_rng(7).integers(0, 256, GREY.shape, np.uint8)
-    rgba = np.stack([GREY, GREY, GREY, alpha], axis=-1)
-    assert np.array_equal(read_picture(saved(tmp_path, Image.fromarray(rgba))), GREY)
-    two = np.stack([GREY, alpha], axis=-1)
-    assert np.array_equal(read_picture(saved(tmp_path, Image.fromarray(two, "LA"))), GREY)
-
-
-def test_sixteen_bits_are_kept(tmp_path):
-    deep = GREY.astype(np.uint16) * 251 + 3
-    assert np.array_equal(read_picture(saved(tmp_path, Image.fromarray(deep))), deep)
-
-
-def test_a_palette_is_looked_up(tmp_path):
-    indices = (GREY % 3).astype(np.uint8)
+def palette(indices):
     picture = Image.fromarray(indices, "P")
     picture.putpalette([0, 0, 0, 90, 90, 90, 255, 255, 255])
-    read = read_picture(saved(tmp_path, picture, transparency=1))
-    assert np.array_equal(read, np.array([0, 90, 255])[indices])
+    return picture
 
 
-def test_black_and_white_is_read(tmp_path):
-    read = read_picture(saved(tmp_path, Image.fromarray(GREY > 100)))
-    assert np.array_equal(read > 0, GREY > 100)
+ALPHA = np.random.default_rng(7).integers(0, 256, GREY.shape, np.uint8)
+DEEP, INDICES = GREY.astype(np.uint16) * 251 + 3, GREY % 3
+READ = {
+    "grey": (Image.fromarray(GREY), {}, GREY),
+    "transparency is ignored": (Image.fromarray(np.stack([GREY, GREY, GREY, ALPHA], axis=-1)), {}, GREY),
+    "transparent grey": (Image.fromarray(np.stack([GREY, ALPHA], axis=-1), "LA"), {}, GREY),
+    "16 bits are kept": (Image.fromarray(DEEP), {}, DEEP),
+    "a palette is looked up": (palette(INDICES), {"transparency": 1}, np.array([0, 90, 255])[INDICES]),
+    "black and white": (Image.fromarray(GREY > 100), {}, 255 * (GREY > 100)),
+}
+
+
+@pytest.mark.parametrize(("picture", "options", "grey"), READ.values(), ids=READ)
+def test_any_png_is_read_as_grey(tmp_path, picture, options, grey):
+    read = read_picture(saved(tmp_path, picture, **options))
+    assert read.dtype == np.float32
+    assert np.array_equal(read, grey)
 
 
 def test_other_pictures_are_refused(tmp_path):

@@ -2,8 +2,6 @@
 
 import shutil
 import struct
-from dataclasses import replace
-from io import BytesIO
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import h5py
@@ -11,19 +9,17 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
+from scan_files import read_scan
+from scan_writers import tiff_bytes
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleList, AngleSteps
-from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
 
 
-def read_scan(path, **given):
-    """A scan with all of its projections in memory."""
-    with reading_scan(path, **given) as scan:
-        (block,) = scan.blocks(2**30)
-        return replace(scan, projections=block.samples)
+def as_tiff(image):
+    return tiff_bytes(image.astype(np.uint16))
 
 
 def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_deg):
@@ -163,20 +159,14 @@ def test_tiff_with_one_page_is_a_sinogram(tmp_path, stack):
     assert "sinogram of one row" in scan.remarks[0]
 
 
-def _tiff_bytes(image):
-    stream = BytesIO()
-    tifffile.imwrite(stream, image.astype(np.uint16))
-    return stream.getvalue()
-
-
 def test_zip_of_tiffs_sorts_naturally_and_knows_flats_and_darks(tmp_path, rng):
     views = rng.integers(0, 60_000, (12, 3, 8))
     path = tmp_path / "scan.zip"
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for view in (11, 2, 0, 1, 10, 9, 8, 3, 4, 5, 6, 7):
-            archive.writestr(f"scan/view-{view}.tif", _tiff_bytes(views[view]))
-        archive.writestr("scan/Flats/0.tif", _tiff_bytes(np.full((3, 8), 50_000)))
-        archive.writestr("scan/dark_1.tif", _tiff_bytes(np.full((3, 8), 5)))
+            archive.writestr(f"scan/view-{view}.tif", as_tiff(views[view]))
+        archive.writestr("scan/Flats/0.tif", as_tiff(np.full((3, 8), 50_000)))
+        archive.writestr("scan/dark_1.tif", as_tiff(np.full((3, 8), 5)))
         archive.writestr("__MACOSX/scan/view-0.tif", b"not a tiff")
         archive.writestr("scan/readme.txt", b"hello")
     scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 30))
@@ -384,8 +374,8 @@ def test_tiffs_that_lost_rows_are_read_as_lacking_them_at_the_bottom(tmp_path, r
     path = tmp_path / "scan.zip"
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for view, rows in enumerate((6, 5, 4, 6)):
-            archive.writestr(f"view-{view}.tif", _tiff_bytes(views[view, :rows]))
-        archive.writestr("flat.tif", _tiff_bytes(np.full((6, 8), 50_000)))
+            archive.writestr(f"view-{view}.tif", as_tiff(views[view, :rows]))
+        archive.writestr("flat.tif", as_tiff(np.full((6, 8), 50_000)))
     scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 90), rows_missing=True)
     assert np.isnan(scan.projections).any(axis=2).sum(axis=1).tolist() == [0, 1, 2, 0]
     assert np.isnan(scan.projections[2, 4:]).all()
@@ -398,6 +388,6 @@ def test_tiffs_that_lost_rows_are_read_as_lacking_them_at_the_bottom(tmp_path, r
 def test_tiffs_of_half_the_height_are_no_views_of_one_log(tmp_path):
     with ZipFile(tmp_path / "scan.zip", "w") as archive:
         for view, rows in enumerate((6, 2, 6)):
-            archive.writestr(f"view-{view}.tif", _tiff_bytes(np.ones((rows, 8))))
+            archive.writestr(f"view-{view}.tif", as_tiff(np.ones((rows, 8))))
     with pytest.raises(UnreadableScan, match="all must be of one size"):
         read_scan(tmp_path / "scan.zip", counts=True, angles_deg=AngleSteps(0, 120), rows_missing=True)

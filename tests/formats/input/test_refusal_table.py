@@ -1,12 +1,13 @@
 """A table of half-right files and the sentences that refuse them: what is wrong, in which number, and what is right.
 
-The sentences are in refusals.txt: none asks for exactly what the file has. Files that are hostile or damaged are in
-test_refusals.py and test_bombs.py.
+The sentences are in refusals.txt: none asks for exactly what the file has. Files that are damaged are in
+test_refusals.py, those that unpack to gigabytes in test_bombs.py.
 """
 
 import io
+import stat
 from pathlib import Path
-from zipfile import ZipFile
+from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZipFile, ZipInfo
 
 import h5py
 import numpy as np
@@ -14,9 +15,10 @@ import pytest
 import scipy.io
 import tifffile
 from PIL import Image
+from scan_writers import hdf5, mat, npy, npz, zipped
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
-from sawmill_formats.input.angles import AngleSteps
+from sawmill_formats.input.angles import AngleList, AngleSteps
 from sawmill_formats.input.reading import reading_scan
 
 STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
@@ -24,6 +26,7 @@ VALUES = STACK.astype(np.float64)
 COLOURS = np.ones((8, 8, 3), np.uint8)
 COUNTS = {"counts": True}
 NO_ANGLES = {"angles": None}
+STORED, BEHIND = "/entry/instrument/detector/data", "/entry/instrument/detector/b"
 
 
 def raw(data):
@@ -34,43 +37,37 @@ def png(path):
     Image.fromarray(STACK[0].astype(np.uint8)).save(path, "PNG")
 
 
-def npy(array):
-    def write(path):
-        with path.open("wb") as stream:
-            np.save(stream, array, allow_pickle=array.dtype.hasobject)
-
-    return write
+def npy_header(shape):
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
 
 
-def npz(**arrays):
-    def write(path):
-        with path.open("wb") as stream:
-            np.savez(stream, **arrays)
-
-    return write
-
-
-def mat(**variables):
-    return lambda path: scipy.io.savemat(path, variables, appendmat=False)
+def put(place, value):
+    """The stack with another value at this place."""
+    changed = VALUES.copy()
+    changed[place] = value
+    return changed
 
 
-def hdf5(members, attributes=()):
-    """A dataset of each value, a group of each None, by their paths; (path, name, value) of attributes."""
+def nested(depth):
+    """A struct in a struct, to this depth."""
+    return {"s": nested(depth - 1)} if depth else VALUES[:, 0]
+
+
+def created(shape, dtype="f4", *, written=None, **options):
+    """A dataset `data` of which these places were written."""
 
     def write(path):
         with h5py.File(path, "w") as file:
-            for name, value in members.items():
-                if value is None:
-                    file.create_group(name)
-                else:
-                    file[name] = value
-            for member, name, value in attributes:
-                file[member].attrs[name] = value
+            data = file.create_dataset("data", shape, dtype, **options)
+            if written is not None:
+                data[written] = 1
 
     return write
 
 
-def nxtomo(**parts):
+def nxtomo(*, unit="deg", **parts):
     """An entry of six views with their angles in degrees; a part of None is left out."""
     detector = "entry/instrument/detector/"
     angles, size = "entry/sample/rotation_angle", detector + "x_pixel_size"
@@ -82,7 +79,7 @@ def nxtomo(**parts):
         size: parts.pop("size", 1.5),
     } | {detector + name: value for name, value in parts.pop("more", {}).items()}
     there = {name: value for name, value in members.items() if value is not None or name == parts.get("group")}
-    return hdf5(there, [(angles, "units", "deg"), (size, "units", "mm")])
+    return hdf5(there, [(angles, "units", unit)] * (unit is not None) + [(size, "units", "mm")])
 
 
 def exchange(attributes=(), **parts):
@@ -101,29 +98,43 @@ def shuffled_late(path):
         file["data"][()] = VALUES
 
 
+def matlab(members):
+    """HDF5 as MATLAB 7.3 begins it."""
+
+    def write(path):
+        hdf5(members)(path)
+        stored = path.read_bytes()
+        path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384) + stored)
+
+    return write
+
+
+def symbolic_link(path):
+    """An archive whose array is a link to a file beside it."""
+    entry = ZipInfo("data.npy")
+    entry.create_system, entry.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
+    with ZipFile(path, "w") as archive:
+        archive.writestr(entry, "/etc/hostname")
+
+
+OME = (
+    '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" UUID="urn:uuid:1"><Image ID="Image:0"><Pixels '
+    'ID="Pixels:0" DimensionOrder="XYCZT" Type="float" SizeX="8" SizeY="1" SizeC="1" SizeZ="6" SizeT="1">'
+    '<TiffData><UUID FileName="other.tif">urn:uuid:2</UUID></TiffData></Pixels></Image></OME>'
+)
+
+
 def text_in_chunks(path):
     with h5py.File(path, "w") as file:
         text = file.create_dataset("entry/definition", (1,), h5py.string_dtype(), chunks=(1,))
         text[0] = "NXtomo"
 
 
-def tiff(*pages):
+def tiff(*pages, **options):
     def write(path):
         with tifffile.TiffWriter(path) as file:
             for page in pages:
-                file.write(page, contiguous=False, metadata=None)
-
-    return write
-
-
-def zipped(members):
-    def write(path):
-        with ZipFile(path, "w") as archive:
-            for name, content in members.items():
-                stream = io.BytesIO()
-                if isinstance(content, np.ndarray):
-                    tifffile.imwrite(stream, content)
-                archive.writestr(name, stream.getvalue() or content)
+                file.write(page, contiguous=False, metadata=None, **options)
 
     return write
 
@@ -235,7 +246,58 @@ TABLE = {
     "hdf5: shuffled after it was packed": (shuffled_late, {}),
     "zip: named": (zipped({"a.tif": STACK[0]}), {"dataset": "a"}),
     "hdf5: a class of 5 000 letters": (hdf5({"data": VALUES}, [("data", "MATLAB_class", "x" * 5_000)]), {}),
+    "nothing": (raw(b""), {}),
+    "values: NaN": (npy(put((4, 1, 6), np.nan)), {}),
+    "values: beyond float32": (npy(put((2, 0, 3), 1e300)), {}),
+    "values: more than allowed": (npy(VALUES.astype(np.float32)), {"max_bytes": 500}),
+    "angles: none": (npy(VALUES), NO_ANGLES),
+    "angles: 2 given": (npy(VALUES), {"angles": AngleList((0, 1))}),
+    "angles: one given twice": (npy(VALUES), {"angles": AngleList((0, 60, 60, 120, 180, 240))}),
+    "angles: whole turns": (npy(VALUES), {"angles": AngleSteps(0, 360)}),
+    "angles: of both units": (npz(data=VALUES, angles_deg=np.arange(6.0), angles_rad=np.arange(6.0)), NO_ANGLES),
+    "counts: no flats": (npy(VALUES), COUNTS),
+    "npy: cut after a header of 34 GB": (raw(npy_header((8, 1024, 1024, 1024))), {}),
+    "npy: a negative length": (raw(npy_header((-6, 8)) + bytes(192)), {}),
+    "npz: cut after a header of 4 MB": (zipped({"data.npy": npy_header((1000, 1000))}), {}),
+    "npz: objects": (npz(data=np.full((6, 8), None)), {"dataset": "data"}),
+    "nxtomo: flats of line integrals": (nxtomo(image_key=[1] + [0] * 5), NO_ANGLES),
+    "nxtomo: other angles": (nxtomo(), {"angles": AngleSteps(0.5, 60.0)}),
+    "nxtomo: another pitch": (nxtomo(), {"detector_pitch_mm": 2.0}),
+    "nxtomo: angles without a unit": (nxtomo(unit=None), NO_ANGLES),
+    "nxtomo: angles in gon": (nxtomo(unit="gon"), NO_ANGLES),
+    "nxtomo: behind an external link": (hdf5({"entry": h5py.ExternalLink("other.nxs", "/scan_1")}), {}),
+    "nxtomo: data behind an external link": (nxtomo(data=h5py.ExternalLink("other.h5", "/data")), {}),
+    "nxtomo: links in a circle": (nxtomo(data=h5py.SoftLink(BEHIND), more={"b": h5py.SoftLink(STORED)}), {}),
+    "exchange: no angles": (exchange(), NO_ANGLES),
+    "hdf5: data in another file": (created((6, 8), external=[("secret", 0, 192)]), {}),
+    "hdf5: 400 MB that store little": (created((1000, 100, 1000), chunks=(1, 100, 100), written=(0, 0, 0)), {}),
+    "hdf5: 4 TB": (created((10**5, 10**3, 10**4), chunks=(1, 10, 100)), {}),
+    "hdf5: never written": (created((6, 8), chunks=(1, 8)), {}),
+    "hdf5: written in part": (created((6, 3, 8), chunks=(2, 2, 8), written=slice(3)), {}),
+    "hdf5: another filter": (created((6, 3, 8), chunks=(6, 3, 8), scaleoffset=2, written=...), {}),
+    "hdf5: texts": (created((6, 8), h5py.string_dtype()), {"dataset": "data"}),
+    "mat 7.3: behind an external link": (matlab({"data": h5py.ExternalLink("other.h5", "/data")}), {}),
+    "mat: a struct by its name": (mat(scan={"a": 1}), {"dataset": "scan"}),
+    "mat: a field that is not there": (mat(scan={"a": 1}), {"dataset": "scan/b"}),
+    "mat: an array of structs": (
+        mat(scans=np.array([(VALUES,), (VALUES,)], dtype=[("a", object)])),
+        {"dataset": "scans/a"},
+    ),
+    "mat: a struct at depth 9": (mat(s=nested(19)), {"dataset": "s/s/s/s/s/s/s/s/s"}),
+    "mat: a struct at depth 10": (mat(s=nested(19)), {"dataset": "s/s/s/s/s/s/s/s/s/s"}),
+    "mat: 10 001 fields": (mat(scan={f"f{number}": 1 for number in range(10_001)}), {}),
+    "mat: unpacks to more than allowed": (
+        mat(packed=True, scan={"sinogram": VALUES[:, 0], "zeros": np.zeros(2**20), "last": 1}),
+        {"max_bytes": 2**20},
+    ),
+    "tiff: packed by LZMA": (tiff(STACK[0], compression="lzma"), {}),
+    "tiff: OME of pages in another file": (tiff(np.ones((1, 8), np.float32), description=OME), {}),
+    "zip: a symbolic link": (symbolic_link, {}),
+    "zip: unpacks to more than allowed": (zipped({"0.tif": bytes(2**26)}, ZIP_DEFLATED), {"max_bytes": 10**6}),
+    "zip: packed by BZIP2": (zipped({"0.tif": b"x"}, ZIP_BZIP2), {}),
 }
+OUTSIDE = ["../view.tif", "/etc/view.tif", "a/../../view.tif", "..\\view.tif", "C:\\view.tif"]
+TABLE |= {f"zip: {name}": (zipped({name: b""}), {}) for name in OUTSIDE}
 SENTENCES = Path(__file__).with_name("refusals.txt").read_text("utf-8").splitlines()
 
 
@@ -257,8 +319,8 @@ def test_the_sentence(tmp_path, line):
     assert str(tmp_path) not in sentence
 
 
-def read(file, *, counts, dataset, angles):
-    with reading_scan(file, counts=counts, dataset=dataset, angles_deg=angles) as scan:
+def read(file, *, angles, **given):
+    with reading_scan(file, angles_deg=angles, **given) as scan:
         for _ in scan.blocks(2**20):
             pass
 

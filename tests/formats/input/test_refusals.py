@@ -4,28 +4,20 @@ import io
 import struct
 import zlib
 from contextlib import suppress
-from dataclasses import replace
-from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_STORED, ZipFile
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io
 import tifffile
+from scan_files import read_scan
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.angles import AngleList, AngleSteps
-from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.input.angles import AngleSteps
 
 STEPS = AngleSteps(0.0, 60.0)
 BOMB = zlib.compress(bytes(24 * 2**20), 1)
-
-
-def read_scan(path, **given):
-    """A scan with all of its projections in memory."""
-    with reading_scan(path, **given) as scan:
-        (block,) = scan.blocks(2**30)
-        return replace(scan, projections=block.samples)
 
 
 def refused(path, code, sentence, **options):
@@ -45,12 +37,6 @@ def write_npy(file, stack):
     with file.open("wb") as stream:
         np.save(stream, stack)
     return file
-
-
-def npy_header(shape, descr="<f4"):
-    stream = io.BytesIO()
-    np.lib.format.write_array_header_1_0(stream, {"descr": descr, "fortran_order": False, "shape": shape})
-    return stream.getvalue()
 
 
 def saved(write, *arguments, **named):
@@ -78,10 +64,6 @@ def zipped(stack):
 
 
 class TestAnyFile:
-    def test_empty(self, file):
-        file.write_bytes(b"")
-        refused(file, "empty-file", "the file is empty; upload it again")
-
     @pytest.mark.parametrize(
         "head", [b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"II*\0", b"\x93NUMPY", b"\0" * 124 + b"\0\1IM"]
     )
@@ -144,63 +126,6 @@ class TestAnyFile:
 
 
 class TestScan:
-    def test_not_a_number_is_named_by_its_place(self, file, stack):
-        stack[4, 1, 6] = np.nan
-        refused(
-            write_npy(file, stack), "not-finite", "view 4, row 1, cell 6 is nan; every value must be a finite number"
-        )
-
-    def test_beyond_single_precision(self, file, stack):
-        large = stack.astype(np.float64)
-        large[2, 0, 3] = 1e300
-        refused(write_npy(file, large), "not-finite", "view 2, row 0, cell 3 is inf")
-
-    def test_angles_missing(self, file, stack):
-        refused(
-            write_npy(file, stack),
-            "angles-missing",
-            r"carries no angles; give the angles as START:STEP in degrees, as in 0.5:1, .* --angles-deg",
-            angles_deg=None,
-        )
-
-    def test_angles_of_another_number(self, file, stack):
-        refused(
-            write_npy(file, stack), "angles-mismatch", "2 angles were given for 6 views", angles_deg=AngleList((0, 1))
-        )
-
-    def test_scanner_that_stands_still(self, file, stack):
-        angles = AngleList((0, 60, 60, 120, 180, 240))
-        refused(
-            write_npy(file, stack),
-            "angles-repeated",
-            r"views 1 and 2 have the same direction \(60 deg",
-            angles_deg=angles,
-        )
-
-    def test_whole_turns_as_steps(self, file, stack):
-        refused(write_npy(file, stack), "angles-repeated", "the same direction", angles_deg=AngleSteps(0, 360))
-
-    def test_counts_without_flats(self, file, stack):
-        refused(
-            write_npy(file, stack),
-            "flats-missing",
-            "need at least one flat field: images with image_key 1",
-            counts=True,
-        )
-
-    def test_line_integrals_with_flats(self, nxtomo):
-        refused(nxtomo(), "contradiction", "declared line integrals but the file carries flat", angles_deg=None)
-
-    def test_angles_that_contradict_the_file(self, nxtomo):
-        refused(nxtomo(), "contradiction", "view 0 is at 0.5 degrees and the angles given say 0", counts=True)
-
-    def test_pitch_that_contradicts_the_file(self, nxtomo):
-        options = {"counts": True, "angles_deg": None, "detector_pitch_mm": 2.0}
-        refused(nxtomo(), "contradiction", "detector_pitch_mm is 1.5 and 2 was given", **options)
-
-    def test_larger_than_allowed(self, file, stack):
-        refused(write_npy(file, stack), "too-large", "needs 576 bytes as float32 and at most 500", max_bytes=500)
-
     def test_more_than_the_free_memory_where_it_is_unpacked_as_a_whole(self, file, stack):
         # (6, 3, 8) values of 4 bytes, twice in memory, and nine tenths of what is free.
         with ZipFile(file.with_suffix(".npz"), "w") as archive:
@@ -251,120 +176,11 @@ class TestHdf5:
         file.write_bytes(whole[: len(whole) // 2])
         refused(file, "truncated-file", "HDF5 file is incomplete or damaged .*truncated file", counts=True)
 
-    def test_external_storage(self, file, tmp_path):
-        secret = tmp_path / "secret"
-        secret.write_bytes(b"s" * 4 * 48)
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", (6, 8), "f4", external=[(str(secret), 0, 4 * 48)])
-        refused(file, "external-storage", "'data' takes its data from other files or datasets")
-
-    def test_external_link_as_entry(self, nxtomo, file):
-        with h5py.File(file, "w") as h5:
-            h5["entry"] = h5py.ExternalLink(str(nxtomo()), "/scan_1")
-        refused(file, "external-storage", "'entry' leads through an external link into another file", counts=True)
-
-    def test_external_link_as_data(self, nxtomo, tmp_path, stack):
-        with h5py.File(tmp_path / "other.h5", "w") as other:
-            other["data"] = stack
-
-        def relink(entry):
-            del entry["instrument/detector/data"]
-            entry["instrument/detector/data"] = h5py.ExternalLink("other.h5", "/data")
-
-        refused(nxtomo(relink), "external-storage", "'instrument/detector/data' leads through an external link")
-
-    def test_virtual_dataset(self, file, tmp_path, stack):
-        with h5py.File(tmp_path / "source.h5", "w") as source:
-            source["data"] = stack
-        layout = h5py.VirtualLayout(stack.shape, "f4")
-        layout[:] = h5py.VirtualSource(str(tmp_path / "source.h5"), "data", stack.shape)
-        with h5py.File(file, "w") as h5:
-            h5.create_virtual_dataset("data", layout)
-        refused(file, "external-storage", "put the data themselves into it")
-
-    def test_soft_links_in_a_circle(self, nxtomo):
-        def relink(entry):
-            del entry["instrument/detector/data"]
-            entry["instrument/detector/data"] = h5py.SoftLink("/scan_1/b")
-            entry["b"] = h5py.SoftLink("/scan_1/instrument/detector/data")
-
-        refused(nxtomo(relink), "unsupported-storage", "links behind .* run in a circle")
-
-    def test_declares_far_more_than_it_stores(self, file):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", (1000, 100, 1000), "f4", chunks=(1, 100, 100))[0, 0, 0] = 1
-        assert file.stat().st_size < 1e5
-        refused(file, "too-large", "'data' declares 400000000 bytes of data while the file stores only 40000")
-
-    def test_declares_more_than_allowed(self, file):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", (10**5, 10**3, 10**4), "f4", chunks=(1, 10, 100))
-        refused(file, "too-large", "'data' needs 4000000000000 bytes as float32 and at most 8589934592 are allowed")
-
-    def test_never_written(self, file):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", (6, 8), "f4", chunks=(1, 8))
-        refused(file, "truncated-file", "'data' was declared and never written")
-
-    def test_half_written(self, file, stack):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", stack.shape, "f4", chunks=(2, 2, 8))[:3] = stack[:3]
-        refused(file, "truncated-file", "'data' was written in part: 4 of its 6 chunks; export the file again")
-
     def test_a_chunk_that_unpacks_to_more_than_it_declares(self, file, stack):
         with h5py.File(file, "w") as h5:
             data = h5.create_dataset("data", data=stack, chunks=(1, 1, 8), compression="gzip")
             data.id.write_direct_chunk((0, 0, 0), BOMB)
         refused(file, "too-large", f"a chunk of 'data' declares 32 bytes of data while the file stores {len(BOMB)} for")
-
-    def test_unknown_filter(self, file, stack):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", data=stack, chunks=stack.shape, scaleoffset=2)
-        refused(file, "unsupported-storage", r"stored with the filter .*\(6\); repack it with gzip")
-
-    def test_objects(self, file):
-        with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", (6, 8), h5py.string_dtype())
-        refused(file, "wrong-type", "'data' is of type object", dataset="data")
-
-    def test_data_exchange_without_theta(self, file, stack):
-        with h5py.File(file, "w") as h5:
-            h5["exchange/data"] = stack
-        refused(file, "angles-missing", "carries no angles; give the angles", angles_deg=None)
-
-    def test_nxtomo_angles_without_units(self, nxtomo):
-        path = nxtomo(angle_units=None)
-        refused(path, "angles-missing", "no units attribute; give the .*--angles-deg", counts=True, angles_deg=None)
-
-    def test_nxtomo_angles_in_an_unknown_unit(self, nxtomo):
-        path = nxtomo(angle_units="gon")
-        refused(path, "angles-missing", "unit 'gon' .* is not a known unit of angle", counts=True, angles_deg=None)
-
-
-class TestNpy:
-    def test_declares_far_more_than_it_holds(self, file):
-        file.write_bytes(npy_header((8, 1024, 1024, 1024)))
-        assert file.stat().st_size == 128
-        refused(file, "truncated-file", "declares 34359738368 bytes of data and the file holds 0")
-
-    def test_negative_shape(self, file):
-        file.write_bytes(npy_header((-6, 8)) + b"\0" * 192)
-        refused(file, "wrong-shape", "no length can be negative")
-
-    def test_npz_whose_member_declares_too_much(self, file):
-        with ZipFile(file, "w") as archive:
-            archive.writestr("data.npy", npy_header((1000, 1000)))
-        refused(file, "truncated-file", "'data' declares 4000000 bytes of data and the file holds 0")
-
-    def test_npz_with_pickles(self, file):
-        with file.open("wb") as stream:
-            np.savez(stream, allow_pickle=True, data=np.full((6, 8), None))
-        refused(file, "wrong-type", "'data' is of type object", dataset="data")
-
-    def test_npz_with_two_kinds_of_angles(self, file, stack):
-        with file.open("wb") as stream:
-            np.savez(stream, data=stack, angles_deg=np.arange(6), angles_rad=np.arange(6))
-        refused(file, "contradiction", "holds angles_deg and angles_rad")
 
 
 class TestZip:
@@ -372,10 +188,6 @@ class TestZip:
         with ZipFile(file, "w", method) as archive:
             archive.writestr(name, data)
         return file
-
-    def test_bomb_by_its_declared_size(self, file):
-        self.pack(file, "view.tif", bytes(64 * 2**20), ZIP_DEFLATED)
-        refused(file, "too-large", "the archive unpacks to 67108864 bytes and at most 1000000", max_bytes=10**6)
 
     def test_bomb_by_its_ratio(self, file):
         self.pack(file, "view.tif", bytes(65 * 2**20), ZIP_DEFLATED)
@@ -388,20 +200,11 @@ class TestZip:
         file.write_bytes(packed)
         refused(file, "broken-file", "ZIP file is incomplete or damaged .*CRC")
 
-    @pytest.mark.parametrize(
-        "name", ["../view.tif", "/etc/view.tif", "a/../../view.tif", "..\\view.tif", "C:\\view.tif"]
-    )
-    def test_names_that_point_outside(self, file, name):
-        refused(self.pack(file, name, b""), "unsafe-archive", "points outside of it; pack plain names")
-
     def test_encrypted(self, file):
         packed = bytearray(self.pack(file, "view.tif", b"x").read_bytes())
         packed[packed.rindex(b"PK\x01\x02") + 8] |= 1
         file.write_bytes(packed)
         refused(file, "unsafe-archive", "'view.tif' is encrypted; pack the archive without a password")
-
-    def test_unusual_packing(self, file):
-        refused(self.pack(file, "view.tif", b"x", ZIP_BZIP2), "unsafe-archive", "packed by method 12; use deflate")
 
 
 class TestTiff:
@@ -417,10 +220,6 @@ class TestTiff:
         file.write_bytes(whole[:fifth])
         refused(file, "truncated-file", "the file ends before its last page; export it again")
 
-    def test_unreadable_compression(self, file):
-        tifffile.imwrite(file, np.ones((8, 8), np.uint16), compression="lzma")
-        refused(file, "unsupported-storage", "is compressed by LZMA; use deflate or no compression")
-
     def test_a_strip_that_unpacks_to_more_than_it_declares(self, file):
         with tifffile.TiffWriter(file) as tiff:
             tiff.write(iter([BOMB]), shape=(6, 8), dtype="f4", compression="zlib", rowsperstrip=6)
@@ -432,34 +231,6 @@ class TestTiff:
 
 
 class TestMat:
-    def test_structure(self, file):
-        scipy.io.savemat(file, {"scan": {"a": 1}}, appendmat=False)
-        refused(file, "wrong-type", "'scan' is a MATLAB struct.* name a field of it by its path", dataset="scan")
-        refused(file, "dataset-missing", r"no array named 'scan/b'; it holds scan \(1, 1\), scan/a", dataset="scan/b")
-
-    def test_an_array_of_structs_is_not_entered(self, file):
-        scans = np.array([(np.ones((6, 8)),), (np.ones((6, 8)),)], dtype=[("a", object)])
-        scipy.io.savemat(file, {"scans": scans}, appendmat=False)
-        refused(file, "dataset-missing", r"no array named 'scans/a'; it holds scans \(1, 2\)$", dataset="scans/a")
-
-    def test_structs_in_structs_are_not_followed_for_ever(self, file):
-        nested = np.ones((6, 8))
-        for _ in range(20):
-            nested = {"s": nested}
-        scipy.io.savemat(file, nested, appendmat=False)
-        refused(file, "wrong-type", "is a MATLAB struct", dataset="/".join("s" * 9))
-        refused(file, "dataset-missing", "no array named", dataset="/".join("s" * 10))
-
-    def test_more_fields_than_are_listed(self, file):
-        scipy.io.savemat(file, {"scan": {f"f{number}": 1 for number in range(10_001)}}, appendmat=False)
-        refused(file, "too-large", "more than 10000 variables and fields")
-
-    def test_unpacks_to_more_than_may_be_read(self, file):
-        fields = {"sinogram": np.ones((6, 8)), "zeros": np.zeros(2**20), "last": 1}
-        scipy.io.savemat(file, {"scan": fields}, appendmat=False, do_compression=True)
-        assert file.stat().st_size < 2**15
-        refused(file, "too-large", "unpacks to more than the 1048576 bytes", max_bytes=2**20)
-
     def test_a_packed_variable_with_a_wrong_checksum(self, file, stack):
         scipy.io.savemat(file, structs(stack), appendmat=False, do_compression=True)
         whole = bytearray(file.read_bytes())

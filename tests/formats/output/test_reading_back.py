@@ -4,12 +4,12 @@ import zlib
 import h5py
 import numpy as np
 import pytest
+from scan_files import new_volume
 
 from sawmill_formats.errors import OutOfRange, UnreadableScan
 from sawmill_formats.output.scan_reader import open_scan, read_stored_scan, sinogram
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_reader import check_volume, side_view, volume_slice, volume_slices
-from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.errors import DamagedResult
 
 
@@ -65,19 +65,8 @@ def volume(tmp_path):
     def write(row_pitch_mm):
         slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
         path = tmp_path / "volume.h5"
-        with new_reconstruction(
-            path,
-            slices.shape,
-            pixel_mm=2.5,
-            row_pitch_mm=row_pitch_mm,
-            unit="1/mm",
-            geometry={},
-            parameters={},
-            software_version="0",
-            input_sha256="0" * 64,
-            centre_mm=(10.0, -20.0),
-            first_slice_mm=60.0,
-        ) as volume_file:
+        places = {"centre_mm": (10.0, -20.0), "first_slice_mm": 60.0}
+        with new_volume(path, slices.shape, pixel_mm=2.5, row_pitch_mm=row_pitch_mm, **places) as volume_file:
             volume_file.write(0, slices[:2])
             volume_file.write(2, slices[2:])
         return path, slices
@@ -118,8 +107,7 @@ def test_a_side_view_of_slices_without_spacing_has_no_length(volume):
 
 def test_a_slice_that_unpacks_to_more_is_refused_and_takes_no_more_memory_than_its_own(tmp_path):
     path, shape = tmp_path / "volume.h5", (1, 64, 64)
-    made = {"pixel_mm": 2.5, "row_pitch_mm": None, "unit": "1/mm", "geometry": {}, "parameters": {}}
-    with new_reconstruction(path, shape, **made, software_version="0", input_sha256="") as volume_file:
+    with new_volume(path, shape) as volume_file:
         volume_file.write(0, np.ones(shape, np.float32))
     volume_slice(path, shape, 0)
     with h5py.File(path, "r+") as file:

@@ -3,8 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-
-from sawmill_formats.output.volume_writer import new_reconstruction
+from scan_files import new_volume
 
 
 @pytest.fixture
@@ -13,19 +12,8 @@ def volume_of(tmp_path, rng):
 
     def write(slices, row_pitch_mm=20.0):
         values = rng.random((slices, 6, 4), dtype=np.float32)
-        with new_reconstruction(
-            tmp_path / "volume.h5",
-            values.shape,
-            pixel_mm=1.5,
-            row_pitch_mm=row_pitch_mm,
-            unit="1/mm",
-            geometry={},
-            parameters={},
-            software_version="0",
-            input_sha256="0",
-            centre_mm=(10.0, -30.0),
-            first_slice_mm=100.0 if row_pitch_mm else 0.0,
-        ) as volume:
+        places = {"centre_mm": (10.0, -30.0), "first_slice_mm": 100.0 if row_pitch_mm else 0.0}
+        with new_volume(tmp_path / "volume.h5", values.shape, row_pitch_mm=row_pitch_mm, **places) as volume:
             volume.write(0, values)
         return h5py.File(tmp_path / "volume.h5")
 

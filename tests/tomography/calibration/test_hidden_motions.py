@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from tests.support.exact_chords import Detector, counted, scan
+from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.faults.effects import EFFECTS
@@ -16,18 +16,17 @@ from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
-from sawmill_tomography.geometry.geometry import SourceFrame, to_vector
+from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary import Adjustment, Scanner
 
-FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
 CELLS, PITCH_MM, R_S, VIEWS = 768, 1.5, 859.46, 20
-ANGLES = np.linspace(0.0, 2.0 * np.pi, VIEWS, endpoint=False)
+ANGLES = full_turn(VIEWS)
 SCANNER = Scanner(R_S, CELLS, PITCH_MM)
-SCANS = 60
+SCANS = 30
 
 
 def calibrated(moved_mm, *, seed, **options):

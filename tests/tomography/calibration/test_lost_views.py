@@ -5,23 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support.exact_chords import Detector, counted, scan
+from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_vocabulary import Adjustment, Rotation, Scanner, SourceFrame
+from sawmill_vocabulary import Adjustment, Rotation, Scanner
 
-FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
 CELLS, PITCH_MM = 256, 4.5
 SCANNER = Scanner(859.46, CELLS, PITCH_MM)
 VIEWS = 60
-
-
-def full_turn(views):
-    return np.linspace(0.0, 2.0 * np.pi, views, endpoint=False)
 
 
 def task(angles_rad, given_rad, *, shown=L_SHAPE, turned_rad=0.0, **options):

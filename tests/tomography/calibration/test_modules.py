@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support.exact_chords import Detector, counted, scan
+from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
@@ -21,16 +21,11 @@ from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
-from sawmill_vocabulary import Adjustment, DetectorModule, GeometryError, Polygon, Rotation, Scanner, SourceFrame
+from sawmill_vocabulary import Adjustment, DetectorModule, GeometryError, Polygon, Rotation, Scanner
 
-FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
 CELLS, PITCH_MM, R_S = 768, 1.5, 859.46
 FOUR = (DetectorModule(192, 0.75, 0.01), DetectorModule(384, 1.5, -0.02), DetectorModule(576, -0.3, 0.015))
 WOOD = [replace(shape, density=0.008) for shape in L_SHAPE.shapes]
-
-
-def full_turn(views):
-    return np.linspace(0.0, 2.0 * np.pi, views, endpoint=False)
 
 
 def scanner(modules=()):

@@ -183,3 +183,26 @@ def test_the_search_for_modules_finds_what_the_test_of_a_module_at_each_cell_fin
     cells = range(FEWEST_CELLS, 70 - FEWEST_CELLS + 1)
     # What the gains take of the stripes is counted to first order.
     assert power(found) > 0.5 * max(map(power, cells))
+
+
+@pytest.mark.parametrize(
+    "steps", [[[Term.GAIN, Term.OFFSET]], [[Term.GAIN], [Term.OFFSET]]], ids=["together", "in turn"]
+)
+@pytest.mark.parametrize("precision", [0.0, 3.0])
+def test_unknowns_of_each_view_are_eliminated_from_its_derivatives(steps, precision):
+    """The derivatives less what those by the view's gain and offset explain of them, in whole arrays."""
+    model = scan(counts=False, effects=False)
+    grams, rows = ViewGrams(model), derivatives(model)[[Term.R, Term.U_C, Term.GAIN, Term.OFFSET]]
+    weighted, rest, power = rows * grams.weights, model.residual - grams.stripes, grams.power
+    of_view = np.einsum("pkm,qkm->kpq", weighted, rows) + np.diag([0.0, 0.0, precision, precision])
+    explained = np.linalg.solve(of_view[:, 2:, 2:], of_view[:, 2:, :2])
+    left = weighted[:2] - np.einsum("kpq,pkm->qkm", explained, weighted[2:])
+    for terms in steps:
+        grams.project_out(terms, precision)
+    system, sums = grams.system([Column.of(Term.R), Column.of(Term.U_C)]), left.sum(axis=1)
+    normal = np.einsum("pkm,qkm->pq", left, rows[:2]) - (sums * grams.stripe_shares) @ sums.T
+    np.testing.assert_allclose(system.normal, normal, rtol=1e-9)
+    np.testing.assert_allclose(system.score, np.einsum("pkm,km->p", left, rest), rtol=1e-9)
+    of_rest = np.einsum("pkm,km->kp", weighted[2:], rest)
+    taken = np.einsum("kp,kp->", of_rest, np.linalg.solve(of_view[:, 2:, 2:], of_rest[..., None])[..., 0])
+    assert grams.power == pytest.approx(power - taken, rel=1e-9)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support.exact_chords import Detector, counted, scan
+from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.joint_fit.patch_densities import variation
@@ -20,9 +20,8 @@ from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_vocabulary import Adjustment, Disc, Polygon, Scanner, SourceFrame
+from sawmill_vocabulary import Adjustment, Disc, Polygon, Scanner
 
-FRAME = SourceFrame(0.3, 917.1, 1619.3, -109.1, -0.083)
 SCANNER = Scanner(859.46, 768, 1.5)
 WOOD = 0.006
 CORNERS = np.array(L_SHAPE.shapes[0].vertices_mm)
@@ -41,10 +40,6 @@ CORE, UNDER_SKIN = (
     )
     for d in (12.0, 3.0)
 )
-
-
-def full_turn(views):
-    return np.linspace(0.0, 2.0 * np.pi, views, endpoint=False)
 
 
 def bent(corners, x_mm, y_mm, *, turned=False):

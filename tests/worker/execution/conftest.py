@@ -30,7 +30,6 @@ from sawmill_vocabulary import DataKind
 from sawmill_worker.program import MILL
 
 HERE = Path(__file__).parent
-WITHOUT_KERNELS = "from sawmill_worker import attempt; attempt.running.warm_up = lambda: None; attempt.main()"
 
 
 @pytest.fixture
@@ -215,21 +214,6 @@ def starter(settings: ExecutionSettings, attempts: Callable[..., Starter]) -> St
 @pytest.fixture
 def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, starter: Starter) -> Iterator[Runner]:
     made = Runner(store, settings, stop, attempts=starter)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def reader(
-    store: Store,
-    settings: ExecutionSettings,
-    stop: threading.Event,
-    own_templates: None,  # noqa: ARG001 - what it logs is read
-    attempts: Callable[..., Starter],
-) -> Iterator[Runner]:
-    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
-    by_default = settings.model_copy(update={"memory_limit_bytes": None})
-    made = Runner(store, by_default, stop, attempts=attempts(by_default, [sys.executable, "-c", WITHOUT_KERNELS]))
     yield made
     made.close()
 

@@ -176,7 +176,6 @@ def end_by(number: signal.Signals) -> Callable[[Attempt], dict[str, Any]]:
         os.kill(os.getpid(), number)
         return {}
 
-    behaviour.__name__ = f"end_by_{number.name.lower()}"
     return behaviour
 
 
@@ -363,52 +362,12 @@ def answer_nonsense(_: Attempt) -> dict[str, Any]:
     return {"format": "NPZ", "surprise": 1}
 
 
-BEHAVIOURS = {
-    behaviour.__name__.replace("_", "-"): behaviour
-    for behaviour in (
-        succeed,
-        refuse,
-        quote_a_nul,
-        stumble,
-        wait_for_leave,
-        work_on_and_die,
-        keep_and_succeed,
-        write_a_volume,
-        leave_more,
-        name_the_database,
-        leave_an_endless_file,
-        blunder,
-        crash_on_a_full_disk,
-        fill_the_disk,
-        eat_memory,
-        talk,
-        hang,
-        loop,
-        hang_once,
-        repeat,
-        freeze,
-        creep,
-        pause,
-        answer_nonsense,
-        answer_and_stay,
-        name_a_file_outside,
-        keep_a_folder,
-        keep_behind_a_file,
-        miss_its_folder,
-        miss_its_file,
-        miss_something_else,
-        break_off,
-        never_end_its_line,
-        say_too_much,
-        burn,
-        write_much,
-        share_memory,
-        open_many,
-        start_a_thread,
-        tell_limits,
-        tell_all,
-        *map(end_by, (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGKILL)),
-    )
+SIGNALS = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGKILL)
+# By their names with hyphens: what takes an attempt and gives an answer.
+BEHAVIOURS = {f"end-by-{number.name.lower()}": end_by(number) for number in SIGNALS} | {
+    name.replace("_", "-"): each
+    for name, each in list(globals().items())
+    if list(getattr(each, "__annotations__", {}).values()) == [Attempt, dict[str, Any]]
 }
 
 

@@ -268,21 +268,6 @@ def test_a_forking_pool_is_refused(storage, on_redis, pool):
         engine.start(SimpleNamespace(pool_cls=get_implementation(pool)))
 
 
-@pytest.mark.nightly
-def test_the_refusal_of_a_forking_pool_ends_the_worker(storage, on_redis):
-    answer = subprocess.run(
-        [*CELERY, "worker", "--pool", "processes"],
-        cwd=HERE,
-        env=environment_with(storage, on_redis),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert answer.returncode == 1
-    assert "use the threads or the solo pool" in answer.stderr
-
-
 def test_a_misspelt_setting_is_refused(capsys, monkeypatch):
     monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://127.0.0.1:1/0")
     monkeypatch.setenv("SAWMILL_LEASE", "30")

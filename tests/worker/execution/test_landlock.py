@@ -67,3 +67,30 @@ def test_a_kernel_without_landlock_lets_jobs_run(tmp_path):
     tmp_path.chmod(0o777)
     subprocess.run([sys.executable, "-c", WITHOUT_LANDLOCK, str(tmp_path)], check=True, timeout=60)
     assert (tmp_path / "result").exists()
+
+
+CONFINED = """
+import sys
+from contextlib import suppress
+from pathlib import Path
+from sawmill_platform.confinement.landlock import confine
+
+readable, held, writable = (Path(sys.argv[1]) / name for name in ("readable", "held", "writable"))
+confine([readable], [writable], held=[held])
+for folder in (readable, held):
+    assert (folder / "file").read_text() == "as it was"
+    for change in (lambda file: file.write_text("changed"), Path.unlink, lambda file: file.with_name("more").touch()):
+        with suppress(PermissionError):
+            change(folder / "file")
+(writable / "file").write_text("changed")
+"""
+
+
+@pytest.mark.skipif(landlock.version() == 0, reason="the kernel has no Landlock")
+def test_what_may_be_read_may_not_be_changed(tmp_path):
+    for name in ("readable", "held", "writable"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "file").write_text("as it was")
+    subprocess.run([sys.executable, "-c", CONFINED, str(tmp_path)], check=True, timeout=60)
+    texts = {str(path.relative_to(tmp_path)): path.read_text() for path in tmp_path.rglob("*") if path.is_file()}
+    assert texts == {"readable/file": "as it was", "held/file": "as it was", "writable/file": "changed"}

@@ -20,6 +20,7 @@ from sawmill_vocabulary import Disc, Theta
 pytestmark = pytest.mark.slow
 
 
+THETA = Theta(0.0, 700.0, 0.0, 0.0, 0.0)
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
     name="Line 2",
@@ -55,9 +56,7 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
 
 
 def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, start):
-    five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
-    theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
-    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
+    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
     runner = start()
     for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
         body = PhantomDrawing(name=f"end-by-{crash.lower()}", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
@@ -69,10 +68,8 @@ def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, s
 
 
 def test_a_job_whose_phantom_was_deleted_meanwhile_is_refused(store, start):
-    five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
-    theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
     phantom = store.phantoms.create(PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)]))
-    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
+    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
     plan = store.plans.accept(ask, given={"phantom_id": phantom.id})
     store.phantoms.delete(phantom.id)
     assert start().run_next() is JobState.FAILED

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import results
 from damaged_files import DAMAGES
+from scan_files import new_volume
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import PICTURE_PX, ScanPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.errors import InvalidOutput
 from sawmill_store.subjects.outputs import check_file, output_file
 
@@ -32,9 +32,7 @@ def given(store, queue):
 def output(tmp_path):
     folder = tmp_path / "data" / "attempts" / "one"
     folder.mkdir()
-    made = {"pixel_mm": 1.0, "row_pitch_mm": None, "unit": "1/mm", "geometry": {}, "parameters": {}}
-    about = {"software_version": "0", "input_sha256": ""}
-    with new_reconstruction(folder / "volume.h5", SHAPE, **made, **about) as volume:
+    with new_volume(folder / "volume.h5", SHAPE) as volume:
         volume.write(0, np.random.default_rng(1).random(SHAPE, np.float32))
     return folder
 

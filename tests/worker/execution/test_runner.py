@@ -267,31 +267,19 @@ def test_checkpoints_that_are_not_there_are_passed_over_and_what_stands_there_is
     assert "scan.h5 is due" in failure.detail
 
 
-class FullDisk(Jobs):
-    """Jobs on a disk that is full when the first of these are to be written."""
+def full_disk_at(**first):
+    """Jobs on a disk that is full when the first of these calls are to be written."""
 
-    claims = heartbeats = successes = failures = 0
+    def refused(name):
+        def call(jobs, *arguments, **options):
+            if first[name]:
+                first[name] -= 1
+                raise StorageFull("the disk is full")
+            return getattr(Jobs, name)(jobs, *arguments, **options)
 
-    def refuse(self, what):
-        if (left := getattr(self, what)) > 0:
-            setattr(self, what, left - 1)
-            raise StorageFull("the disk is full")
+        return call
 
-    def claim(self, *arguments):
-        self.refuse("claims")
-        return super().claim(*arguments)
-
-    def heartbeat(self, *arguments):
-        self.refuse("heartbeats")
-        return super().heartbeat(*arguments)
-
-    def succeed(self, *arguments, **options):
-        self.refuse("successes")
-        super().succeed(*arguments, **options)
-
-    def fail(self, *arguments, **options):
-        self.refuse("failures")
-        return super().fail(*arguments, **options)
+    return type("FullDisk", (Jobs,), {name: refused(name) for name in first})
 
 
 @pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
@@ -310,10 +298,7 @@ def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, st
 
 
 def test_an_end_that_a_full_disk_keeps_from_being_written_is_written_later(store, start, store_with, queue):
-    class FullEnds(FullDisk):
-        successes, failures = 1, 2
-
-    job, runner = queue("succeed"), start(on=store_with(FullEnds))
+    job, runner = queue("succeed"), start(on=store_with(full_disk_at(succeed=1, fail=2)))
     assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
     assert store.jobs.get(job.id).losses == 0
     assert leftovers(store) == []
@@ -340,12 +325,9 @@ def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_
 
 
 def test_a_worker_outlives_claims_that_cannot_be_written(store, store_with, settings, program, queue, wait_for):
-    class FullClaims(FullDisk):
-        claims = 3
-
     job, stop = queue("succeed"), threading.Event()
     with ThreadPoolExecutor(1) as pool:
-        outcome = pool.submit(run_worker, program, store_with(FullClaims), settings, stop)
+        outcome = pool.submit(run_worker, program, store_with(full_disk_at(claim=3)), settings, stop)
         wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
         stop.set()
         outcome.result(timeout=60)
@@ -355,10 +337,7 @@ def test_a_worker_outlives_claims_that_cannot_be_written(store, store_with, sett
 def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
     store, start, store_with, queue, in_background, wait_for
 ):
-    class FullHeartbeats(FullDisk):
-        heartbeats = 10**6
-
-    job, runner = queue("wait-for-leave"), start(on=store_with(FullHeartbeats))
+    job, runner = queue("wait-for-leave"), start(on=store_with(full_disk_at(heartbeat=10**6)))
     outcome = in_background(runner.run_next)
     wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     store.jobs.request_cancel(job.id)
