@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import pytest
 import results
+from asgi import asynchronous, scope_of
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
@@ -36,6 +37,7 @@ from sawmill_formats.output.calibration_file import write_calibration as write_c
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import JobRow
@@ -50,7 +52,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod
 
-ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16
 SLICES, SIDE = 3, 32
 
@@ -64,18 +65,14 @@ class Client:
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
         async def send() -> httpx.Response:
-            transport = httpx.ASGITransport(self.app)
-            async with httpx.AsyncClient(transport=transport, base_url=ORIGIN, headers=self.headers) as client:
+            async with asynchronous(self.app, **self.headers) as client:
                 return await client.request(method, path, **options)
 
         return asyncio.run(send())
 
     def follow(self, path: str, heard: Callable[[str], object]) -> str:
         """Read a stream to its end, and show each block in a thread as it comes: the stream goes on after that."""
-        url, blocks = httpx.URL(ORIGIN, path=path), list[str]()
-        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
-        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": b"", "scheme": url.scheme}
-        scope |= {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+        blocks = list[str]()
         asked = [{"type": "http.request", "body": b"", "more_body": False}]
 
         async def receive() -> dict[str, Any]:
@@ -86,8 +83,14 @@ class Client:
                 blocks.append(block)
                 await asyncio.to_thread(heard, block)
 
-        asyncio.run(asyncio.wait_for(self.app(scope, receive, send), 60))
+        asyncio.run(asyncio.wait_for(self.app(scope_of(path), receive, send), 60))
         return "\n\n".join([*blocks, ""])
+
+    def bring(self, scope: Scope, *, name: str = "visitor", **changes: Any) -> NewKey:
+        """Make a key, and bring it from now on."""
+        key = self.app.state.store.keys.create(KeyAsk(name=name, scope=scope, **changes))
+        self.headers["Authorization"] = f"Bearer {key.secret}"
+        return key
 
     def get(self, path: str, **options: Any) -> httpx.Response:
         return self.request("GET", path, **options)

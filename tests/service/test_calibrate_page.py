@@ -7,7 +7,6 @@ from html import unescape
 import pytest
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.scanners import ScannerAsk
@@ -295,11 +294,6 @@ def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, w
     assert "Your key may only look" in shown(seeded.get("/calibrate", headers=asked[Scope.READ]))
     refused = seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ])
     assert refused.status_code == 403
-
-
-def test_a_calibration_of_a_deleted_scan_is_shown(seeded, store):
-    store.calibrations.accept(CalibrationAsk(scan_id="example"))
-    assert seeded.get("/calibrate?calibration=example").status_code == 200
 
 
 def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, woken):

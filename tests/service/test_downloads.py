@@ -7,8 +7,8 @@ from base64 import b64encode
 from collections import defaultdict
 from threading import Event
 
-import httpx
 import pytest
+from asgi import asynchronous
 from documented import check_documented
 
 from sawmill_contracts import job_kinds
@@ -109,11 +109,6 @@ class SlowResults(VerifiedResults):
             self.begun.set()
             assert self.go_on.wait(60)
         return super().digest(path)
-
-
-def asynchronous(app):
-    transport = httpx.ASGITransport(app)
-    return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60)
 
 
 @pytest.mark.usefixtures("seeded")

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Sequence
 
 import pytest
+from asgi import scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -150,17 +151,6 @@ def test_a_wait_ends_when_the_service_stops(seeded, job_id):
 def test_a_wait_ends_when_the_client_goes(seeded, job_id):
     """Else clients that gave up would hold the places of those who ask."""
     messages, sent = [{"type": "http.disconnect"}, {"type": "http.request", "body": b""}], []
-    scope = {
-        "type": "http",
-        "http_version": "1.1",
-        "method": "GET",
-        "path": f"/v1/jobs/{job_id}",
-        "scheme": "http",
-        "query_string": b"wait=50",
-        "headers": [(b"host", b"127.0.0.1")],
-        "client": ("127.0.0.1", 50000),
-        "server": ("127.0.0.1", 80),
-    }
 
     async def receive():
         return messages.pop()
@@ -170,7 +160,7 @@ def test_a_wait_ends_when_the_client_goes(seeded, job_id):
 
     async def ask():
         async with asyncio.timeout(60):
-            await seeded.app(scope, receive, send)
+            await seeded.app(scope_of(f"/v1/jobs/{job_id}?wait=50"), receive, send)
 
     asyncio.run(ask())
     assert messages == []

@@ -5,7 +5,7 @@ from machine_faults import database_away
 from write_lock import write_lock
 
 from sawmill_contracts.declared_kinds import asked_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
 from sawmill_service.http.route_rules import NoKey, Router, RouteRules
@@ -17,15 +17,8 @@ BEHIND = ServiceSettings(public_url="https://calibration.mill.example", trusted_
 
 @pytest.fixture
 def keyed(seeded, store):
-    """A client of a service behind a proxy, and a function that gives it a key of a scope."""
+    """A client of a service behind a proxy."""
     seeded.app = create_app(BEHIND, store, print)
-
-    def with_key(scope, **changes):
-        key = store.keys.create(KeyAsk(name=f"somebody who may {scope}", scope=scope, **changes))
-        seeded.headers = {"Authorization": f"Bearer {key.secret}"}
-        return key
-
-    seeded.with_key = with_key
     return seeded
 
 
@@ -43,7 +36,7 @@ def operations(app):
 
 @pytest.mark.parametrize("scope", list(Scope))
 def test_a_key_may_do_what_its_scope_covers_and_nothing_else(keyed, scope):
-    keyed.with_key(scope)
+    keyed.bring(scope)
     for method, path in operations(keyed.app):
         if path.endswith("/events"):
             continue  # a stream that does not end here
@@ -109,16 +102,16 @@ def test_an_application_with_a_route_without_a_scope_does_not_start(keyed, metho
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
-    keyed.with_key(Scope.SUBMIT)
+    keyed.bring(Scope.SUBMIT)
     ask = {"scan_id": "example", "activate": True}
     assert keyed.post("/v1/calibrations", json=ask).json()["code"] == "scope-too-small"
     assert keyed.post("/v1/calibrations", json=ask | {"activate": False}).status_code == 202
-    keyed.with_key(Scope.ACTIVATE)
+    keyed.bring(Scope.ACTIVATE)
     assert keyed.post("/v1/calibrations", json=ask).status_code == 202
 
 
 def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
-    administrator = keyed.with_key(Scope.ADMIN)
+    administrator = keyed.bring(Scope.ADMIN)
     made = keyed.post("/v1/keys", json={"name": "scanner of line 2", "scope": "submit"})
     assert (made.status_code, made.headers["Cache-Control"]) == (201, "no-store")
     assert made.json()["created_by"] == administrator.name
@@ -139,7 +132,7 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
 
 
 def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
-    key = keyed.with_key(Scope.SUBMIT)
+    key = keyed.bring(Scope.SUBMIT)
     answer = keyed.post("/v1/calibrations", json={"scan_id": "example"})
     asked = answer.json()
     assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
@@ -152,7 +145,7 @@ def test_the_token_stays_the_first_administrator_s_key(keyed, store):
     keyed.app = create_app(ServiceSettings(token=TOKEN), store, print)
     keyed.headers = {"Authorization": f"Bearer {TOKEN}"}
     assert keyed.get("/v1/keys").status_code == 200
-    key = keyed.with_key(Scope.READ)
+    key = keyed.bring(Scope.READ)
     assert keyed.get("/v1/scanners").status_code == 200
     assert keyed.get("/v1/keys").json()["code"] == "scope-too-small"
     assert key.secret not in keyed.get("/v1/keys").text
@@ -217,12 +210,12 @@ def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
 
 
 def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_lines):
-    keyed.with_key(Scope.READ)
+    keyed.bring(Scope.READ)
     with write_lock(store.files.folder / "sawmill.db"):
         assert keyed.get("/v1/scanners").status_code == 200
     assert "use-not-kept" in {line["event"] for line in log_lines()}
 
 
 def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
-    keyed.with_key(Scope.READ)
+    keyed.bring(Scope.READ)
     assert keyed.get("/v1/scanners/").status_code == 404

@@ -8,7 +8,6 @@ from page_text import text_of
 
 import sawmill_service
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
-from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_vocabulary import Disc
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
@@ -138,14 +137,3 @@ def test_a_phantom_in_use_says_so_and_an_unused_one_goes(seeded):
     assert "is built in and stays" in text_of(refused.text.replace("&#39;", "'"))
     assert seeded.post("/phantoms/example-spare/delete").headers["Location"] == "/phantoms"
     assert seeded.get("/phantoms/example-spare").status_code == 404
-
-
-def test_whoever_may_only_look_gets_no_forms(client, store):
-    key = store.keys.create(KeyAsk(name="visitor", scope=Scope.READ))
-    client.headers["Authorization"] = f"Bearer {key.secret}"
-    assert "Your key may only look" in client.get("/phantoms/new").text
-    shown = client.get("/phantoms/l-shape").text
-    assert "Measure it again" not in shown
-    assert "Compute the plan" not in shown
-    assert client.post("/phantoms/preview", json={"shapes": []}).status_code == 403
-    assert client.post("/phantoms/l-shape/delete").status_code == 403

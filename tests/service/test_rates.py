@@ -6,6 +6,7 @@ from typing import Any
 
 import httpx
 import pytest
+from asgi import asynchronous
 from pydantic import SecretStr, ValidationError
 from results import SCANNER_SPEC as SPEC
 
@@ -108,8 +109,7 @@ def all_at_once(app: Any, *requests: tuple[str, str], body: bytes | None = None)
         yield body
 
     async def send() -> list[httpx.Response]:
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=120) as client:
+        async with asynchronous(app) as client:
             open_ = [
                 asyncio.ensure_future(client.request(method, path, content=slow_body())) for method, path in requests
             ]
@@ -178,8 +178,7 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
     state.job_ends = JobEnds(Followed(store.events, 0.01), state.stopping, 0.01)
 
     async def story() -> list[tuple[str, int]]:
-        transport = httpx.ASGITransport(client.app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+        async with asynchronous(client.app) as http:
             waiting = asyncio.create_task(http.get(f"{path}?wait=50"))
             await asyncio.wait_for(begun.wait(), 60)
             queries = ("", "?wait=0", "?wait=0.0", "?wait=-0", "?wait=0e9", "?wait=5", "?wait=x", "?wait=0&wait=5")
@@ -207,8 +206,7 @@ def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_plac
     scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
 
     async def story() -> None:
-        transport = httpx.ASGITransport(client.app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+        async with asynchronous(client.app) as http:
             address = f"/v1/jobs/{scan.job_id}{path}"
             requests = [asyncio.create_task(http.get(address)) for _ in range(most + 1)]
             refused, waiting = await asyncio.wait(requests, timeout=60, return_when=asyncio.FIRST_COMPLETED)
@@ -229,8 +227,7 @@ def test_a_display_finds_a_stream_when_other_keys_have_taken_theirs(limited, sto
     display = store.keys.create(KeyAsk(name="wall", scope=Scope.READ, display=True))
 
     async def story() -> None:
-        transport = httpx.ASGITransport(client.app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+        async with asynchronous(client.app) as http:
 
             def follow(key: NewKey) -> asyncio.Task[httpx.Response]:
                 headers = {"Authorization": f"Bearer {key.secret}"}

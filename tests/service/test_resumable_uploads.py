@@ -77,19 +77,6 @@ def test_a_file_of_another_digest_and_a_page_are_not_kept(seeded):
     assert send_part(seeded, page, 0, b"x", **{"Content-Encoding": "gzip"}).json()["code"] == "unsupported-encoding"
 
 
-@pytest.mark.parametrize(
-    ("given", "status", "code"),
-    [
-        ({"size_bytes": 100_001}, 413, "upload-too-large"),
-        ({"size_bytes": 0}, 422, "invalid-request"),
-        ({"size_bytes": 3, "sha256": "abc"}, 422, "invalid-request"),
-    ],
-)
-def test_what_cannot_become_a_file_is_refused_at_its_beginning(seeded, given, status, code):
-    answer = seeded.post("/v1/uploads", json=given)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-
-
 def test_uploads_need_the_scope_to_submit(seeded, store):
     for scope, status in ((Scope.READ, 403), (Scope.SUBMIT, 201)):
         seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyAsk(name='own', scope=scope)).secret}"

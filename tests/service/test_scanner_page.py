@@ -13,7 +13,6 @@ from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.pages.charts import DRIFT, MOST_MARKS, Span, days_of, drift_chart, range_of, thinned
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
@@ -170,14 +169,6 @@ def test_the_drawing_is_that_of_the_active_calibration_when_the_settings_change(
     assert "859\N{NO-BREAK SPACE}mm" in drawn
     assert "700" not in drawn
     assert "the active calibration was made with 859.460\N{NO-BREAK SPACE}mm from source to turning axis" in page
-
-
-def test_whoever_may_only_look_is_not_sent_to_calibrate(seeded, store):
-    link = "/calibrate?scanner=example"
-    assert link in seeded.get("/scanners/example").text
-    key = store.keys.create(KeyAsk(name="visitor", scope=Scope.READ))
-    seeded.headers["Authorization"] = f"Bearer {key.secret}"
-    assert link not in seeded.get("/scanners/example").text
 
 
 def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):

@@ -3,6 +3,7 @@ import io
 
 import numpy as np
 import pytest
+from asgi import scope_of
 from PIL import Image
 
 from sawmill_service.app import create_app
@@ -57,39 +58,6 @@ def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
     assert seen == ["queued"]
 
 
-@pytest.mark.parametrize(
-    ("query", "status", "code"),
-    [
-        ("scanner_id=nowhere&data=counts", 404, "scanner-not-found"),
-        ("scanner_id=example&data=counts&phantom_id=nothing", 404, "phantom-not-found"),
-        ("scanner_id=example", 422, "invalid-request"),
-        ("scanner_id=example&data=guess", 422, "invalid-request"),
-        ("scanner_id=../etc&data=counts", 422, "invalid-request"),
-        ("scanner_id=example&data=counts&phantom_rows=5:2", 422, "invalid-request"),
-        ("scanner_id=example&data=counts&angle=3", 422, "invalid-request"),
-        ("scanner_id=example&data=counts&align_rows=guess", 422, "invalid-request"),
-        ("scanner_id=example&data=line-integrals&averaged_rows=0", 422, "invalid-request"),
-        ("scanner_id=example&data=line-integrals&averaged_rows=9&align_rows=profile", 422, "invalid-request"),
-    ],
-)
-def test_a_refused_upload_leaves_nothing(seeded, store, woken, query, status, code):
-    answer = seeded.post(f"/v1/scans?{query}", content=b"bytes")
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-    assert leftovers(store) == []
-    assert woken == []
-
-
-def test_an_empty_upload_is_refused(seeded, store):
-    assert seeded.post(UPLOAD, content=b"").json()["code"] == "empty-body"
-    assert leftovers(store) == []
-
-
-def test_a_declared_size_above_the_limit_is_refused_before_a_byte_is_read(seeded, store, settings):
-    answer = seeded.post(UPLOAD, content=bytes(settings.max_upload_bytes + 1))
-    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
-    assert leftovers(store) == []
-
-
 def test_an_undeclared_size_above_the_limit_is_refused_while_it_streams(seeded, store, settings):
     sent = 0
 
@@ -122,19 +90,7 @@ def test_a_client_that_goes_away_leaves_nothing(seeded, store, woken):
     async def send(message):
         sent.append(message)
 
-    scope = {
-        "server": ("127.0.0.1", 8000),
-        "type": "http",
-        "method": "POST",
-        "path": "/v1/scans",
-        "raw_path": b"/v1/scans",
-        "root_path": "",
-        "query_string": b"scanner_id=example&data=counts",
-        "headers": [(b"host", b"127.0.0.1")],
-        "scheme": "http",
-        "http_version": "1.1",
-    }
-    asyncio.run(seeded.app(scope, receive, send))
+    asyncio.run(seeded.app(scope_of(UPLOAD, "POST"), receive, send))
     assert sent == []
     assert leftovers(store) == []
     assert woken == []

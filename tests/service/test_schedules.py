@@ -41,9 +41,5 @@ def test_a_wrong_time_zone_is_a_problem(seeded, zone):
     assert f"as Europe/Helsinki or UTC, not {zone!r}" in answer.json()["detail"]
 
 
-def test_a_schedule_needs_a_scanner(seeded):
-    assert seeded.post("/v1/schedules", json={**SPEC, "scanner_id": "nowhere"}).json()["code"] == "scanner-not-found"
-
-
 def test_schedules_are_listed(seeded):
     assert {item["id"] for item in seeded.get("/v1/schedules").json()["items"]} == {"example", "example-spare"}

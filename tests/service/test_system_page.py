@@ -8,11 +8,7 @@ from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.app import create_app
 from sawmill_service.pages.system.system import ACTIONS
-from sawmill_vocabulary import Theta
 
-NOMINAL = Theta(
-    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
-)
 GIB = 2**30
 
 
@@ -28,7 +24,7 @@ def test_a_service_in_order_says_so(seeded):
 
 
 def test_a_worker_is_shown_with_its_job(seeded, store, worker):
-    store.plans.accept(PlanAsk(scanner_id="example", theta=NOMINAL), given={"phantom_id": "l-shape"})
+    store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
     worker.claim()
     assert "test Plan of a calibration" in text_of(seeded.get("/system").text)
 
@@ -62,9 +58,8 @@ def test_an_administrator_sees_keys_and_the_audit_without_secrets(client, store)
     assert "scanner &lt;2&gt; Revoked" in text_of(client.get("/system/keys", follow_redirects=True).text)
 
 
-def test_nobody_else_does_and_is_told_so(client, store):
-    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.ACTIVATE))
-    client.headers["Authorization"] = f"Bearer {key.secret}"
+def test_nobody_else_does_and_is_told_so(client):
+    client.bring(Scope.ACTIVATE, name="line 2")
     text = text_of(client.get("/system").text)
     assert "Keys and the audit Your key may not see them. A key of the scope “admin” may." in text
     assert "Make a key" not in text
@@ -72,9 +67,8 @@ def test_nobody_else_does_and_is_told_so(client, store):
     assert client.get("/audit").status_code == 403
 
 
-def test_the_audit_answers_who_changed_a_tolerance_and_when(seeded, store):
-    key = store.keys.create(KeyAsk(name="anna", scope=Scope.ADMIN))
-    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+def test_the_audit_answers_who_changed_a_tolerance_and_when(seeded):
+    seeded.bring(Scope.ADMIN, name="anna")
     spec = seeded.get("/v1/scanners/example").json()
     looser = {name: spec[name] for name in ("name", "constants")} | {"tolerances": {"predicted_ray_error_mm": 0.25}}
     seeded.put("/v1/scanners/example", json=looser)
