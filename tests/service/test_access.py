@@ -72,10 +72,11 @@ def test_nothing_else_opens(guarded, brought):
     assert TOKEN not in answer.text
 
 
-def test_the_token_may_come_from_a_file(tmp_path):
+def test_the_token_may_come_from_a_file_and_the_settings_do_not_show_it(tmp_path):
     (tmp_path / "token").write_text(f"{TOKEN}\n")
     settings = ServiceSettings(token_file=tmp_path / "token")
     assert settings.token.get_secret_value() == TOKEN
+    assert not re.search(TOKEN, f"{settings!r}{settings!s}{settings.model_dump()}{settings.model_dump_json()}")
 
 
 @pytest.mark.parametrize(
@@ -92,8 +93,3 @@ def test_a_token_that_cannot_be_is_refused_and_not_shown(given, complaint):
     with pytest.raises(ValidationError, match=complaint) as refused:
         ServiceSettings(**given)
     assert not given.get("token") or given["token"] not in f"{refused.value!s}{refused.value!r}"
-
-
-def test_the_settings_do_not_show_it():
-    settings = ServiceSettings(token=TOKEN)
-    assert not re.search(TOKEN, f"{settings!r}{settings!s}{settings.model_dump()}{settings.model_dump_json()}")

@@ -5,6 +5,7 @@ from dataclasses import replace
 from html import unescape
 
 import pytest
+from results import SCANNER_FORM
 
 from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import InspectionOptions
@@ -72,17 +73,11 @@ def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
     assert inputs(page, "data") == ["counts"]
     assert "What are the numbers?" not in shown(page)
     assert 'name="angles_deg"' not in page.text
-
-
-def test_numbers_without_flat_fields_and_views_without_angles_are_asked_about(seeded, inspect):
     reading = {"shape": {"views": 12, "rows": 4, "detector": 16}}
     page = seeded.get(f"/calibrate?inspection={inspect(reading=reading, missing=[ANGLES])}")
     assert "What are the numbers?" in shown(page)
     assert re.search(r'value="counts" required disabled', page.text)
     assert "A full turn in equal steps is 0:30." in shown(page)
-
-
-def test_the_phantom_of_the_scanner_s_last_scan_is_proposed(seeded, inspect):
     page = seeded.get(f"/calibrate?scanner=example&inspection={inspect()}")
     assert re.search(r'value="example" required checked', page.text)
     assert re.search(r'value="l-shape" required checked', page.text)
@@ -97,11 +92,10 @@ def test_a_scanner_that_is_made_for_a_file_is_filled_from_it_and_then_chosen(see
     form = seeded.get(path)
     assert re.findall(r'value="(1024|1\.1)"', form.text) == ["1024", "1.1"]
     assert shown(form).count("from your file") == 2
-    typed = {"name": "Line 10", "source_to_cor_mm": "", "num_detector_pixels": "1024", "detector_pitch_mm": "1.1"}
-    tolerances = {"ray_error_mm": "0.1", "scale_percent": "0.5", "ray_change_mm": "0.5"}
-    again = seeded.post(path, data={**typed, **tolerances})
+    typed = SCANNER_FORM | {"num_detector_pixels": "1024", "detector_pitch_mm": "1.1"}
+    again = seeded.post(path, data=typed | {"source_to_cor_mm": ""})
     assert (again.status_code, shown(again).count("from your file")) == (422, 2)
-    made = seeded.post(path, data={**typed, **tolerances, "source_to_cor_mm": "1000"})
+    made = seeded.post(path, data=typed | {"source_to_cor_mm": "1000"})
     asked = seeded.get(made.headers["Location"])
     (scanner,) = re.findall(r'name="scanner_id" value="([^"]*)" required checked', asked.text)
     assert f"scanner={scanner}" in made.headers["Location"]

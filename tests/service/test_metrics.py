@@ -35,11 +35,27 @@ def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=kind, code=code, detail="it failed"))
 
 
-def test_counts_stand_at_zero_before_the_first(scrape):
+def test_a_scrape_of_the_examples(scrape):
     assert scrape("sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
     assert scrape("sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
     assert scrape("sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
     assert scrape("sawmill_job_duration_seconds_count", kind="trace-phantom") == 0
+    assert scrape("sawmill_attempts_total", kind="ingest", outcome="succeeded") == 2
+    assert scrape("sawmill_job_duration_seconds_bucket", kind="ingest", le="+Inf") == 2
+    assert scrape("sawmill_job_duration_seconds_sum", kind="ingest") < 60
+    of_scanner = {"scanner": "example"}
+    assert scrape("sawmill_scanner_in_tolerance", **of_scanner) == 1
+    assert scrape("sawmill_scanner_calibration_failed", **of_scanner) == 0
+    for which in ("active", "newest"):
+        assert scrape("sawmill_scanner_ray_error_millimeters", **of_scanner, calibration=which) == 0.02
+        assert scrape("sawmill_scanner_ray_error_upper_95_millimeters", **of_scanner, calibration=which) == 0.04
+    assert scrape("sawmill_scanner_ray_error_tolerance_millimeters", **of_scanner) == 0.1
+    assert scrape("sawmill_scanner_movement_millimeters", **of_scanner, seen_by="drift") == 0.01
+    assert scrape("sawmill_scanner_movement_tolerance_millimeters", **of_scanner) == 0.5
+    assert 0 <= scrape("sawmill_scanner_calibration_age_seconds", **of_scanner) < 3600
+    assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
+    assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
+    assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
 
 
 def test_the_old_count_has_its_old_labels_and_the_new_one_adds_up_to_it(seeded, scrape):
@@ -47,12 +63,6 @@ def test_the_old_count_has_its_old_labels_and_the_new_one_adds_up_to_it(seeded, 
     assert scrape("sawmill_jobs", state="queued") == 1
     assert scrape("sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
     assert scrape("sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
-
-
-def test_ends_of_attempts_are_counted_by_kind(scrape):
-    assert scrape("sawmill_attempts_total", kind="ingest", outcome="succeeded") == 2
-    assert scrape("sawmill_job_duration_seconds_bucket", kind="ingest", le="+Inf") == 2
-    assert scrape("sawmill_job_duration_seconds_sum", kind="ingest") < 60
 
 
 def test_failures_are_counted_by_code_and_unknown_codes_as_one(seeded, store, scrape):
@@ -73,25 +83,6 @@ def test_memory_of_attempts(seeded, store, scrape):
     assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
     assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
     assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
-
-
-def test_a_scanner_in_tolerance(scrape):
-    of_scanner = {"scanner": "example"}
-    assert scrape("sawmill_scanner_in_tolerance", **of_scanner) == 1
-    assert scrape("sawmill_scanner_calibration_failed", **of_scanner) == 0
-    for which in ("active", "newest"):
-        assert scrape("sawmill_scanner_ray_error_millimeters", **of_scanner, calibration=which) == 0.02
-        assert scrape("sawmill_scanner_ray_error_upper_95_millimeters", **of_scanner, calibration=which) == 0.04
-    assert scrape("sawmill_scanner_ray_error_tolerance_millimeters", **of_scanner) == 0.1
-    assert scrape("sawmill_scanner_movement_millimeters", **of_scanner, seen_by="drift") == 0.01
-    assert scrape("sawmill_scanner_movement_tolerance_millimeters", **of_scanner) == 0.5
-    assert 0 <= scrape("sawmill_scanner_calibration_age_seconds", **of_scanner) < 3600
-    assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
-
-
-def test_a_scanner_that_was_never_calibrated_is_neither_in_nor_out(scrape):
-    assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
-    assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
 
 
 def test_a_log_that_shows_movement_turns_the_scanner_red(store, worker, scrape):

@@ -40,10 +40,17 @@ def test_a_theta_that_an_earlier_version_accepted_is_still_listed(seeded, store,
     assert seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"]["theta"]["detector_shift_mm"] == 1e300
 
 
-def test_a_theta_and_a_calibration_contradict_each_other(seeded, theta):
+def test_what_contradicts_itself_is_refused_with_a_sentence(seeded, theta):
     ask = {"scan_id": "example", "theta": theta, "calibration_id": "example"}
     answer = seeded.post("/v1/reconstructions", json=ask)
     assert answer.json()["detail"] == "body is refused: give calibration_id or theta, not both"
+    answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", "alpha": 1.0})
+    assert answer.status_code == 422
+    assert "alpha belongs to method tikhonov, not auto" in answer.json()["detail"]
+    answer = seeded.post("/v1/calibrations", json={"scan_id": "example", "rows": "0:9:2"})
+    assert "rows that are averaged must be A:B, without a step, not '0:9:2'" in answer.json()["detail"]
+    answer = seeded.get("/v1/reconstructions/example/slices/0.png?bits=16&color_map=viridis")
+    assert "bits=16 holds values, in grey; for color_map=viridis ask for bits=8" in answer.json()["detail"]
 
 
 def test_a_sixteen_bit_slice_holds_the_values_of_its_window(seeded, volume):
@@ -75,11 +82,6 @@ def test_a_slice_has_the_colours_and_the_scale_bar_that_were_asked_for(seeded):
     assert (plain.mode, colored.mode) == ("L", "RGB")
     assert np.count_nonzero(np.asarray(plain) != np.asarray(bare)) > 100
     assert (68, 1, 84) in colored.get_flattened_data()  # where viridis begins
-
-
-def test_values_alone_are_grey(seeded):
-    answer = seeded.get("/v1/reconstructions/example/slices/0.png?bits=16&color_map=viridis")
-    assert "bits=16 holds values, in grey; for color_map=viridis ask for bits=8" in answer.json()["detail"]
 
 
 @pytest.mark.parametrize(
@@ -121,12 +123,6 @@ def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
     assert (refused.status_code, refused.json()["code"]) == (409, "no-alpha-curve")
 
 
-def test_an_option_of_another_method_is_a_problem(seeded):
-    answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", "alpha": 1.0})
-    assert answer.status_code == 422
-    assert "alpha belongs to method tikhonov, not auto" in answer.json()["detail"]
-
-
 def test_a_volume_without_side_views_reports_what_to_do(seeded, store):
     with h5py.File(store.files.volume("example"), "r+") as file:
         del file["entry/side_view"]
@@ -149,11 +145,6 @@ def test_a_field_or_rows_that_cannot_be_are_reported(seeded, options, reported):
     answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", **options})
     assert answer.status_code == 422
     assert reported in answer.text.replace("\\u003c", "<")
-
-
-def test_rows_that_are_averaged_have_no_step(seeded):
-    answer = seeded.post("/v1/calibrations", json={"scan_id": "example", "rows": "0:9:2"})
-    assert "rows that are averaged must be A:B, without a step, not '0:9:2'" in answer.json()["detail"]
 
 
 def test_a_volume_that_was_removed_by_hand_is_a_problem(seeded, store):

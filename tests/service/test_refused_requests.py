@@ -80,6 +80,7 @@ READ = [
     ("/v1/reconstructions/nobody/volume.tif", 404, "reconstruction-not-found"),
     ("/v1/reconstructions/nobody/thumbnail.png", 404, "reconstruction-not-found"),
     ("/v1/scans/nobody/thumbnail.png", 404, "scan-not-found"),
+    ("/v1/jobs/nothing/events", 404, "job-not-found"),
 ]
 
 

@@ -96,25 +96,20 @@ def test_a_client_that_goes_away_leaves_nothing(seeded, store, woken):
     assert woken == []
 
 
-def test_scans_are_listed_by_scanner_and_state(seeded):
-    seeded.post(UPLOAD, content=b"x")
+def test_scans_are_listed_and_deleted_with_their_files_unless_a_job_needs_them(seeded, store):
+    path = seeded.post(UPLOAD, content=b"x").headers["Location"]
     assert len(seeded.get("/v1/scans").json()["items"]) == 3
     assert len(seeded.get("/v1/scans?state=ready").json()["items"]) == 2
     assert seeded.get("/v1/scans?scanner_id=example-spare").json()["items"] == []
-
-
-def test_a_deleted_scan_is_gone_with_its_files(seeded, store):
     assert seeded.delete("/v1/scans/example-spare").status_code == 204
     assert seeded.get("/v1/scans/example-spare").status_code == 404
     assert not (store.files.folder / "scans/example-spare").exists()
-
-
-def test_a_scan_that_a_job_needs_cannot_be_deleted(seeded):
-    path = seeded.post(UPLOAD, content=b"x").headers["Location"]
     assert seeded.delete(path).json()["code"] == "scan-in-use"
+    answer = seeded.get(f"{path}/preview")
+    assert (answer.status_code, answer.json()["code"]) == (409, "scan-ingesting")
 
 
-def test_a_sinogram_is_drawn_and_not_drawn_twice(seeded):
+def test_a_sinogram_is_drawn_and_not_drawn_twice_and_the_preview_is_the_middle_row(seeded):
     first = seeded.get("/v1/scans/example/sinogram.png?row=1")
     assert Image.open(io.BytesIO(first.content)).format == "PNG"
     again = seeded.get("/v1/scans/example/sinogram.png?row=1", headers={"If-None-Match": first.headers["ETag"]})
@@ -122,11 +117,7 @@ def test_a_sinogram_is_drawn_and_not_drawn_twice(seeded):
     other = seeded.get("/v1/scans/example/sinogram.png?row=2", headers={"If-None-Match": first.headers["ETag"]})
     assert other.status_code == 200
     assert other.content != first.content
-
-
-def test_the_preview_is_the_middle_row(seeded):
-    middle = seeded.get("/v1/scans/example/sinogram.png?row=2")
-    assert seeded.get("/v1/scans/example/preview").content == middle.content
+    assert seeded.get("/v1/scans/example/preview").content == other.content, "the middle row"
 
 
 @pytest.mark.parametrize("row", ["4", "-1", "one", "99999999999999999999999"])
@@ -134,9 +125,3 @@ def test_a_row_that_is_not_there_is_a_problem(seeded, row):
     answer = seeded.get(f"/v1/scans/example/sinogram.png?row={row}")
     assert answer.status_code == 422
     assert row in answer.json()["detail"]
-
-
-def test_a_scan_that_is_not_read_yet_has_no_picture(seeded):
-    path = seeded.post(UPLOAD, content=b"x").headers["Location"]
-    answer = seeded.get(f"{path}/preview")
-    assert (answer.status_code, answer.json()["code"]) == (409, "scan-ingesting")

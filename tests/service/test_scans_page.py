@@ -191,7 +191,7 @@ def test_a_log_is_renamed_on_its_page(seeded):
     assert seeded.get("/v1/reconstructions/example").json()["name"] is None
 
 
-def test_a_log_s_page_says_how_it_was_made(seeded):
+def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, store):
     answer = seeded.get("/logs/example")
     shown = words(answer)
     for fact in ("Filtered back-projection", "Line &lt;2&gt;", "1.250 mm", "12", "32 x 32"):
@@ -205,9 +205,6 @@ def test_a_log_s_page_says_how_it_was_made(seeded):
     both = seeded.get("/logs/example?beside=example-sparse")
     assert both.text.count("data-volume=") == 2
     assert '<option value="example-sparse" selected data-moment=' in both.text
-
-
-def test_a_log_s_page_has_what_the_method_reports(seeded, store):
     method = {
         "name": "cauchy_map",
         "noise": 0.0123,

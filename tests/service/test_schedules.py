@@ -15,6 +15,7 @@ def test_a_schedule_lives_from_creation_to_deletion(seeded):
     assert seeded.get(f"{path}/runs").json() == []
     assert seeded.delete(path).status_code == 204
     assert seeded.get(path).status_code == 404
+    assert {item["id"] for item in seeded.get("/v1/schedules").json()["items"]} == {"example", "example-spare"}
 
 
 def test_drift_checks_are_scheduled_and_activate_nothing(seeded):
@@ -39,7 +40,3 @@ def test_a_wrong_time_zone_is_a_problem(seeded, zone):
     answer = seeded.post("/v1/schedules", json={**SPEC, "time_zone": zone})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-zone")
     assert f"as Europe/Helsinki or UTC, not {zone!r}" in answer.json()["detail"]
-
-
-def test_schedules_are_listed(seeded):
-    assert {item["id"] for item in seeded.get("/v1/schedules").json()["items"]} == {"example", "example-spare"}

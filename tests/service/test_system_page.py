@@ -12,7 +12,7 @@ from sawmill_service.pages.system.system import ACTIONS
 GIB = 2**30
 
 
-def test_a_service_in_order_says_so(seeded):
+def test_a_service_in_order_says_so_and_a_worker_is_shown_with_its_job(seeded, store, worker):
     text = text_of(seeded.get("/system").text)
     assert "Is it ready? Ready Requests are answered and jobs are done." in text
     assert "SQLite" in text
@@ -21,9 +21,6 @@ def test_a_service_in_order_says_so(seeded):
     assert "This machine's clock agrees with the service's time." in text.replace("&#39;", "'")
     assert "sawmill-calibration" in text
     assert "SAWMILL_MAX_UPLOAD_BYTES 97.7 KiB" in text
-
-
-def test_a_worker_is_shown_with_its_job(seeded, store, worker):
     store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
     worker.claim()
     assert "test Plan of a calibration" in text_of(seeded.get("/system").text)
