@@ -220,6 +220,14 @@ def _another_is_active(store: Store, worker: "FakeWorker") -> None:
     store.calibrations.activate("another", "by hand")
 
 
+@pytest.fixture
+def newer(store: Store, worker: "FakeWorker") -> str:
+    """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
+    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer").id
+    worker.finish_calibration()
+    return identifier
+
+
 @dataclass
 class FakeWorker:
     """Does the oldest job without any science."""

@@ -27,6 +27,8 @@ FILES = {
     f"{LOG}/volume.h5": "attachment",
     f"{LOG}/thumbnail.png": "inline",
     f"{FOUND}/result.h5": "attachment",
+    f"{FOUND}/overlay.png": "inline",
+    "/v1/scans/example/sinogram.png?row=1": "inline",
     "/v1/phantoms/l-shape/drawing.svg": "inline",
     "/v1/scans/example/preview": "inline",
 }

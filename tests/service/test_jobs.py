@@ -96,24 +96,26 @@ def test_uploads_take_a_priority_beside_their_description(seeded, store):
     assert [job.priority for job in jobs] == [Priority.BATCH, Priority.BACKGROUND]
 
 
-@pytest.mark.parametrize("kind", ["jobs", "calibrations"])
-def test_a_wait_ends_with_the_job(seeded, worker, kind):
-    asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()
-    path = f"/v1/{kind}/{asked['job_id' if kind == 'jobs' else 'id']}"
-    threading.Timer(0.3, worker.finish_calibration).start()
+SCAN, PICTURE = "/v1/scans?scanner_id=example&data=counts", "/v1/phantoms/pictures?name=x&width_mm=9"
+
+
+@pytest.mark.parametrize(
+    ("asked", "of_job", "finish", "state"),
+    [
+        ("/v1/calibrations", True, "finish_calibration", "succeeded"),
+        ("/v1/calibrations", False, "finish_calibration", "succeeded"),
+        (SCAN, False, "finish_scan", "ready"),
+        (PICTURE, False, "finish_tracing", "ready"),
+    ],
+)
+def test_a_wait_ends_with_the_job(seeded, worker, asked, of_job, finish, state):
+    sent = {"json": {"scan_id": "example"}} if asked == "/v1/calibrations" else {"content": b"a file"}
+    accepted = seeded.post(asked, **sent)
+    path = f"/v1/jobs/{accepted.json()['job_id']}" if of_job else accepted.headers["Location"]
+    threading.Timer(0.3, getattr(worker, finish)).start()
     answer = seeded.get(f"{path}?wait=50", timeout=60)
-    assert answer.json()["state"] == "succeeded"
+    assert answer.json()["state"] == state
     assert "Retry-After" not in answer.headers
-
-
-def test_a_scan_and_a_phantom_are_waited_for_until_they_are_ready(seeded, worker):
-    query = {"scanner_id": "example", "data": "counts"}
-    scan = seeded.post("/v1/scans", params=query, content=b"scan").json()
-    threading.Timer(0.3, worker.finish_scan).start()
-    assert seeded.get(f"/v1/scans/{scan['id']}?wait=50", timeout=60).json()["state"] == "ready"
-    phantom = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9", content=b"png").json()
-    threading.Timer(0.3, worker.finish_tracing).start()
-    assert seeded.get(f"/v1/phantoms/{phantom['id']}?wait=50", timeout=60).json()["state"] == "ready"
 
 
 def test_what_has_ended_is_not_waited_for(seeded):

@@ -133,7 +133,12 @@ def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
     assert seeded.get("/scanners/nobody/history").status_code == 404
 
 
-def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seeded, store):
+def test_unknown_kinds_of_events_and_deleted_calibrations_are_shown_without_a_link(seeded, store):
+    entry = store.history.page("example").items[0]
+    with store.database.write() as session:
+        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
+        session.add(EventRow(group_id="example", subject_id="example", **later))
+    assert "clock-stepped" in seeded.get(PAGE).text
     with store.database.write() as session:
         for table in (ActivationRow, DriftRow, ReconstructionRow, CalibrationRow):
             session.execute(delete(table))
@@ -142,14 +147,6 @@ def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seed
     assert "(deleted)" in entries
     assert "u_c -209.100" in entries
     assert "/report" not in entries
-
-
-def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
-    entry = store.history.page("example").items[0]
-    with store.database.write() as session:
-        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
-        session.add(EventRow(group_id="example", subject_id="example", **later))
-    assert "clock-stepped" in seeded.get(PAGE).text
 
 
 def movement(days_ago, **changes):

@@ -274,9 +274,7 @@ def test_a_scanner_without_anything_says_what_to_do(seeded):
     assert "Nothing was measured in this time" in page
 
 
-def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, store, worker):
-    newer = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
-    worker.finish_calibration()
+def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, newer):
     assert f"/operator/activate/{newer}" in seeded.get("/scanners/example").text
     back = {"next": "/scanners/example", "reason": "the turntable <was> moved"}
     for identifier in (newer, "example"):

@@ -114,7 +114,7 @@ def test_a_backup_is_named_by_its_instance():
     assert units["sawmill-backup@.timer"]["Timer"]["Persistent"] == ["yes"]
 
 
-def test_its_limits_leave_room_for_the_product_s_own(unit):
+def test_its_limits_leave_room_for_the_product_s_own_and_for_what_confines_attempts(unit):
     service, settings = unit["Service"], ExecutionSettings()
     graces = settings.stop_grace_s + settings.kill_grace_s
     assert float(service["TimeoutStopSec"][0]) > SHUTDOWN_S + graces + 12
@@ -122,10 +122,6 @@ def test_its_limits_leave_room_for_the_product_s_own(unit):
     assert int(hard) == files_needed(MOST_CONNECTIONS)
     (bounds,) = (each for each in ServiceSettings.model_fields["max_connections"].metadata if hasattr(each, "le"))
     assert bounds.le == MOST_CONNECTIONS
-
-
-def test_what_confines_attempts_is_not_taken_from_them(unit):
-    service = unit["Service"]
     allowed = " ".join(service["SystemCallFilter"]).split()
     # In no set of systemd's: without them attempts would run with all rights of the service.
     assert {"landlock_create_ruleset", "landlock_add_rule", "landlock_restrict_self", "seccomp"} < set(allowed)
