@@ -41,11 +41,3 @@ def test_the_console_asks_no_validator_elsewhere(client):
     assert "http" not in script
     assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
     assert client.get("/examples/phantom-scan.npz").json()["code"] == "file-missing"
-
-
-@pytest.mark.parametrize(
-    "path",
-    ["/static/../app.py", "/static/%2e%2e/app.py", "/console/..%2f__init__.py", "/static//etc/passwd", "/static/"],
-)
-def test_nothing_but_the_assets_is_served(client, path):
-    assert client.get(path).status_code == 404

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from asgi import asynchronous, scope_of
+from asgi import asynchronous, blocks, scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -22,15 +22,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
 HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
-
-
-def blocks(text: str) -> list[dict[str, Any]]:
-    """Each event of a stream, its data read; comments under an empty name."""
-    found = []
-    for block in text.strip().split("\n\n"):
-        fields = dict(line.split(": ", 1) for line in block.splitlines())
-        found.append(fields | ({"data": json.loads(fields["data"])} if "data" in fields else {}))
-    return found
 
 
 class WatchedEvents(Events):

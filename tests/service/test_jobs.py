@@ -1,10 +1,9 @@
 import asyncio
-import json
 import threading
 from collections.abc import Sequence
 
 import pytest
-from asgi import scope_of
+from asgi import blocks, scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -17,12 +16,6 @@ from sawmill_vocabulary import Progress
 @pytest.fixture
 def job_id(seeded):
     return seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
-
-
-def events(text: str) -> list[tuple[str, object]]:
-    """(event, data) of each block."""
-    blocks = [dict(line.split(": ", 1) for line in block.splitlines()) for block in text.strip().split("\n\n")]
-    return [(block["event"], json.loads(block["data"])) for block in blocks]
 
 
 def test_jobs_have_their_place_and_are_listed_by_kind_and_state(seeded, job_id):
@@ -38,7 +31,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
 
     def work(block: str) -> None:
         """Change the job once the stream has carried the change before."""
-        [(_, job)] = events(block)
+        [job] = [each["data"] for each in blocks(f"{block}\n\n")]
         if job == "failed":
             return
         known = (job["state"], (job["progress"] or {}).get("fraction"))
@@ -51,12 +44,13 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
             failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom here")
             store.jobs.fail(claims[0], failure)
 
-    seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", work))
-    assert {name for name, _ in seen[:-1]} == {"job"}
-    assert seen[-1] == ("end", "failed")
-    states = [(job["state"], (job["progress"] or {}).get("fraction")) for _, job in seen[:-1]]
+    seen = blocks(seeded.follow(f"/v1/jobs/{job_id}/events", work))
+    assert {each["event"] for each in seen[:-1]} == {"job"}
+    assert (seen[-1]["event"], seen[-1]["data"]) == ("end", "failed")
+    jobs = [each["data"] for each in seen[:-1]]
+    states = [(job["state"], (job["progress"] or {}).get("fraction")) for job in jobs]
     assert [state for state in states if state[0] == "running"][-2:] == [("running", 0.25), ("running", 0.5)]
-    assert seen[-2][1]["failure"]["code"] == "phantom-not-seen"
+    assert jobs[-1]["failure"]["code"] == "phantom-not-seen"
 
 
 def test_a_queued_job_is_cancelled_at_once_and_what_has_ended_stays(seeded, job_id):

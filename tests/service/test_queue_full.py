@@ -106,23 +106,6 @@ def test_each_way_to_ask_is_refused_and_nothing_is_made(full, store, name):
     assert store.events.newest_number() == before
 
 
-@pytest.mark.parametrize("name", WITH_FILE)
-def test_a_file_is_refused_before_a_byte_of_it_is_read(full, name):
-    example = json.loads((REQUESTS / f"{name}.json").read_text())
-
-    async def body():
-        raise AssertionError("the body was read")
-        yield b""
-
-    answer = full.post(
-        example["path"],
-        params=example["query"],
-        headers={"Content-Type": example["media_type"], "Content-Length": "40000"},
-        content=body(),
-    )
-    assert answer.json()["code"] == "queue-full"
-
-
 def test_a_file_that_came_in_parts_waits_for_its_place(full, store):
     file = full.get("/examples/phantom-scan.npz").content
     upload = full.post("/v1/uploads", json={"size_bytes": len(file)})

@@ -32,6 +32,14 @@ def limited(client, store) -> Callable[..., Any]:
 
 
 @pytest.fixture
+def job_id(store) -> str:
+    """The job that reads a scan."""
+    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    return store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9)).job_id
+
+
+@pytest.fixture
 def clock(moved_clock) -> Callable[[float], None]:
     """The library's windows are aligned to multiples of their length: tests begin 1 s after one, and move on."""
     moved_clock(stands_at_s=(now_s := 1_800_000_001.0))
@@ -157,12 +165,9 @@ def test_whoever_is_not_let_in_is_bounded_too(limited):
     assert statuses == [401, 401, 401, 429, 429]
 
 
-def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
+def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, job_id):
     client = limited(max_waits_at_once=1, event_poll_s=0.01)
-    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
-    path, begun = f"/v1/jobs/{scan.job_id}", asyncio.Event()
+    path, begun = f"/v1/jobs/{job_id}", asyncio.Event()
 
     class Followed(EventFeed):
         """Tells when somebody waits for its events."""
@@ -180,7 +185,7 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
             await asyncio.wait_for(begun.wait(), 60)
             queries = ("", "?wait=0", "?wait=0.0", "?wait=-0", "?wait=0e9", "?wait=5", "?wait=x", "?wait=0&wait=5")
             seen = [(query, (await http.get(path + query)).status_code) for query in queries]
-            store.jobs.request_cancel(scan.job_id)
+            store.jobs.request_cancel(job_id)
             assert (await waiting).json()["state"] == "cancelled"
         return seen
 
@@ -195,21 +200,20 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
 @pytest.mark.parametrize(
     ("bounds", "path"), [({"max_streams": 3}, "/events"), ({"max_waits_at_once": 100}, "?wait=50")]
 )
-def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_places(limited, store, bounds, path):
+def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_places(
+    limited, store, job_id, bounds, path
+):
     client = limited(**bounds, event_poll_s=0.01)
     (most,) = bounds.values()
-    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
 
     async def story() -> None:
         async with asynchronous(client.app) as http:
-            address = f"/v1/jobs/{scan.job_id}{path}"
+            address = f"/v1/jobs/{job_id}{path}"
             requests = [asyncio.create_task(http.get(address)) for _ in range(most + 1)]
             refused, waiting = await asyncio.wait(requests, timeout=60, return_when=asyncio.FIRST_COMPLETED)
             assert [task.result().json()["code"] for task in refused] == ["too-many-requests"]
-            assert (await http.get(f"/v1/jobs/{scan.job_id}")).json()["state"] == "queued"
-            store.jobs.request_cancel(scan.job_id)
+            assert (await http.get(f"/v1/jobs/{job_id}")).json()["state"] == "queued"
+            store.jobs.request_cancel(job_id)
             answers = await asyncio.gather(*waiting)
             assert ["cancelled" in answer.text for answer in answers] == [True] * most
             again = await asyncio.gather(*[http.get(address) for _ in range(most)])

@@ -1,5 +1,16 @@
 import pytest
+from results import CONSTANTS
 from results import SCANNER_SPEC as SPEC
+
+BOUNDS = [
+    *(("source_shift_mm", [-1e300, 500]), ("detector_to_cor_mm", [-500, 1000])),
+    *(("detector_tilt", [-1, 1e6]), ("detector_shift_mm", [500, -500])),
+]
+TINY = [
+    ("detector_pitch_mm", 1e-7, "at least 0.001, not 1e-07"),
+    ("row_pitch_mm", 1e-9, "at least 0.001, not 1e-09"),
+    ("source_to_cor_mm", 1e-300, "at least 1, not 1e-300"),
+]
 
 
 def test_a_scanner_lives_from_creation_to_deletion(client):
@@ -47,18 +58,24 @@ def test_a_used_scanner_cannot_be_deleted(seeded):
 
 
 @pytest.mark.parametrize(
-    "bounds",
+    ("changes", "sentence"),
     [
-        {"source_shift_mm": [-1e300, 500]},
-        {"detector_to_cor_mm": [-500, 1000]},
-        {"detector_tilt": [-1, 1e6]},
-        {"detector_shift_mm": [500, -500]},
+        *(({"bounds": {name: bounds}}, f"body.bounds.{name}") for name, bounds in BOUNDS),
+        *(
+            ({"constants": CONSTANTS | {name: value}}, f"constants.{name} must be {words}")
+            for name, value, words in TINY
+        ),
+        *(({"alarms": {"quiet_after_hours": limit}}, "alarms.quiet_after_hours") for limit in (0, -1, 1e6, "often")),
+        *(
+            ({"log_radius_mm": mm}, f"log_radius_mm {mm:g} must be less than constants.source_to_cor_mm 859.46")
+            for mm in (859.46, 1e5)
+        ),
     ],
 )
-def test_bounds_that_no_scanner_has_are_a_problem(client, bounds):
-    answer = client.post("/v1/scanners", json={**SPEC, "bounds": bounds})
+def test_a_scanner_that_nobody_can_build_or_ask_for_is_a_problem(client, changes, sentence):
+    answer = client.post("/v1/scanners", json={**SPEC, **changes})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
-    assert answer.json()["detail"].startswith(f"body.bounds.{next(iter(bounds))}")
+    assert sentence in answer.json()["detail"]
 
 
 def test_measurements_are_listed_newest_first_from_a_time_on(seeded):

@@ -11,6 +11,7 @@ from documented import check_documented
 from results import SCANNER_SPEC as SCANNER
 from write_lock import write_lock
 
+from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.files.upload_stream import STEP_BYTES
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
@@ -53,11 +54,18 @@ def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store, pat
 
 
 @pytest.mark.parametrize("path", [SCANS, "/v1/inspections", PICTURES])
-def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store, path):
-    full = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
+@pytest.mark.parametrize(
+    ("limits", "status", "code"),
+    [({"disk_reserve_bytes": 2**62}, 507, "storage-full"), ({"max_queued_jobs": 1}, 429, "queue-full")],
+)
+def test_what_the_service_has_no_room_for_is_refused_before_a_byte_is_read(
+    seeded, settings, store, path, limits, status, code
+):
+    store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
+    full = Store(store.settings.model_copy(update=limits))
     seeded.app = create_app(settings, full, print)
     answer = seeded.post(path, content=untouchable())
-    assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
     full.close()
 
 

@@ -1,10 +1,20 @@
 """Requests to an application without a network: many in one event loop, or message by message."""
 
+import json
 from typing import Any
 
 import httpx
 
 ORIGIN = "http://127.0.0.1:8000"
+
+
+def blocks(text: str) -> list[dict[str, Any]]:
+    """Each event of a stream that came whole, with its data read; comments under an empty name."""
+    found = []
+    for block in filter(None, text.split("\n\n")[:-1]):
+        fields = dict(line.split(": ", 1) for line in block.splitlines())
+        found.append(fields | ({"data": json.loads(fields["data"])} if "data" in fields else {}))
+    return found
 
 
 def asynchronous(app: Any, **headers: str) -> httpx.AsyncClient:
