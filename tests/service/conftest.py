@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, redirect_stderr
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, partialmethod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -92,17 +92,8 @@ class Client:
         self.headers["Authorization"] = f"Bearer {key.secret}"
         return key
 
-    def get(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("GET", path, **options)
-
-    def post(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("POST", path, **options)
-
-    def put(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("PUT", path, **options)
-
-    def delete(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("DELETE", path, **options)
+    get, post = partialmethod(request, "GET"), partialmethod(request, "POST")
+    put, delete = partialmethod(request, "PUT"), partialmethod(request, "DELETE")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -314,24 +305,12 @@ def seed(store: Store, worker: FakeWorker) -> None:
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     for webhook_id in ("example", "example-spare"):
         store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
-    add_finished_job(store, "example")
+    done = {"kind": job_kinds.CALIBRATE, "state": JobState.SUCCEEDED, "subject_id": "example"}
+    with store.database.write() as session:
+        session.add(JobRow(id="example", created_at=store.database.now(), **done))
     examples = store.files.folder / "examples"
     examples.mkdir()
     np.savez(examples / "phantom-scan.npz", projections=np.ones((3, 1, CELLS), np.float32))
-
-
-def add_finished_job(store: Store, job_id: str) -> None:
-    """A job with an id of our choice."""
-    with store.database.write() as session:
-        session.add(
-            JobRow(
-                id=job_id,
-                created_at=store.database.now(),
-                kind=job_kinds.CALIBRATE,
-                state=JobState.SUCCEEDED,
-                subject_id="example",
-            )
-        )
 
 
 def projections() -> np.ndarray:

@@ -42,14 +42,3 @@ def test_a_moment_that_no_calendar_holds_in_utc_is_refused(seeded, path, moment)
     answer = seeded.get(path + moment)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
     assert "beyond what calendars hold" in answer.json()["detail"]
-
-
-@pytest.mark.parametrize("after", ["9999999999", "999999999999999999"])
-def test_a_number_beyond_any_row_s_is_no_cursor(seeded, after):
-    for path in ("/v1/scanners/example/measurements", "/v1/audit"):
-        assert seeded.get(f"{path}?after={after}").json()["code"] == "invalid-cursor"
-
-
-@pytest.mark.parametrize("path", ["/scans?scanner_id=%00", "/logs?scanner_id=%00", "/scans?after=1.%00"])
-def test_pages_refuse_what_no_id_holds(seeded, path):
-    assert seeded.get(path).status_code == 422

@@ -252,7 +252,7 @@ def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(br
     assert browser.get("/v1/keys/own").json()["scope"] == "read"
 
 
-def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
+def test_a_link_logs_one_display_in_once_until_its_key_ends_and_no_other_secret_is_a_link(browser, store):
     key = key_of(store, Scope.READ, display=True)
     link = store.sessions.invite(key.id)
     assert "Log this display in" in browser.get(f"/login/{link}").text  # and a program that only looks uses nothing up
@@ -267,6 +267,12 @@ def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
     assert browser.get("/v1/keys/own").json()["key_id"] == key.id
     store.keys.revoke(key.id)
     assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk&ended=true"
+    key = key_of(store, Scope.READ, display=True)
+    link = store.sessions.invite(key.id)
+    for secret in (key.secret, store.sessions.open(hash_of(key.secret), lasting=True)):
+        assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
+    for secret in (link, hash_of_link(link)):
+        assert store.sessions.find(secret) is None
 
 
 def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
@@ -278,15 +284,6 @@ def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
     assert secret not in shown.stderr
     assert store.sessions.use_link(link) == hash_of(secret)
     assert "login/" not in CliRunner().invoke(main, command).stderr
-
-
-def test_neither_a_key_nor_a_session_s_secret_is_a_link_nor_a_link_a_session(browser, store):
-    key = key_of(store, Scope.READ, display=True)
-    link = store.sessions.invite(key.id)
-    for secret in (key.secret, store.sessions.open(hash_of(key.secret), lasting=True)):
-        assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
-    for secret in (link, hash_of_link(link)):
-        assert store.sessions.find(secret) is None
 
 
 @pytest.mark.parametrize("end", ["revoked", "rotated", "token changed"])

@@ -81,6 +81,9 @@ READ = [
     ("/v1/reconstructions/nobody/thumbnail.png", 404, "reconstruction-not-found"),
     ("/v1/scans/nobody/thumbnail.png", 404, "scan-not-found"),
     ("/v1/jobs/nothing/events", 404, "job-not-found"),
+    *((f"/v1/scanners/example/measurements?after={digits}", 422, "invalid-cursor") for digits in ("9" * 10, "9" * 18)),
+    *((f"/v1/audit?after={digits}", 422, "invalid-cursor") for digits in ("9" * 10, "9" * 18)),
+    *((path, *WRONG) for path in ("/scans?scanner_id=%00", "/logs?scanner_id=%00", "/scans?after=1.%00")),
 ]
 
 

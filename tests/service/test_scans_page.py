@@ -238,15 +238,7 @@ def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, s
     assert "weight 120 coupling 0.4" in words(seeded.get("/logs/example"))
 
 
-def test_a_log_whose_file_or_scan_is_gone_is_still_described(seeded, store):
-    (store.files.folder / "reconstructions/example/volume.h5").unlink()
-    shown = words(seeded.get("/logs/example"))
-    assert "The file with the slices is not there any more" in shown
-    store.scans.delete("example")
-    assert "deleted" in words(seeded.get("/logs/example-sparse"))
-
-
-def test_a_log_that_failed_or_was_cancelled_says_what_to_do(seeded, store):
+def test_a_log_that_failed_or_whose_file_or_scan_is_gone_is_still_described(seeded, store):
     log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
     store.jobs.request_cancel(log.job_id)
     answer = seeded.get(f"/logs/{log.id}")
@@ -254,6 +246,11 @@ def test_a_log_that_failed_or_was_cancelled_says_what_to_do(seeded, store):
     assert 'href="/scans/example#reconstruct"' in answer.text
     assert seeded.get("/logs/nobody", headers=HTML).status_code == 404
     assert seeded.get("/logs/example?beside=nobody", headers=HTML).status_code == 404
+    (store.files.folder / "reconstructions/example/volume.h5").unlink()
+    shown = words(seeded.get("/logs/example"))
+    assert "The file with the slices is not there any more" in shown
+    store.scans.delete("example")
+    assert "deleted" in words(seeded.get("/logs/example-sparse"))
 
 
 def test_a_calibration_without_an_answer_leads_to_how_far_it_is(seeded, store):

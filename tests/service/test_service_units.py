@@ -173,9 +173,6 @@ def test_units_are_printed_or_written_with_what_follows(tmp_path):
     units = Installation(program()).units()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == units
     assert printed.stdout == "".join(f"# {name}\n{text}\n" for name, text in units.items())
-
-
-def test_a_folder_that_cannot_be_written_to_keeps_nothing():
     assert "The units cannot be written" in install("--to", "/proc", code=1).stderr
 
 

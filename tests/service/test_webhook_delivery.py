@@ -211,13 +211,6 @@ def test_an_endless_body_is_not_read(store, receiver, hook):
     assert receiver.ended.wait(60)  # its connection was closed
 
 
-def test_nobody_listening_is_a_failure(store):
-    hook = store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/"))
-    happen(store)
-    send(store)
-    assert "the connection failed: [Errno 111] " in store.webhooks.get(hook.id).last_failure
-
-
 def test_one_that_hangs_holds_up_no_other(store, receiver, hook):
     receiver.usual = receivers.hanging
     with receiving() as other:
@@ -277,19 +270,24 @@ def test_an_address_that_swallows_everything_leaves_time_for_the_next(store, rec
     assert len(receiver.messages) == 1
 
 
-def test_a_name_that_no_name_server_could_have_is_a_failure_with_its_reason(store):
-    host = f"{'a' * 64}.mill.example"
-    hook = store.webhooks.create(WebhookAsk(url=f"https://{host}/"))
-    happen(store)
-    send(store, WebhookSending(AllowedDestinations([host])))
-    assert store.webhooks.get(hook.id).last_failure == f"the name {host!r} cannot be resolved: it is too long"
+TOO_LONG = f"{'a' * 64}.mill.example"
 
 
-def test_a_destination_that_is_no_longer_allowed_gets_nothing(store, receiver, hook):
+@pytest.mark.parametrize(
+    ("url", "allowed", "reason"),
+    [
+        (None, "127.0.0.2", "lies in no network that is allowed"),
+        ("http://127.0.0.1:9/", "127.0.0.0/8", "the connection failed: [Errno 111] "),
+        (f"https://{TOO_LONG}/", TOO_LONG, f"the name {TOO_LONG!r} cannot be resolved: it is too long"),
+    ],
+    ids=["no longer allowed", "nobody listening", "a name too long"],
+)
+def test_what_cannot_be_reached_is_a_failure_with_its_reason(store, receiver, url, allowed, reason):
+    hook = store.webhooks.create(WebhookAsk(url=url or receiver.url))
     happen(store)
-    send(store, WebhookSending(AllowedDestinations(["127.0.0.2"])))
+    send(store, WebhookSending(AllowedDestinations([allowed])))
     assert receiver.messages == []
-    assert "lies in no network that is allowed" in store.webhooks.get(hook.id).last_failure
+    assert reason in store.webhooks.get(hook.id).last_failure
 
 
 @pytest.mark.usefixtures("without_network")
