@@ -324,11 +324,6 @@ def volume() -> np.ndarray:
     return make_volume()
 
 
-@pytest.fixture
-def theta() -> dict[str, float]:
-    return results.THETA
-
-
 def make_volume() -> np.ndarray:
     """(slices, x, y), rising along x by a step a slice."""
     ramp = np.linspace(0.0, 1.0, SIDE, dtype=np.float32)[None, :, None]
