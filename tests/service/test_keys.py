@@ -1,7 +1,11 @@
-"""Keys over HTTP: what each scope may do, that a secret is shown once, and that behind a proxy nobody goes without."""
+"""The token and keys: what needs one, what each scope may do, and that a secret is shown once or never."""
+
+import re
+from base64 import b64encode
 
 import pytest
 from machine_faults import database_away
+from pydantic import ValidationError
 from write_lock import write_lock
 
 from sawmill_contracts.declared_kinds import asked_kinds
@@ -215,3 +219,88 @@ def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_
 def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
     keyed.bring(Scope.READ)
     assert keyed.get("/v1/scanners/").status_code == 404
+
+
+OPEN = {"/health/live", "/health/ready"}
+PAGES = {"/", "/docs", "/openapi.json", "/static/console.js", "/console/swagger-ui.css", "/no/such/path"}
+
+
+def basic(user: str, password: str) -> str:
+    return f"Basic {b64encode(f'{user}:{password}'.encode()).decode()}"
+
+
+@pytest.fixture
+def guarded(seeded, store, settings):
+    """A client without the token of a service that asks for one."""
+    seeded.app = create_app(ServiceSettings(**settings.model_dump() | {"token": TOKEN}), store, print)
+    return seeded
+
+
+@pytest.mark.slow
+def test_everything_but_health_needs_the_token(guarded):
+    documented = {path.replace("{", "").replace("}", "") for path in guarded.app.openapi()["paths"]}
+    for path in documented | PAGES:
+        for method in ("GET", "POST", "HEAD", "OPTIONS"):
+            answer = guarded.request(method, path)
+            is_open = path in OPEN or (path.startswith("/problems/") and method != "POST")
+            assert (answer.status_code == 401) is not is_open, (method, path, answer.status_code)
+    assert [guarded.get(path).status_code for path in sorted(OPEN)] == [200, 200]
+
+
+@pytest.mark.parametrize(
+    "brought",
+    [f"Bearer {TOKEN}", f"bearer  {TOKEN}", basic("", TOKEN), basic("anybody", TOKEN)],
+    ids=["bearer", "lower-case", "nobody", "anybody"],
+)
+def test_the_token_opens_as_a_bearer_s_and_as_a_password(guarded, brought):
+    guarded.headers = {"Authorization": brought}
+    assert [guarded.get(path).status_code for path in ("/", "/docs", "/v1/scanners", "/metrics")] == [200] * 4
+    assert guarded.post("/v1/calibrations/example/activate").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "brought",
+    [
+        "",
+        TOKEN,
+        "Bearer",
+        f"Bearer {TOKEN}x",
+        f"Bearer {TOKEN[:-1]}",
+        f"Token {TOKEN}",
+        basic(TOKEN, ""),
+        basic("anybody", TOKEN.lower()),
+        "Basic not*base64",
+        "Basic " + b64encode(TOKEN.encode()).decode(),
+        "Bearer \xff\xfe",
+        "Basic \xfc\xfc",
+    ],
+)
+def test_nothing_else_opens(guarded, brought):
+    answer = guarded.get("/v1/scanners", headers={"Authorization": brought.encode("latin-1")})
+    assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert [challenge.split()[0] for challenge in answer.headers.get_list("WWW-Authenticate")] == ["Basic", "Bearer"]
+    assert TOKEN not in answer.text
+
+
+def test_the_token_may_come_from_a_file_and_the_settings_do_not_show_it(tmp_path):
+    (tmp_path / "token").write_text(f"{TOKEN}\n")
+    settings = ServiceSettings(token_file=tmp_path / "token")
+    assert settings.token.get_secret_value() == TOKEN
+    assert not re.search(TOKEN, f"{settings!r}{settings!s}{settings.model_dump()}{settings.model_dump_json()}")
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ({"token": ""}, "at least 32 characters, not 0"),
+        ({"token": TOKEN[:31]}, "at least 32 characters, not 31"),
+        ({"token": "a token with spaces, of enough characters"}, "without spaces"),
+        ({"token": TOKEN, "token_file": "token"}, "SAWMILL_TOKEN or SAWMILL_TOKEN_FILE, not both"),
+        ({"token_file": "no-such-file"}, "SAWMILL_TOKEN_FILE cannot be read: .*'no-such-file'"),
+    ],
+)
+def test_a_token_that_cannot_be_is_refused_and_not_shown(given, complaint):
+    with pytest.raises(ValidationError, match=complaint) as refused:
+        ServiceSettings(**given)
+    assert not given.get("token") or given["token"] not in f"{refused.value!s}{refused.value!r}"

@@ -1,16 +1,20 @@
-"""What every page shares: language, numbers and times, and problems as pages."""
+"""What every page shares: language, numbers and times, problems as pages, and no other host."""
 
 import gettext
 import re
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
+from babel.messages.checkers import checkers
+from babel.messages.frontend import CommandLineInterface
+from babel.messages.pofile import read_po
 from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
 from sawmill_service.pages.frame.formats import Formats
-from sawmill_service.pages.frame.languages import locale_of, preferred_language
+from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, catalogue, locale_of, preferred_language
 from sawmill_service.pages.frame.page_frame import templates
 from sawmill_service.pages.frame.verdicts import shown_questions
 
@@ -144,3 +148,83 @@ def test_a_verdict_shows_both_questions_with_their_limits_as_the_language_writes
     assert "2,4 mm" in finnish
     unknown = verdict("en", predicted_ray_error_mm=None, rays_verdict="watch", limits=None)
     assert "Are the rays right? Not known" in unknown
+
+
+ROOT = Path(__file__).parents[2]
+OTHERS = LANGUAGES.keys() - {ENGLISH}
+
+
+@pytest.fixture(scope="module")
+def texts_of_the_pages(tmp_path_factory):
+    template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
+    folders = (
+        "service/sawmill_service",
+        "worker/sawmill_contracts",
+        "worker/sawmill_mill",
+        "worker/sawmill_vocabulary",
+        "worker/sawmill_worker/pictures",
+    )
+    places = [str(ROOT / folder) for folder in folders]
+    options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
+    CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])
+    with template.open("rb") as file:
+        return {message.id for message in read_po(file) if message.id}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, texts_of_the_pages):
+    stored = catalogue(language)
+    assert {message.id for message in stored if message.id} == texts_of_the_pages, "run make texts"
+    assert not stored.obsolete
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_text_is_translated_with_its_places(language):
+    stored = catalogue(language)
+    for message in stored:
+        forms = [message.string] if isinstance(message.string, str) else message.string
+        assert all(forms), message.id
+        assert not message.fuzzy, message.id
+        if message.id:
+            for check in checkers:
+                check(stored, message)
+
+
+ADDRESS = re.compile(r"""(?:src|href|action)\s*=\s*["']([^"']+)["']""", re.IGNORECASE)
+STYLE_ADDRESS = re.compile(r"""(?:url\(|@import)\s*["']?([^"')\s]+)""", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("page", ["/", "/docs", "/login"])
+def test_a_page_loads_only_what_is_served_here(seeded, page):
+    html = seeded.get(page)
+    assert html.headers["Content-Type"].startswith("text/html")
+    addresses = [
+        address for address in ADDRESS.findall(html.text) if "/activate/" not in address and address != "#content"
+    ]
+    assert addresses
+    for address in addresses:
+        assert re.match(r"/(?!/)", address), f"{page} loads {address}"
+        asset = seeded.get(address)
+        assert asset.status_code == (303 if address == "/look" else 200), address
+        if address.endswith(".css"):
+            assert all(inner.startswith("data:") for inner in STYLE_ADDRESS.findall(asset.text)), address
+
+
+def test_pages_run_no_script_but_files_of_ours(seeded):
+    for page in ("/", "/docs", "/login"):
+        html = seeded.get(page).text
+        assert not re.search(r"<script(?![^>]*\bsrc=)|\son\w+\s*=|javascript:", html), page
+    policy = seeded.get("/docs").headers["Content-Security-Policy"]
+    directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
+    assert directives["default-src"] == "'none'"
+    assert directives["script-src"] == directives["connect-src"] == "'self'"
+    assert "http" not in policy
+
+
+def test_the_console_asks_no_validator_elsewhere(client):
+    script = client.get("/static/console.js").text
+    assert "validatorUrl: null" in script
+    assert "http" not in script
+    assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
+    assert client.get("/examples/phantom-scan.npz").json()["code"] == "file-missing"
