@@ -58,12 +58,6 @@ def test_without_a_scanner_it_leads_to_a_new_one_or_takes_the_file_first(client)
     assert 'type="file"' in page.text
 
 
-def test_a_file_that_is_looked_at_is_followed(seeded, store):
-    received = store.files.receive([b"a scan"], max_bytes=100)
-    inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
-    assert f'data-jobs="{inspection.job_id}"' in seeded.get(f"/calibrate?inspection={inspection.id}").text
-
-
 def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
     page = seeded.get(f"/calibrate?inspection={inspect()}")
     assert "morning <1>.npz" in shown(page)
@@ -193,6 +187,7 @@ def test_answers_about_a_file_that_has_no_result_show_how_far_it_is(seeded, stor
     received = store.files.receive([b"a scan"], max_bytes=100)
     inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
     answers = {"inspection_id": inspection.id}
+    assert f'data-jobs="{inspection.job_id}"' in seeded.get(f"/calibrate?inspection={inspection.id}").text
     assert f'data-jobs="{inspection.job_id}"' in seeded.post(path, data=answers).text
     failed(store, "unreadable", "its end is missing")
     assert "its end is missing" in shown(seeded.post(path, data=answers))

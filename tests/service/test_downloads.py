@@ -68,16 +68,13 @@ def test_a_download_is_known_by_its_bytes(seeded, path):
     assert seeded.get(path, headers={"Range": "bytes=5-3"}).status_code == 400
 
 
-def test_the_contract_is_sent_once_to_who_holds_it(seeded):
+def test_the_contract_and_the_audit_are_sent_once_to_who_holds_them(seeded):
     whole = seeded.get("/openapi.json")
     assert whole.headers["ETag"] == f'"{hashlib.sha256(whole.content).hexdigest()}"'
     assert whole.headers["Content-Type"] == "application/json"
     assert whole.headers["Content-Disposition"] == 'inline; filename="openapi.json"'
     held = seeded.get("/openapi.json", headers={"If-None-Match": whole.headers["ETag"]})
     assert (held.status_code, held.content) == (304, b"")
-
-
-def test_the_audit_is_sent_again_when_there_is_a_new_entry(seeded):
     first = seeded.get("/v1/audit.jsonl")
     assert first.headers["ETag"].startswith('W/"')
     held = {"If-None-Match": first.headers["ETag"]}

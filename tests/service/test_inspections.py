@@ -39,7 +39,7 @@ def test_what_is_missing_has_the_field_that_gives_it(seeded, inspection, worker)
     assert [part["field"] for part in found["result"]["missing"]] == ["data"]
 
 
-def test_an_inspected_file_becomes_scans_without_being_sent_again(seeded, store, inspection):
+def test_an_inspected_file_becomes_scans_or_is_inspected_again_without_being_sent_again(seeded, store, inspection):
     scans = [seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json() for _ in range(2)]
     for scan in scans:
         assert (scan["state"], scan["size_bytes"], scan["sha256"]) == (
@@ -51,9 +51,6 @@ def test_an_inspected_file_becomes_scans_without_being_sent_again(seeded, store,
     # One file with three names: a scan costs no second room on the disk.
     assert store.files.upload(job_kinds.INGEST, scans[0]["id"]).stat().st_nlink == 3
     assert arriving(store) == []
-
-
-def test_a_file_is_inspected_again_with_another_option(seeded, store, inspection):
     again = seeded.post(f"/v1/inspections?inspection_id={inspection['id']}&dataset=other").json()
     assert (again["options"]["dataset"], again["options"]["size_bytes"]) == ("other", len(CONTENT))
     assert store.files.upload(job_kinds.INSPECT, again["id"]).read_bytes() == CONTENT
