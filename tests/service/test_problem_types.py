@@ -110,7 +110,7 @@ def test_every_failure_s_code_has_its_texts():
     assert all(kind.status or kind.failure for kind in problem_types().values())
 
 
-def test_a_problem_leads_to_its_page(client):
+def test_a_problem_leads_to_its_page_which_whoever_was_refused_can_read(client, store):
     problem = client.get("/v1/scanners/nowhere").json()
     assert problem["type"] == "/problems/scanner-not-found"
     kind = client.get(problem["type"]).json()
@@ -120,6 +120,14 @@ def test_a_problem_leads_to_its_page(client):
     listed = client.get("/problems/").json()["items"]
     assert kind in listed
     assert client.get("/problems/invented").json()["code"] == "unknown-path"
+    client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
+    refused = client.get("/v1/scanners")
+    assert refused.status_code == 401
+    assert client.get(refused.json()["type"]).json()["status"] == 401
+    assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
+    store.keys = store.sessions = None
+    wrong = {"Authorization": "Bearer wrong"}
+    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
 
 
 @pytest.mark.parametrize("language", ["en", "fi"])
@@ -136,17 +144,6 @@ def test_each_end_of_a_job_has_a_page_for_technicians_in_their_language(client, 
         assert language == "en" or 'lang="en"' not in content, code
     listed = client.get("/problems", headers=headers, follow_redirects=True).text
     assert all(f'href="{kind.type}"' in listed for kind in problem_types().values())
-
-
-def test_whoever_was_refused_can_read_why(client, store):
-    client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
-    refused = client.get("/v1/scanners")
-    assert refused.status_code == 401
-    assert client.get(refused.json()["type"]).json()["status"] == 401
-    assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
-    store.keys = store.sessions = None
-    wrong = {"Authorization": "Bearer wrong"}
-    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
 
 
 @pytest.mark.parametrize(

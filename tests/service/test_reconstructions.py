@@ -128,16 +128,13 @@ def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
     assert (refused.status_code, refused.json()["code"]) == (409, "no-alpha-curve")
 
 
-def test_a_volume_without_side_views_reports_what_to_do(seeded, store):
+def test_a_volume_without_side_views_or_removed_by_hand_is_a_problem(seeded, store):
     with h5py.File(store.files.volume("example"), "r+") as file:
         del file["entry/side_view"]
     written_by_its_job(store, store.files.folder / "reconstructions/example/volume.h5")
     answer = seeded.get("/v1/reconstructions/example/side.png")
     assert (answer.status_code, answer.json()["code"]) == (409, "no-side-view")
     assert "reconstruct the scan again" in answer.json()["detail"]
-
-
-def test_a_volume_that_was_removed_by_hand_is_a_problem(seeded, store):
     store.files.volume("example").unlink()
     for name in ("volume.h5", "slices/0.png", "mosaic.png", "side.png"):
         answer = seeded.get(f"/v1/reconstructions/example/{name}")

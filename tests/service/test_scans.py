@@ -28,7 +28,9 @@ def test_an_upload_is_kept_as_it_came_and_read_by_a_job(seeded, store, woken):
     assert (store.files.folder / "uploads/scans" / scan["id"] / "original").read_bytes() == content
 
 
-def test_how_a_scan_is_prepared_is_given_at_the_upload(seeded):
+def test_how_a_scan_is_prepared_is_given_at_the_upload_and_the_wake_up_goes_out_after_the_commit(
+    seeded, store, settings
+):
     answer = seeded.post(UPLOAD + "&air=background&rings=sorting&align_rows=profile", content=b"x")
     scan = seeded.get(answer.headers["Location"]).json()
     assert [scan[name] for name in ("air", "faulty_cells", "rings", "align_rows")] == [
@@ -37,6 +39,10 @@ def test_how_a_scan_is_prepared_is_given_at_the_upload(seeded):
         "sorting",
         "profile",
     ]
+    seen = []
+    seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
+    assert seeded.post(UPLOAD, content=b"x").status_code == 202
+    assert seen == ["queued"]
 
 
 def test_the_mean_of_rows_is_sent_as_line_integrals_and_never_as_counts(seeded, store, woken):
@@ -49,13 +55,6 @@ def test_the_mean_of_rows_is_sent_as_line_integrals_and_never_as_counts(seeded, 
     answer = seeded.post(mean + "line-integrals&angles_deg=9:18", content=b"x")
     assert seeded.get(answer.headers["Location"]).json()["averaged_rows"] == 1000
     assert seeded.get("/v1/scans/example").json()["averaged_rows"] is None
-
-
-def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
-    seen = []
-    seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
-    assert seeded.post(UPLOAD, content=b"x").status_code == 202
-    assert seen == ["queued"]
 
 
 def test_an_undeclared_size_above_the_limit_is_refused_while_it_streams(seeded, store, settings):

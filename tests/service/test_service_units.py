@@ -145,22 +145,19 @@ def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
         assert bool(done.returncode) is bool(complaint)
 
 
-def test_places_where_the_service_could_not_start_are_doubted(tmp_path):
-    (closed := tmp_path / "closed").mkdir(mode=0o700)
-    (doubt, *_) = Installation(closed / "bin/sawmill").doubts()
-    assert "is closed to other users" in doubt
-    # PrivateTmp hides it.
-    shown = install("--print", "--data", "/var/tmp/data").stderr  # noqa: S108 - nothing is written there
-    assert "is in a folder that the system empties" in shown
-
-
-def test_a_folder_elsewhere_is_writable_and_awaited_at_the_start(tmp_path):
+def test_folders_elsewhere_are_awaited_and_doubted_where_the_service_could_not_start(tmp_path):
     service = parsed(Installation(program(), Path("/srv/my data")).units()["sawmill.service"])
     assert service["Service"]["ReadWritePaths"] == ['"/srv/my data"']
     assert service["Unit"]["RequiresMountsFor"][0].endswith('"/srv/my data"')
     assert "StateDirectory" not in service["Service"]
     steps = install("--to", tmp_path, "--data", "/srv/my data").stderr
     assert "install --directory --owner=sawmill --mode=700 '/srv/my data'" in steps
+    (closed := tmp_path / "closed").mkdir(mode=0o700)
+    (doubt, *_) = Installation(closed / "bin/sawmill").doubts()
+    assert "is closed to other users" in doubt
+    # PrivateTmp hides it.
+    shown = install("--print", "--data", "/var/tmp/data").stderr  # noqa: S108 - nothing is written there
+    assert "is in a folder that the system empties" in shown
 
 
 def test_units_are_printed_or_written_with_what_follows(tmp_path):
