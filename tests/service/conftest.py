@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, redirect_stderr
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, partialmethod
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import pytest
 import results
+from asgi import asynchronous, scope_of
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
@@ -36,6 +37,7 @@ from sawmill_formats.output.calibration_file import write_calibration as write_c
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.contracts.webhooks import WebhookAsk
 from sawmill_platform.database.tables import JobRow
@@ -50,7 +52,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Disc, ReconstructionMethod
 
-ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16
 SLICES, SIDE = 3, 32
 
@@ -64,18 +65,14 @@ class Client:
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
         async def send() -> httpx.Response:
-            transport = httpx.ASGITransport(self.app)
-            async with httpx.AsyncClient(transport=transport, base_url=ORIGIN, headers=self.headers) as client:
+            async with asynchronous(self.app, **self.headers) as client:
                 return await client.request(method, path, **options)
 
         return asyncio.run(send())
 
     def follow(self, path: str, heard: Callable[[str], object]) -> str:
         """Read a stream to its end, and show each block in a thread as it comes: the stream goes on after that."""
-        url, blocks = httpx.URL(ORIGIN, path=path), list[str]()
-        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
-        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": b"", "scheme": url.scheme}
-        scope |= {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+        blocks = list[str]()
         asked = [{"type": "http.request", "body": b"", "more_body": False}]
 
         async def receive() -> dict[str, Any]:
@@ -86,20 +83,17 @@ class Client:
                 blocks.append(block)
                 await asyncio.to_thread(heard, block)
 
-        asyncio.run(asyncio.wait_for(self.app(scope, receive, send), 60))
+        asyncio.run(asyncio.wait_for(self.app(scope_of(path), receive, send), 60))
         return "\n\n".join([*blocks, ""])
 
-    def get(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("GET", path, **options)
+    def bring(self, scope: Scope, *, name: str = "visitor", **changes: Any) -> NewKey:
+        """Make a key, and bring it from now on."""
+        key = self.app.state.store.keys.create(KeyAsk(name=name, scope=scope, **changes))
+        self.headers["Authorization"] = f"Bearer {key.secret}"
+        return key
 
-    def post(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("POST", path, **options)
-
-    def put(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("PUT", path, **options)
-
-    def delete(self, path: str, **options: Any) -> httpx.Response:
-        return self.request("DELETE", path, **options)
+    get, post = partialmethod(request, "GET"), partialmethod(request, "POST")
+    put, delete = partialmethod(request, "PUT"), partialmethod(request, "DELETE")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -217,6 +211,14 @@ def _another_is_active(store: Store, worker: "FakeWorker") -> None:
     store.calibrations.activate("another", "by hand")
 
 
+@pytest.fixture
+def newer(store: Store, worker: "FakeWorker") -> str:
+    """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
+    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer").id
+    worker.finish_calibration()
+    return identifier
+
+
 @dataclass
 class FakeWorker:
     """Does the oldest job without any science."""
@@ -303,24 +305,12 @@ def seed(store: Store, worker: FakeWorker) -> None:
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     for webhook_id in ("example", "example-spare"):
         store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
-    add_finished_job(store, "example")
+    done = {"kind": job_kinds.CALIBRATE, "state": JobState.SUCCEEDED, "subject_id": "example"}
+    with store.database.write() as session:
+        session.add(JobRow(id="example", created_at=store.database.now(), **done))
     examples = store.files.folder / "examples"
     examples.mkdir()
     np.savez(examples / "phantom-scan.npz", projections=np.ones((3, 1, CELLS), np.float32))
-
-
-def add_finished_job(store: Store, job_id: str) -> None:
-    """A job with an id of our choice."""
-    with store.database.write() as session:
-        session.add(
-            JobRow(
-                id=job_id,
-                created_at=store.database.now(),
-                kind=job_kinds.CALIBRATE,
-                state=JobState.SUCCEEDED,
-                subject_id="example",
-            )
-        )
 
 
 def projections() -> np.ndarray:
@@ -332,11 +322,6 @@ def projections() -> np.ndarray:
 @pytest.fixture
 def volume() -> np.ndarray:
     return make_volume()
-
-
-@pytest.fixture
-def theta() -> dict[str, float]:
-    return results.THETA
 
 
 def make_volume() -> np.ndarray:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from sawmill_command.commands import main
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 
@@ -21,8 +21,7 @@ SCHEDULE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 def anna(seeded, store):
     """A client who brings the key of an administrator."""
     seeded.app = create_app(ServiceSettings(public_url="https://calibration.mill.example"), store, print)
-    seeded.key = store.keys.create(KeyAsk(name="anna", scope=Scope.ADMIN))
-    seeded.headers = {"Authorization": f"Bearer {seeded.key.secret}"}
+    seeded.key = seeded.bring(Scope.ADMIN, name="anna")
     return seeded
 
 

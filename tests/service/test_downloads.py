@@ -7,8 +7,8 @@ from base64 import b64encode
 from collections import defaultdict
 from threading import Event
 
-import httpx
 import pytest
+from asgi import asynchronous
 from documented import check_documented
 
 from sawmill_contracts import job_kinds
@@ -27,6 +27,8 @@ FILES = {
     f"{LOG}/volume.h5": "attachment",
     f"{LOG}/thumbnail.png": "inline",
     f"{FOUND}/result.h5": "attachment",
+    f"{FOUND}/overlay.png": "inline",
+    "/v1/scans/example/sinogram.png?row=1": "inline",
     "/v1/phantoms/l-shape/drawing.svg": "inline",
     "/v1/scans/example/preview": "inline",
 }
@@ -66,16 +68,13 @@ def test_a_download_is_known_by_its_bytes(seeded, path):
     assert seeded.get(path, headers={"Range": "bytes=5-3"}).status_code == 400
 
 
-def test_the_contract_is_sent_once_to_who_holds_it(seeded):
+def test_the_contract_and_the_audit_are_sent_once_to_who_holds_them(seeded):
     whole = seeded.get("/openapi.json")
     assert whole.headers["ETag"] == f'"{hashlib.sha256(whole.content).hexdigest()}"'
     assert whole.headers["Content-Type"] == "application/json"
     assert whole.headers["Content-Disposition"] == 'inline; filename="openapi.json"'
     held = seeded.get("/openapi.json", headers={"If-None-Match": whole.headers["ETag"]})
     assert (held.status_code, held.content) == (304, b"")
-
-
-def test_the_audit_is_sent_again_when_there_is_a_new_entry(seeded):
     first = seeded.get("/v1/audit.jsonl")
     assert first.headers["ETag"].startswith('W/"')
     held = {"If-None-Match": first.headers["ETag"]}
@@ -109,11 +108,6 @@ class SlowResults(VerifiedResults):
             self.begun.set()
             assert self.go_on.wait(60)
         return super().digest(path)
-
-
-def asynchronous(app):
-    transport = httpx.ASGITransport(app)
-    return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60)
 
 
 @pytest.mark.usefixtures("seeded")

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import httpx
 import pytest
+from asgi import asynchronous, blocks, scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -22,15 +22,6 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
 HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
-
-
-def blocks(text: str) -> list[dict[str, Any]]:
-    """Each event of a stream, its data read; comments under an empty name."""
-    found = []
-    for block in text.strip().split("\n\n"):
-        fields = dict(line.split(": ", 1) for line in block.splitlines())
-        found.append(fields | ({"data": json.loads(fields["data"])} if "data" in fields else {}))
-    return found
 
 
 class WatchedEvents(Events):
@@ -302,8 +293,7 @@ def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_noth
     app.state.event_feed = EventFeed(events, 0.05, kept=3)
 
     async def listen() -> list[str]:
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
+        async with asynchronous(app) as client:
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(client.get("/v1/events?after=0")) for _ in range(20)]
                 await asyncio.sleep(1.0)
@@ -336,11 +326,7 @@ def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, wat
                 sending.set()
                 await asyncio.Event().wait()
 
-        url = httpx.URL("http://127.0.0.1:8000", path="/v1/events", query=b"after=0")
-        scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET"}
-        scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": url.query, "scheme": "http"}
-        scope |= {"headers": [(b"host", b"127.0.0.1:8000")], "client": ("127.0.0.1", 9), "server": ("127.0.0.1", 8000)}
-        await asyncio.wait_for(seeded.app(scope, receive, send), 60)
+        await asyncio.wait_for(seeded.app(scope_of("/v1/events?after=0"), receive, send), 60)
 
     asyncio.run(story())
     assert [(line["event"], line["level"]) for line in log_lines()] == [("request", "info")]

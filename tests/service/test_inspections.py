@@ -39,7 +39,7 @@ def test_what_is_missing_has_the_field_that_gives_it(seeded, inspection, worker)
     assert [part["field"] for part in found["result"]["missing"]] == ["data"]
 
 
-def test_an_inspected_file_becomes_scans_without_being_sent_again(seeded, store, inspection):
+def test_an_inspected_file_becomes_scans_or_is_inspected_again_without_being_sent_again(seeded, store, inspection):
     scans = [seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json() for _ in range(2)]
     for scan in scans:
         assert (scan["state"], scan["size_bytes"], scan["sha256"]) == (
@@ -51,36 +51,9 @@ def test_an_inspected_file_becomes_scans_without_being_sent_again(seeded, store,
     # One file with three names: a scan costs no second room on the disk.
     assert store.files.upload(job_kinds.INGEST, scans[0]["id"]).stat().st_nlink == 3
     assert arriving(store) == []
-
-
-def test_a_file_is_inspected_again_with_another_option(seeded, store, inspection):
     again = seeded.post(f"/v1/inspections?inspection_id={inspection['id']}&dataset=other").json()
     assert (again["options"]["dataset"], again["options"]["size_bytes"]) == ("other", len(CONTENT))
     assert store.files.upload(job_kinds.INSPECT, again["id"]).read_bytes() == CONTENT
-
-
-@pytest.mark.parametrize(
-    ("path", "content", "status", "code"),
-    [
-        ("/v1/inspections", b"", 422, "empty-body"),
-        ("/v1/inspections?data=guess", b"x", 422, "invalid-request"),
-        ("/v1/inspections?scanner_id=example", b"x", 422, "invalid-request"),
-        ("/v1/inspections?inspection_id=nothing", b"", 404, "inspection-not-found"),
-        (f"{AS_SCAN}&inspection_id=nothing", b"", 404, "inspection-not-found"),
-        (f"{AS_SCAN}&inspection_id=example", b"x", 422, "two-files"),
-        ("/v1/scans?scanner_id=nowhere&data=counts&inspection_id=example", b"", 404, "scanner-not-found"),
-    ],
-)
-def test_what_is_refused_leaves_nothing(seeded, store, woken, path, content, status, code):
-    answer = seeded.post(path, content=content)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-    assert (arriving(store), woken) == ([], [])
-    assert store.files.upload(job_kinds.INSPECT, "example").read_bytes() == b"original"
-
-
-def test_a_file_above_the_limit_of_scans_is_refused_before_a_byte_is_read(seeded, settings):
-    answer = seeded.post("/v1/inspections", content=bytes(settings.max_upload_bytes + 1))
-    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
 
 
 def test_a_deleted_inspection_leaves_the_scan_its_file(seeded, store, inspection, worker):

@@ -1,10 +1,10 @@
 """Streams of a job that are cut and begin anew: no state is missed, and the end comes once."""
 
-import json
 import threading
 from collections.abc import Callable
 
 import pytest
+from asgi import blocks
 from machine_faults import database_away
 
 from sawmill_platform.contracts.jobs import Job, JobState
@@ -17,12 +17,6 @@ from sawmill_vocabulary import Progress
 @pytest.fixture
 def job_id(seeded) -> str:
     return seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
-
-
-def blocks(text: str) -> list[dict[str, str]]:
-    """Each event that came whole, field by field."""
-    whole = [block for block in text.split("\n\n")[:-1] if block]
-    return [dict(line.split(": ", 1) for line in block.splitlines()) for block in whole]
 
 
 @pytest.fixture
@@ -76,7 +70,7 @@ def test_wherever_a_stream_is_cut_the_final_state_comes_and_the_end_once(worker,
         heard += blocks(again[last_id])
         assert [block["event"] for block in heard].count("end") == 1, cut
         assert heard[-1]["event"] == "end", cut
-        final = [json.loads(block["data"]) for block in heard if block["event"] == "job"][-1]
+        final = [block["data"] for block in heard if block["event"] == "job"][-1]
         assert final["state"] == "succeeded", cut
     assert again[blocks(whole)[-1]["id"]] == ""
 
@@ -88,7 +82,7 @@ def test_a_running_job_is_sent_as_it_is_whatever_the_client_has_seen(seeded, sto
         store.jobs.heartbeat(claim, Progress(fraction=fraction, stage="search"))
         threading.Timer(0.2, seeded.app.state.stopping.begin).start()
         first, *_, closing = blocks(listen(str(store.events.numbers_of_job(claim.job_id).latest)))
-        assert (first["event"], json.loads(first["data"])["progress"]["fraction"]) == ("job", fraction)
+        assert (first["event"], first["data"]["progress"]["fraction"]) == ("job", fraction)
         assert (closing["event"], closing["id"], closing["retry"]) == ("closing", first["id"], "1000")
         stop_and_start()
 

@@ -1,9 +1,9 @@
 import asyncio
-import json
 import threading
 from collections.abc import Sequence
 
 import pytest
+from asgi import blocks, scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
@@ -18,21 +18,12 @@ def job_id(seeded):
     return seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
 
 
-def events(text: str) -> list[tuple[str, object]]:
-    """(event, data) of each block."""
-    blocks = [dict(line.split(": ", 1) for line in block.splitlines()) for block in text.strip().split("\n\n")]
-    return [(block["event"], json.loads(block["data"])) for block in blocks]
-
-
-def test_a_job_reports_its_place_in_the_queue(seeded, job_id):
-    second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
-    assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]
-
-
-def test_jobs_are_listed_by_kind_and_state(seeded, job_id):
+def test_jobs_have_their_place_and_are_listed_by_kind_and_state(seeded, job_id):
     listed = seeded.get("/v1/jobs?kind=calibrate&state=queued").json()["items"]
     assert [job["id"] for job in listed] == [job_id]
     assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
+    second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
+    assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]
 
 
 def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id):
@@ -40,7 +31,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
 
     def work(block: str) -> None:
         """Change the job once the stream has carried the change before."""
-        [(_, job)] = events(block)
+        [job] = [each["data"] for each in blocks(f"{block}\n\n")]
         if job == "failed":
             return
         known = (job["state"], (job["progress"] or {}).get("fraction"))
@@ -53,34 +44,27 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
             failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom here")
             store.jobs.fail(claims[0], failure)
 
-    seen = events(seeded.follow(f"/v1/jobs/{job_id}/events", work))
-    assert {name for name, _ in seen[:-1]} == {"job"}
-    assert seen[-1] == ("end", "failed")
-    states = [(job["state"], (job["progress"] or {}).get("fraction")) for _, job in seen[:-1]]
+    seen = blocks(seeded.follow(f"/v1/jobs/{job_id}/events", work))
+    assert {each["event"] for each in seen[:-1]} == {"job"}
+    assert (seen[-1]["event"], seen[-1]["data"]) == ("end", "failed")
+    jobs = [each["data"] for each in seen[:-1]]
+    states = [(job["state"], (job["progress"] or {}).get("fraction")) for job in jobs]
     assert [state for state in states if state[0] == "running"][-2:] == [("running", 0.25), ("running", 0.5)]
-    assert seen[-2][1]["failure"]["code"] == "phantom-not-seen"
+    assert jobs[-1]["failure"]["code"] == "phantom-not-seen"
 
 
-def test_the_stream_of_no_job_is_a_problem(seeded):
-    answer = seeded.get("/v1/jobs/nothing/events")
-    assert (answer.status_code, answer.json()["code"]) == (404, "job-not-found")
-
-
-def test_a_queued_job_is_cancelled_at_once(seeded, job_id):
+def test_a_queued_job_is_cancelled_at_once_and_what_has_ended_stays(seeded, job_id):
     answer = seeded.post(f"/v1/jobs/{job_id}/cancel")
     assert answer.json()["state"] == "cancelled"
     assert seeded.get(answer.headers["Location"]).json()["state"] == "cancelled"
+    assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
+    assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404
 
 
 def test_a_running_job_is_asked_to_stop(seeded, store, worker, job_id):
     claim = worker.claim()
     assert seeded.post(f"/v1/jobs/{job_id}/cancel").json()["cancel_requested"]
     assert store.jobs.heartbeat(claim)
-
-
-def test_cancelling_what_has_ended_changes_nothing(seeded):
-    assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
-    assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404
 
 
 def test_what_can_wait_says_so_and_comes_after_those_who_wait(seeded, store):
@@ -106,24 +90,26 @@ def test_uploads_take_a_priority_beside_their_description(seeded, store):
     assert [job.priority for job in jobs] == [Priority.BATCH, Priority.BACKGROUND]
 
 
-@pytest.mark.parametrize("kind", ["jobs", "calibrations"])
-def test_a_wait_ends_with_the_job(seeded, worker, kind):
-    asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()
-    path = f"/v1/{kind}/{asked['job_id' if kind == 'jobs' else 'id']}"
-    threading.Timer(0.3, worker.finish_calibration).start()
+SCAN, PICTURE = "/v1/scans?scanner_id=example&data=counts", "/v1/phantoms/pictures?name=x&width_mm=9"
+
+
+@pytest.mark.parametrize(
+    ("asked", "of_job", "finish", "state"),
+    [
+        ("/v1/calibrations", True, "finish_calibration", "succeeded"),
+        ("/v1/calibrations", False, "finish_calibration", "succeeded"),
+        (SCAN, False, "finish_scan", "ready"),
+        (PICTURE, False, "finish_tracing", "ready"),
+    ],
+)
+def test_a_wait_ends_with_the_job(seeded, worker, asked, of_job, finish, state):
+    sent = {"json": {"scan_id": "example"}} if asked == "/v1/calibrations" else {"content": b"a file"}
+    accepted = seeded.post(asked, **sent)
+    path = f"/v1/jobs/{accepted.json()['job_id']}" if of_job else accepted.headers["Location"]
+    threading.Timer(0.3, getattr(worker, finish)).start()
     answer = seeded.get(f"{path}?wait=50", timeout=60)
-    assert answer.json()["state"] == "succeeded"
+    assert answer.json()["state"] == state
     assert "Retry-After" not in answer.headers
-
-
-def test_a_scan_and_a_phantom_are_waited_for_until_they_are_ready(seeded, worker):
-    query = {"scanner_id": "example", "data": "counts"}
-    scan = seeded.post("/v1/scans", params=query, content=b"scan").json()
-    threading.Timer(0.3, worker.finish_scan).start()
-    assert seeded.get(f"/v1/scans/{scan['id']}?wait=50", timeout=60).json()["state"] == "ready"
-    phantom = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9", content=b"png").json()
-    threading.Timer(0.3, worker.finish_tracing).start()
-    assert seeded.get(f"/v1/phantoms/{phantom['id']}?wait=50", timeout=60).json()["state"] == "ready"
 
 
 def test_what_has_ended_is_not_waited_for(seeded):
@@ -150,17 +136,6 @@ def test_a_wait_ends_when_the_service_stops(seeded, job_id):
 def test_a_wait_ends_when_the_client_goes(seeded, job_id):
     """Else clients that gave up would hold the places of those who ask."""
     messages, sent = [{"type": "http.disconnect"}, {"type": "http.request", "body": b""}], []
-    scope = {
-        "type": "http",
-        "http_version": "1.1",
-        "method": "GET",
-        "path": f"/v1/jobs/{job_id}",
-        "scheme": "http",
-        "query_string": b"wait=50",
-        "headers": [(b"host", b"127.0.0.1")],
-        "client": ("127.0.0.1", 50000),
-        "server": ("127.0.0.1", 80),
-    }
 
     async def receive():
         return messages.pop()
@@ -170,7 +145,7 @@ def test_a_wait_ends_when_the_client_goes(seeded, job_id):
 
     async def ask():
         async with asyncio.timeout(60):
-            await seeded.app(scope, receive, send)
+            await seeded.app(scope_of(f"/v1/jobs/{job_id}?wait=50"), receive, send)
 
     asyncio.run(ask())
     assert messages == []

@@ -1,11 +1,15 @@
-"""Keys over HTTP: what each scope may do, that a secret is shown once, and that behind a proxy nobody goes without."""
+"""The token and keys: what needs one, what each scope may do, and that a secret is shown once or never."""
+
+import re
+from base64 import b64encode
 
 import pytest
 from machine_faults import database_away
+from pydantic import ValidationError
 from write_lock import write_lock
 
 from sawmill_contracts.declared_kinds import asked_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
 from sawmill_service.http.route_rules import NoKey, Router, RouteRules
@@ -17,15 +21,8 @@ BEHIND = ServiceSettings(public_url="https://calibration.mill.example", trusted_
 
 @pytest.fixture
 def keyed(seeded, store):
-    """A client of a service behind a proxy, and a function that gives it a key of a scope."""
+    """A client of a service behind a proxy."""
     seeded.app = create_app(BEHIND, store, print)
-
-    def with_key(scope, **changes):
-        key = store.keys.create(KeyAsk(name=f"somebody who may {scope}", scope=scope, **changes))
-        seeded.headers = {"Authorization": f"Bearer {key.secret}"}
-        return key
-
-    seeded.with_key = with_key
     return seeded
 
 
@@ -43,7 +40,7 @@ def operations(app):
 
 @pytest.mark.parametrize("scope", list(Scope))
 def test_a_key_may_do_what_its_scope_covers_and_nothing_else(keyed, scope):
-    keyed.with_key(scope)
+    keyed.bring(scope)
     for method, path in operations(keyed.app):
         if path.endswith("/events"):
             continue  # a stream that does not end here
@@ -109,16 +106,16 @@ def test_an_application_with_a_route_without_a_scope_does_not_start(keyed, metho
 
 
 def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
-    keyed.with_key(Scope.SUBMIT)
+    keyed.bring(Scope.SUBMIT)
     ask = {"scan_id": "example", "activate": True}
     assert keyed.post("/v1/calibrations", json=ask).json()["code"] == "scope-too-small"
     assert keyed.post("/v1/calibrations", json=ask | {"activate": False}).status_code == 202
-    keyed.with_key(Scope.ACTIVATE)
+    keyed.bring(Scope.ACTIVATE)
     assert keyed.post("/v1/calibrations", json=ask).status_code == 202
 
 
 def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
-    administrator = keyed.with_key(Scope.ADMIN)
+    administrator = keyed.bring(Scope.ADMIN)
     made = keyed.post("/v1/keys", json={"name": "scanner of line 2", "scope": "submit"})
     assert (made.status_code, made.headers["Cache-Control"]) == (201, "no-store")
     assert made.json()["created_by"] == administrator.name
@@ -139,7 +136,7 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
 
 
 def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
-    key = keyed.with_key(Scope.SUBMIT)
+    key = keyed.bring(Scope.SUBMIT)
     answer = keyed.post("/v1/calibrations", json={"scan_id": "example"})
     asked = answer.json()
     assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
@@ -148,14 +145,19 @@ def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
         assert session.get(JobRow, asked["job_id"]).key_id == key.id
 
 
-def test_the_token_stays_the_first_administrator_s_key(keyed, store):
+def test_the_token_stays_the_first_administrator_s_key_even_while_the_database_is_away(keyed, store):
     keyed.app = create_app(ServiceSettings(token=TOKEN), store, print)
     keyed.headers = {"Authorization": f"Bearer {TOKEN}"}
     assert keyed.get("/v1/keys").status_code == 200
-    key = keyed.with_key(Scope.READ)
+    key = keyed.bring(Scope.READ)
     assert keyed.get("/v1/scanners").status_code == 200
     assert keyed.get("/v1/keys").json()["code"] == "scope-too-small"
     assert key.secret not in keyed.get("/v1/keys").text
+    with database_away(store.database):
+        answer = keyed.get("/v1/keys/own", headers={"Authorization": "Bearer sawmill_any"})
+        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+        assert answer.headers["Retry-After"] == "5"
+        assert keyed.get("/v1/keys/own", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -200,15 +202,6 @@ def test_a_proxy_is_named_as_it_must_be(variables, sentence):
         ServiceSettings(**variables)
 
 
-def test_while_the_database_is_away_a_key_is_answered_with_503_and_the_token_as_before(seeded, store):
-    seeded.app = create_app(ServiceSettings(token=TOKEN), store, print)
-    with database_away(store.database):
-        answer = seeded.get("/v1/keys/own", headers={"Authorization": "Bearer sawmill_any"})
-        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
-        assert answer.headers["Retry-After"] == "5"
-        assert seeded.get("/v1/keys/own", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
-
-
 def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
     client.app = create_app(ServiceSettings(allowed_hosts=["mill.example"]), store, print)
     answer = client.get("/v1/scanners", headers={"Host": "mill.example"})
@@ -217,12 +210,97 @@ def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
 
 
 def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_lines):
-    keyed.with_key(Scope.READ)
+    keyed.bring(Scope.READ)
     with write_lock(store.files.folder / "sawmill.db"):
         assert keyed.get("/v1/scanners").status_code == 200
     assert "use-not-kept" in {line["event"] for line in log_lines()}
 
 
 def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
-    keyed.with_key(Scope.READ)
+    keyed.bring(Scope.READ)
     assert keyed.get("/v1/scanners/").status_code == 404
+
+
+OPEN = {"/health/live", "/health/ready"}
+PAGES = {"/", "/docs", "/openapi.json", "/static/console.js", "/console/swagger-ui.css", "/no/such/path"}
+
+
+def basic(user: str, password: str) -> str:
+    return f"Basic {b64encode(f'{user}:{password}'.encode()).decode()}"
+
+
+@pytest.fixture
+def guarded(seeded, store, settings):
+    """A client without the token of a service that asks for one."""
+    seeded.app = create_app(ServiceSettings(**settings.model_dump() | {"token": TOKEN}), store, print)
+    return seeded
+
+
+@pytest.mark.slow
+def test_everything_but_health_needs_the_token(guarded):
+    documented = {path.replace("{", "").replace("}", "") for path in guarded.app.openapi()["paths"]}
+    for path in documented | PAGES:
+        for method in ("GET", "POST", "HEAD", "OPTIONS"):
+            answer = guarded.request(method, path)
+            is_open = path in OPEN or (path.startswith("/problems/") and method != "POST")
+            assert (answer.status_code == 401) is not is_open, (method, path, answer.status_code)
+    assert [guarded.get(path).status_code for path in sorted(OPEN)] == [200, 200]
+
+
+@pytest.mark.parametrize(
+    "brought",
+    [f"Bearer {TOKEN}", f"bearer  {TOKEN}", basic("", TOKEN), basic("anybody", TOKEN)],
+    ids=["bearer", "lower-case", "nobody", "anybody"],
+)
+def test_the_token_opens_as_a_bearer_s_and_as_a_password(guarded, brought):
+    guarded.headers = {"Authorization": brought}
+    assert [guarded.get(path).status_code for path in ("/", "/docs", "/v1/scanners", "/metrics")] == [200] * 4
+    assert guarded.post("/v1/calibrations/example/activate").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "brought",
+    [
+        "",
+        TOKEN,
+        "Bearer",
+        f"Bearer {TOKEN}x",
+        f"Bearer {TOKEN[:-1]}",
+        f"Token {TOKEN}",
+        basic(TOKEN, ""),
+        basic("anybody", TOKEN.lower()),
+        "Basic not*base64",
+        "Basic " + b64encode(TOKEN.encode()).decode(),
+        "Bearer \xff\xfe",
+        "Basic \xfc\xfc",
+    ],
+)
+def test_nothing_else_opens(guarded, brought):
+    answer = guarded.get("/v1/scanners", headers={"Authorization": brought.encode("latin-1")})
+    assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert [challenge.split()[0] for challenge in answer.headers.get_list("WWW-Authenticate")] == ["Basic", "Bearer"]
+    assert TOKEN not in answer.text
+
+
+def test_the_token_may_come_from_a_file_and_the_settings_do_not_show_it(tmp_path):
+    (tmp_path / "token").write_text(f"{TOKEN}\n")
+    settings = ServiceSettings(token_file=tmp_path / "token")
+    assert settings.token.get_secret_value() == TOKEN
+    assert not re.search(TOKEN, f"{settings!r}{settings!s}{settings.model_dump()}{settings.model_dump_json()}")
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ({"token": ""}, "at least 32 characters, not 0"),
+        ({"token": TOKEN[:31]}, "at least 32 characters, not 31"),
+        ({"token": "a token with spaces, of enough characters"}, "without spaces"),
+        ({"token": TOKEN, "token_file": "token"}, "SAWMILL_TOKEN or SAWMILL_TOKEN_FILE, not both"),
+        ({"token_file": "no-such-file"}, "SAWMILL_TOKEN_FILE cannot be read: .*'no-such-file'"),
+    ],
+)
+def test_a_token_that_cannot_be_is_refused_and_not_shown(given, complaint):
+    with pytest.raises(ValidationError, match=complaint) as refused:
+        ServiceSettings(**given)
+    assert not given.get("token") or given["token"] not in f"{refused.value!s}{refused.value!r}"

@@ -35,21 +35,6 @@ def environment(**variables: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")} | variables
 
 
-def refused(folder: Path, *flags: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    """A start that is refused; what did not start has left nothing behind."""
-    done = subprocess.run(
-        command(folder, *flags),
-        env=environment(**variables),
-        capture_output=True,
-        text=True,
-        timeout=START_S,
-        check=False,
-    )
-    assert "Traceback" not in done.stderr
-    assert not (folder / "data").exists()
-    return done
-
-
 @contextmanager
 def serving(folder: Path, *flags: str, **variables: str) -> Iterator[int]:
     """`sawmill serve` on a free port, once it answers."""
@@ -80,12 +65,14 @@ def port_of(process: "subprocess.Popen[bytes]", log: Path) -> int:
     raise AssertionError(log.read_text())
 
 
-def test_beyond_loopback_it_does_not_start_without_a_token(tmp_path):
-    done = refused(tmp_path, "--host", EVERYWHERE, "--port", "0")
+def test_beyond_loopback_it_does_not_start_without_a_token_and_leaves_nothing_behind(tmp_path):
+    asked = command(tmp_path, "--host", EVERYWHERE, "--port", "0")
+    done = subprocess.run(asked, env=environment(), capture_output=True, text=True, timeout=START_S, check=False)
     assert done.returncode == 1
     assert done.stderr.startswith("The service cannot start: 0.0.0.0 can be reached from other machines")
     assert "SAWMILL_TOKEN" in done.stderr
     assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "data").exists()
 
 
 @pytest.mark.parametrize("host", [EVERYWHERE, "::", "::ffff:0.0.0.0"])
@@ -100,21 +87,13 @@ def test_loopback_needs_no_token(host):
         assert is_loopback(listening.getsockname()[0])
 
 
-def test_no_part_of_an_answer_waits_for_an_acknowledgement():
+def test_connections_are_sent_at_once_and_end_when_their_client_has_gone_without_a_word():
     with (
         listen("127.0.0.1", 0, guarded=False) as listening,
         socket.create_connection(listening.getsockname()),
         listening.accept()[0] as connection,
     ):
         assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
-
-
-def test_connections_whose_client_has_gone_without_a_word_end():
-    with (
-        listen("127.0.0.1", 0, guarded=False) as listening,
-        socket.create_connection(listening.getsockname()),
-        listening.accept()[0] as connection,
-    ):
         assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 60_000
         assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 60
@@ -223,11 +202,6 @@ def test_more_connections_than_files_may_be_open_leave_a_service_that_recovers_a
     assert "1024 connections need 2304 open files" in warning["reason"]
 
 
-def test_streams_must_leave_connections_to_others():
-    with pytest.raises(ValueError, match="max_connections must be above max_streams"):
-        ServiceSettings(max_connections=64, max_streams=64)
-
-
 def test_beyond_loopback_requests_need_the_token_and_the_log_names_once_what_a_proxy_would_add(tmp_path):
     (tmp_path / "token").write_text(f"{TOKEN}\n")
     variables = {"SAWMILL_TOKEN_FILE": str(tmp_path / "token")}
@@ -247,13 +221,12 @@ def test_beyond_loopback_requests_need_the_token_and_the_log_names_once_what_a_p
     assert "slow clients" in reason
 
 
-def test_a_taken_port_is_reported_in_one_sentence():
+def test_what_cannot_be_listened_on_is_reported_in_one_sentence():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ListenError, match=rf"^port {port} of 127\.0\.0\.1 is taken: .*--port[^\n]*$"):
             listen("127.0.0.1", port, guarded=False)
-
-
-def test_an_address_of_another_machine_cannot_be_listened_on():
     with pytest.raises(ListenError, match=r"^192\.0\.2\.1 with port 8000 cannot be listened on: "):
         listen("192.0.2.1", 8000, guarded=True)
+    with pytest.raises(ValueError, match="max_connections must be above max_streams"):
+        ServiceSettings(max_connections=64, max_streams=64)

@@ -9,7 +9,6 @@ from machine_faults import database_away
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
-from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.keys.key_store import hash_of
@@ -172,9 +171,8 @@ def test_only_what_the_login_page_needs_is_open(browser):
         assert browser.get(path, headers={"Accept": "*/*"}).status_code == 401, path
 
 
-def test_the_cookie_alone_changes_nothing(browser, store, worker):
-    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer")
-    worker.finish_calibration()
+@pytest.mark.usefixtures("newer")
+def test_the_cookie_alone_changes_nothing(browser, store):
     log_in(browser, TOKEN)
     token = token_in(browser)
     form = "application/x-www-form-urlencoded"
@@ -217,10 +215,9 @@ def test_who_brings_the_key_itself_needs_no_token(browser):
     assert "Log out" not in browser.get("/").text
 
 
+@pytest.mark.usefixtures("newer")
 @pytest.mark.parametrize("scope", list(Scope))
-def test_pages_show_who_is_logged_in_and_the_buttons_that_he_may_press(browser, store, worker, scope):
-    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer")
-    worker.finish_calibration()
+def test_pages_show_who_is_logged_in_and_the_buttons_that_he_may_press(browser, store, scope):
     log_in(browser, key_of(store, scope).secret)
     page, console = browser.get("/").text, browser.get("/docs").text
     for shown in (page, console):
@@ -235,7 +232,7 @@ def test_pages_show_who_is_logged_in_and_the_buttons_that_he_may_press(browser, 
     assert may or code(forged) == "scope-too-small"
 
 
-def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
+def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(browser, store):
     key = key_of(store, Scope.READ)
     log_in(browser, key.secret)
     answer = browser.post("/logout", data={"csrf": token_in(browser)})
@@ -247,9 +244,6 @@ def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
     assert {entry.who for entry in (came, went)} == {key.name}
     assert {entry.key_id for entry in (came, went)} == {key.id}
     assert came.address == "127.0.0.1"
-
-
-def test_another_login_ends_the_browser_s_session_before_it(browser, store):
     log_in(browser, TOKEN)
     before = session_of(browser)
     log_in(browser, key_of(store, Scope.READ).secret)
@@ -258,7 +252,7 @@ def test_another_login_ends_the_browser_s_session_before_it(browser, store):
     assert browser.get("/v1/keys/own").json()["scope"] == "read"
 
 
-def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
+def test_a_link_logs_one_display_in_once_until_its_key_ends_and_no_other_secret_is_a_link(browser, store):
     key = key_of(store, Scope.READ, display=True)
     link = store.sessions.invite(key.id)
     assert "Log this display in" in browser.get(f"/login/{link}").text  # and a program that only looks uses nothing up
@@ -273,6 +267,12 @@ def test_a_link_logs_one_display_in_once_until_its_key_ends(browser, store):
     assert browser.get("/v1/keys/own").json()["key_id"] == key.id
     store.keys.revoke(key.id)
     assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk&ended=true"
+    key = key_of(store, Scope.READ, display=True)
+    link = store.sessions.invite(key.id)
+    for secret in (key.secret, store.sessions.open(hash_of(key.secret), lasting=True)):
+        assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
+    for secret in (link, hash_of_link(link)):
+        assert store.sessions.find(secret) is None
 
 
 def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
@@ -284,15 +284,6 @@ def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
     assert secret not in shown.stderr
     assert store.sessions.use_link(link) == hash_of(secret)
     assert "login/" not in CliRunner().invoke(main, command).stderr
-
-
-def test_neither_a_key_nor_a_session_s_secret_is_a_link_nor_a_link_a_session(browser, store):
-    key = key_of(store, Scope.READ, display=True)
-    link = store.sessions.invite(key.id)
-    for secret in (key.secret, store.sessions.open(hash_of(key.secret), lasting=True)):
-        assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
-    for secret in (link, hash_of_link(link)):
-        assert store.sessions.find(secret) is None
 
 
 @pytest.mark.parametrize("end", ["revoked", "rotated", "token changed"])

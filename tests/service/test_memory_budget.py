@@ -11,6 +11,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from asgi import scope_of
 from live_service import Offline, serving
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
@@ -212,16 +213,13 @@ def most_resident_bytes(process: str | int = "self") -> int:
 
 async def status_of(app, path: str) -> int:
     """Send a request, and forget the answer's bytes as they come."""
-    url, statuses = httpx.URL("http://127.0.0.1:8000/" + path), list[int]()
-    scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": "GET", "scheme": "http"}
-    scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": url.query, "root_path": ""}
-    scope |= {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+    statuses = list[int]()
 
     async def send(message: dict) -> None:
         if message["type"] == "http.response.start":
             statuses.append(message["status"])
 
-    await app(scope, _receive, send)
+    await app(scope_of(f"/{path}"), _receive, send)
     return statuses[0]
 
 

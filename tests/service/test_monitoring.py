@@ -81,7 +81,7 @@ def known(client) -> dict[str, dict[str, set[str]]]:
     return FROM_ELSEWHERE | found
 
 
-def test_every_name_label_and_value_is_of_a_scrape(known):
+def test_every_name_label_and_value_is_of_a_scrape_and_legends_name_labels_that_are_there(known):
     for expression in expressions():
         selectors, grouped = parsed(expression)
         assert selectors, expression
@@ -92,6 +92,11 @@ def test_every_name_label_and_value_is_of_a_scrape(known):
                 if label != "status" and not value.startswith("$"):  # no request has failed here
                     assert set(value.split("|")) <= known[name][label], expression
         assert grouped <= {label for name, _ in selectors for label in known[name]}, expression
+    for panel in dashboard()["panels"]:
+        for target in panel.get("targets", []):
+            selectors, grouped = parsed(target["expr"])
+            left = grouped or {label for name, _ in selectors for label in known[name]}
+            assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
 
 
 def test_every_rule_says_how_grave_it_is_and_what_to_do(known):
@@ -120,14 +125,6 @@ def test_the_dashboard_is_one_that_grafana_reads():
 def area(x: int, y: int, w: int, h: int) -> Iterator[tuple[int, int]]:
     assert x + w <= 24
     return ((column, line) for column in range(x, x + w) for line in range(y, y + h))
-
-
-def test_legends_name_labels_that_are_there(known):
-    for panel in dashboard()["panels"]:
-        for target in panel.get("targets", []):
-            selectors, grouped = parsed(target["expr"])
-            left = grouped or {label for name, _ in selectors for label in known[name]}
-            assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
 
 
 @pytest.fixture

@@ -78,24 +78,18 @@ def test_choices_of_words_are_types_of_their_own(document):
     assert max(values.values()) == 1
 
 
-def test_every_property_and_parameter_has_a_description_and_an_example(document):
+def test_every_property_and_parameter_has_a_description_a_unit_and_valid_examples(document):
     bare = [where for where, _, described, _ in everything(document) if len(described.get("description", "")) < 5]
     assert bare == []
     # One key of all requests would be an example of what is refused.
     without = {name for _, name, _, schema in everything(document) if not schema.get("examples")}
     assert without == {"Idempotency-Key"}
-
-
-def test_every_number_has_its_unit_in_words(document):
     for where, name, described, schema in everything(document):
         units = unit_of(name)
         if units and "number" in kinds(schema):
             assert any(word in described["description"] for word in units), where
         elif "number" in kinds(schema):
             assert STATED.search(described["description"]), f"{where}: {described['description']}"
-
-
-def test_every_example_is_valid(document):
     root = {"components": document["components"]}
     for where, _, _, schema in everything(document):
         validator = Draft202012Validator(schema | root, format_checker=Draft202012Validator.FORMAT_CHECKER)

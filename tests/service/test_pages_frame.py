@@ -1,16 +1,20 @@
-"""What every page shares: language, numbers and times, and problems as pages."""
+"""What every page shares: language, numbers and times, problems as pages, and no other host."""
 
 import gettext
 import re
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
+from babel.messages.checkers import checkers
+from babel.messages.frontend import CommandLineInterface
+from babel.messages.pofile import read_po
 from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
 from sawmill_service.pages.frame.formats import Formats
-from sawmill_service.pages.frame.languages import locale_of, preferred_language
+from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, catalogue, locale_of, preferred_language
 from sawmill_service.pages.frame.page_frame import templates
 from sawmill_service.pages.frame.verdicts import shown_questions
 
@@ -28,13 +32,16 @@ BROWSER = {"Accept": "text/html,application/xhtml+xml"}
         ("", "*;q=0.1,\xff;q=;,", "en"),
         ("fi", "en", "fi"),
         ("xx", "fi", "fi"),
+        ("", "EN-US", "en"),
+        ("", "FI", "fi"),
+        ("", "Fi-fi;q=0.9", "fi"),
     ],
 )
 def test_the_language_is_the_one_chosen_else_the_best_accepted(chosen, accepted, language):
     assert preferred_language(chosen, accepted) == language
 
 
-def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_be():
+def test_numbers_and_times_are_written_as_the_language_does_and_unknown_ones_are_said_to_be():
     english, finnish = (Formats(locale_of(name), gettext.NullTranslations()) for name in ("en", "fi"))
     assert english.mm(0.0431) == "0.043\N{NO-BREAK SPACE}mm"
     assert finnish.mm(0.0431) == "0,043\N{NO-BREAK SPACE}mm"
@@ -43,6 +50,11 @@ def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_b
     assert english.mm(None) == english.mm(float("nan")) == english.bytes(None) == "not known"
     assert english.mm(-1e30) == "-1E30\N{NO-BREAK SPACE}mm"
     assert [english.bytes(value) for value in (0, 1023, 1536, 2**42)] == ["0 B", "1,023 B", "1.5 KiB", "4.0 TiB"]
+    english = Formats(locale_of("en"), gettext.NullTranslations())
+    time = datetime.now(UTC) - timedelta(hours=3, seconds=5)
+    assert english.age(time) == english.age(time.isoformat()) == "3 hours ago"
+    assert english.moment(time) == time.astimezone().strftime("%-d %b %Y, %H:%M")
+    assert english.moment(None) == english.age(None) == english.day(None) == "never"
 
 
 @pytest.mark.parametrize(
@@ -71,14 +83,6 @@ def test_each_answer_of_the_three_questions_has_its_colour_and_word(changes, act
     questions = ask(CalibrationResult.model_validate(answer), None, active)
     assert [(question.tone, question.word) for question in questions] == badges
     assert questions[2].question == "Did anything move?"
-
-
-def test_ages_and_moments_take_times_and_their_text():
-    english = Formats(locale_of("en"), gettext.NullTranslations())
-    time = datetime.now(UTC) - timedelta(hours=3, seconds=5)
-    assert english.age(time) == english.age(time.isoformat()) == "3 hours ago"
-    assert english.moment(time) == time.astimezone().strftime("%-d %b %Y, %H:%M")
-    assert english.moment(None) == english.age(None) == english.day(None) == "never"
 
 
 def test_a_browser_keeps_its_language_and_colours(client):
@@ -146,7 +150,81 @@ def test_a_verdict_shows_both_questions_with_their_limits_as_the_language_writes
     assert "Are the rays right? Not known" in unknown
 
 
-@pytest.mark.parametrize("accepted", ["EN-US", "FI", "Fi-fi;q=0.9"])
-def test_a_language_is_known_however_it_is_written(client, accepted):
-    assert preferred_language("", accepted) in {"en", "fi"}
-    assert client.get("/login", headers={"Accept-Language": accepted}).status_code == 200
+ROOT = Path(__file__).parents[2]
+OTHERS = LANGUAGES.keys() - {ENGLISH}
+
+
+@pytest.fixture(scope="module")
+def texts_of_the_pages(tmp_path_factory):
+    template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
+    folders = (
+        "service/sawmill_service",
+        "worker/sawmill_contracts",
+        "worker/sawmill_mill",
+        "worker/sawmill_vocabulary",
+        "worker/sawmill_worker/pictures",
+    )
+    places = [str(ROOT / folder) for folder in folders]
+    options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
+    CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])
+    with template.open("rb") as file:
+        return {message.id for message in read_po(file) if message.id}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_catalogue_has_the_texts_of_the_pages_and_no_others(language, texts_of_the_pages):
+    stored = catalogue(language)
+    assert {message.id for message in stored if message.id} == texts_of_the_pages, "run make texts"
+    assert not stored.obsolete
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_text_is_translated_with_its_places(language):
+    stored = catalogue(language)
+    for message in stored:
+        forms = [message.string] if isinstance(message.string, str) else message.string
+        assert all(forms), message.id
+        assert not message.fuzzy, message.id
+        if message.id:
+            for check in checkers:
+                check(stored, message)
+
+
+ADDRESS = re.compile(r"""(?:src|href|action)\s*=\s*["']([^"']+)["']""", re.IGNORECASE)
+STYLE_ADDRESS = re.compile(r"""(?:url\(|@import)\s*["']?([^"')\s]+)""", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("page", ["/", "/docs", "/login"])
+def test_a_page_loads_only_what_is_served_here(seeded, page):
+    html = seeded.get(page)
+    assert html.headers["Content-Type"].startswith("text/html")
+    addresses = [
+        address for address in ADDRESS.findall(html.text) if "/activate/" not in address and address != "#content"
+    ]
+    assert addresses
+    for address in addresses:
+        assert re.match(r"/(?!/)", address), f"{page} loads {address}"
+        asset = seeded.get(address)
+        assert asset.status_code == (303 if address == "/look" else 200), address
+        if address.endswith(".css"):
+            assert all(inner.startswith("data:") for inner in STYLE_ADDRESS.findall(asset.text)), address
+
+
+def test_pages_run_no_script_but_files_of_ours(seeded):
+    for page in ("/", "/docs", "/login"):
+        html = seeded.get(page).text
+        assert not re.search(r"<script(?![^>]*\bsrc=)|\son\w+\s*=|javascript:", html), page
+    policy = seeded.get("/docs").headers["Content-Security-Policy"]
+    directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
+    assert directives["default-src"] == "'none'"
+    assert directives["script-src"] == directives["connect-src"] == "'self'"
+    assert "http" not in policy
+
+
+def test_the_console_asks_no_validator_elsewhere(client):
+    script = client.get("/static/console.js").text
+    assert "validatorUrl: null" in script
+    assert "http" not in script
+    assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
+    assert client.get("/examples/phantom-scan.npz").json()["code"] == "file-missing"

@@ -12,7 +12,7 @@ from pydantic import SecretStr
 from sawmill_contracts.failure_codes import CODES
 from sawmill_contracts.scans import ScanState
 from sawmill_platform import errors
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.http.problem_types import problem_types
@@ -110,7 +110,7 @@ def test_every_failure_s_code_has_its_texts():
     assert all(kind.status or kind.failure for kind in problem_types().values())
 
 
-def test_a_problem_leads_to_its_page(client):
+def test_a_problem_leads_to_its_page_which_whoever_was_refused_can_read(client, store):
     problem = client.get("/v1/scanners/nowhere").json()
     assert problem["type"] == "/problems/scanner-not-found"
     kind = client.get(problem["type"]).json()
@@ -120,6 +120,14 @@ def test_a_problem_leads_to_its_page(client):
     listed = client.get("/problems/").json()["items"]
     assert kind in listed
     assert client.get("/problems/invented").json()["code"] == "unknown-path"
+    client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
+    refused = client.get("/v1/scanners")
+    assert refused.status_code == 401
+    assert client.get(refused.json()["type"]).json()["status"] == 401
+    assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
+    store.keys = store.sessions = None
+    wrong = {"Authorization": "Bearer wrong"}
+    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
 
 
 @pytest.mark.parametrize("language", ["en", "fi"])
@@ -138,29 +146,10 @@ def test_each_end_of_a_job_has_a_page_for_technicians_in_their_language(client, 
     assert all(f'href="{kind.type}"' in listed for kind in problem_types().values())
 
 
-def test_whoever_was_refused_can_read_why(client, store):
-    client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
-    refused = client.get("/v1/scanners")
-    assert refused.status_code == 401
-    assert client.get(refused.json()["type"]).json()["status"] == 401
-    assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
-    store.keys = store.sessions = None
-    wrong = {"Authorization": "Bearer wrong"}
-    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
-
-
-def test_a_failed_job_s_page_leads_to_what_its_code_means(seeded, store, worker):
-    job_id = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["job_id"]
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="sparse-views", detail="too few"))
-    assert seeded.get(f"/v1/jobs/{job_id}").json()["state"] == JobState.FAILED
-    shown = seeded.get(f"/jobs/{job_id}/history", headers={"Accept": "text/html"}).text
-    assert 'href="/problems/sparse-views"' in shown
-
-
 @pytest.mark.parametrize(
     ("asked", "pages"),
     [
-        ("drifts", ["/scanners/example", "/jobs"]),
+        ("drifts", ["/scanners/example", "/jobs", "/jobs/{job_id}/history"]),
         ("calibrations", ["/scanners/example", "/jobs"]),
         ("reconstructions", ["/logs", "/logs/{id}", "/jobs"]),
     ],
@@ -169,6 +158,6 @@ def test_a_failure_leads_to_what_its_code_means_wherever_it_is_shown(seeded, sto
     made = seeded.post(f"/v1/{asked}", json={"scan_id": "example"}).json()
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="too-few-views", detail="12 are too few"))
     for page in pages:
-        shown = seeded.get(page.format(id=made["id"]), headers={"Accept": "text/html"}).text
+        shown = seeded.get(page.format_map(made), headers={"Accept": "text/html"}).text
         assert "12 are too few" in shown, page
         assert 'href="/problems/too-few-views"' in shown, page

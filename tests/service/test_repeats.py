@@ -4,16 +4,13 @@ import gzip
 from base64 import b64encode
 
 import pytest
+from results import SCANNER_SPEC as SCANNER
 
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import RepeatRow
 
 ASK = {"scan_id": "example", "seed": 4}
-SCANNER = {
-    "name": "Line 7",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 16, "detector_pitch_mm": 1},
-}
 DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
 LENGTH = {"what": "x", "measured_mm": 200.1, "standard_uncertainty_mm": 0.05, "measured_on": "2026-01-02"}
 REQUESTS = {

@@ -5,8 +5,8 @@ import gzip
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import httpx
 import pytest
+from asgi import asynchronous
 
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.files.upload_stream import AsSent
@@ -109,8 +109,7 @@ def test_repeats_that_last_keep_nobody_else_waiting(seeded, settings, store, mon
 
     async def send_all():
         """One event loop, as in the service: its threads are those that all requests share."""
-        transport = httpx.ASGITransport(seeded.app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=120) as client:
+        async with asynchronous(seeded.app) as client:
             repeats = [asyncio.create_task(client.post(scans, content=counted(), headers=keyed)) for _ in range(45)]
             try:
                 async with asyncio.timeout(120):

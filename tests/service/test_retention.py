@@ -8,7 +8,7 @@ from documented import check_documented
 from page_text import text_of
 
 from sawmill_contracts.retention import RetentionKind
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_service.retention import KINDS
 
 
@@ -45,9 +45,8 @@ def test_a_wrong_rule_is_refused_with_its_value(seeded):
     assert seeded.get("/v1/retention/preview?log_scans_days=soon").status_code == 422
 
 
-def test_rules_are_an_administrators(client, store):
-    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.ACTIVATE))
-    client.headers["Authorization"] = f"Bearer {key.secret}"
+def test_rules_are_an_administrators(client):
+    client.bring(Scope.ACTIVATE, name="line 2")
     assert client.get("/v1/retention").status_code == 200
     assert client.get("/v1/retention/preview").status_code == 403
     assert client.put("/v1/retention", json={}).status_code == 403

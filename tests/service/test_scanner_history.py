@@ -13,7 +13,7 @@ from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.database.tables import EventRow
 from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts import MOST_MARKS, TREND_PX, Span, trend_chart
@@ -30,9 +30,8 @@ def lines_of(text):
 
 
 @pytest.mark.usefixtures("_another_is_active")
-def test_it_is_listed_newest_first_and_narrowed(seeded, store):
-    key = store.keys.create(KeyAsk(name="Maija", scope=Scope.ACTIVATE))
-    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+def test_it_is_listed_newest_first_and_narrowed(seeded):
+    key = seeded.bring(Scope.ACTIVATE, name="Maija")
     seeded.post("/v1/calibrations/example/activate", json={"reason": "checked"})
     items = seeded.get(PATH).json()["items"]
     assert [(each["kind"], each["what"]) for each in items] == [
@@ -62,9 +61,8 @@ def test_it_is_listed_newest_first_and_narrowed(seeded, store):
 
 
 @pytest.mark.usefixtures("_another_is_active")
-def test_the_file_has_every_entry_and_no_formula(seeded, store):
-    key = store.keys.create(KeyAsk(name="@SUM(1)", scope=Scope.ADMIN))
-    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+def test_the_file_has_every_entry_and_no_formula(seeded):
+    seeded.bring(Scope.ADMIN, name="@SUM(1)")
     seeded.post("/v1/calibrations/example/activate", json={"reason": FORMULA})
     answer = seeded.get(FILE)
     assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
@@ -135,7 +133,12 @@ def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
     assert seeded.get("/scanners/nobody/history").status_code == 404
 
 
-def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seeded, store):
+def test_unknown_kinds_of_events_and_deleted_calibrations_are_shown_without_a_link(seeded, store):
+    entry = store.history.page("example").items[0]
+    with store.database.write() as session:
+        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
+        session.add(EventRow(group_id="example", subject_id="example", **later))
+    assert "clock-stepped" in seeded.get(PAGE).text
     with store.database.write() as session:
         for table in (ActivationRow, DriftRow, ReconstructionRow, CalibrationRow):
             session.execute(delete(table))
@@ -144,14 +147,6 @@ def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seed
     assert "(deleted)" in entries
     assert "u_c -209.100" in entries
     assert "/report" not in entries
-
-
-def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
-    entry = store.history.page("example").items[0]
-    with store.database.write() as session:
-        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
-        session.add(EventRow(group_id="example", subject_id="example", **later))
-    assert "clock-stepped" in seeded.get(PAGE).text
 
 
 def movement(days_ago, **changes):

@@ -6,6 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -13,7 +14,6 @@ from sawmill_contracts.drift_baselines import KnownBaseline
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.pages.charts import DRIFT, MOST_MARKS, Span, days_of, drift_chart, range_of, thinned
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
@@ -28,15 +28,6 @@ BASELINE = KnownBaseline(
     tilt_offset_rad=0.0,
     covariance=[[1e-4, 0.0], [0.0, 1e-8]],
 )
-SETTINGS = {
-    "name": "Line 2",
-    "source_to_cor_mm": "859.46",
-    "num_detector_pixels": "768",
-    "detector_pitch_mm": "1.5",
-    "ray_error_mm": "0.1",
-    "scale_percent": "0.5",
-    "ray_change_mm": "0.4",
-}
 
 
 def movement(days_ago: float, moved_mm: float | None = 0.1, **changes) -> Movement:
@@ -164,20 +155,12 @@ def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
 
 def test_the_drawing_is_that_of_the_active_calibration_when_the_settings_change(seeded):
     assert "The settings were changed since" not in seeded.get("/scanners/example").text
-    seeded.post("/scanners/example/settings", data={**SETTINGS, "source_to_cor_mm": "700"})
+    seeded.post("/scanners/example/settings", data={**SCANNER_FORM, "source_to_cor_mm": "700"})
     page = seeded.get("/scanners/example").text
     drawn = re.search(r'<svg class="scanner".*?</svg>', page, re.DOTALL)[0]
     assert "859\N{NO-BREAK SPACE}mm" in drawn
     assert "700" not in drawn
     assert "the active calibration was made with 859.460\N{NO-BREAK SPACE}mm from source to turning axis" in page
-
-
-def test_whoever_may_only_look_is_not_sent_to_calibrate(seeded, store):
-    link = "/calibrate?scanner=example"
-    assert link in seeded.get("/scanners/example").text
-    key = store.keys.create(KeyAsk(name="visitor", scope=Scope.READ))
-    seeded.headers["Authorization"] = f"Bearer {key.secret}"
-    assert link not in seeded.get("/scanners/example").text
 
 
 def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
@@ -291,9 +274,7 @@ def test_a_scanner_without_anything_says_what_to_do(seeded):
     assert "Nothing was measured in this time" in page
 
 
-def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, store, worker):
-    newer = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
-    worker.finish_calibration()
+def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, newer):
     assert f"/operator/activate/{newer}" in seeded.get("/scanners/example").text
     back = {"next": "/scanners/example", "reason": "the turntable <was> moved"}
     for identifier in (newer, "example"):
@@ -362,12 +343,12 @@ def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence
 
 def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
     assert "A tape measure" in seeded.get("/scanners/new").text
-    made = seeded.post("/scanners/new", data=SETTINGS)
+    made = seeded.post("/scanners/new", data=SCANNER_FORM)
     assert made.status_code == 303
     path = made.headers["location"]
     identifier = path.rsplit("/", 1)[1]
     assert store.scanners.get(identifier).tolerances.ray_change_mm == 0.4
-    changed = {**SETTINGS, "name": "Line 3", "log_radius_mm": "180", "row_pitch_mm": "2"}
+    changed = {**SCANNER_FORM, "name": "Line 3", "log_radius_mm": "180", "row_pitch_mm": "2"}
     assert seeded.post(f"{path}/settings", data=changed).status_code == 303
     scanner = store.scanners.get(identifier)
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
@@ -375,7 +356,7 @@ def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
 
 def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
     store.settings.watch_folders.append(tmp_path)
-    given = {**SETTINGS, "watched_folder": str(tmp_path / "line-2"), "watched_folder_data": "line-integrals"}
+    given = {**SCANNER_FORM, "watched_folder": str(tmp_path / "line-2"), "watched_folder_data": "line-integrals"}
     assert seeded.post("/scanners/example/settings", data=given).status_code == 303
     scanner = store.scanners.get("example")
     watched = scanner.watched_folder
@@ -390,7 +371,7 @@ def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
     assert (watched.folder, watched.match, watched.still_for_s) == (str(tmp_path / "line-3"), "*.h5", None)
     taken = seeded.post("/scanners/new", data={**given, "watched_folder": str(tmp_path / "line-3/a")})
     assert (taken.status_code, "watched folder of scanner &#39;example&#39;" in taken.text) == (422, True)
-    seeded.post("/scanners/example/settings", data=SETTINGS)
+    seeded.post("/scanners/example/settings", data=SCANNER_FORM)
     assert store.scanners.get("example").watched_folder is None
 
 
@@ -414,7 +395,7 @@ def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
 def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seeded, store, field, typed, sentence):
     page = seeded.post(
         "/scanners/example/settings",
-        data={**SETTINGS, "watched_folder_data": "counts", "name": "Renamed", field: typed},
+        data={**SCANNER_FORM, "watched_folder_data": "counts", "name": "Renamed", field: typed},
     )
     assert page.status_code == 422
     marked = re.search(rf'<input id="{field}".*?</div>', page.text, re.DOTALL)[0]
@@ -427,7 +408,7 @@ def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seede
 
 def test_all_that_is_wrong_is_said_at_once(seeded):
     wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
-    page = seeded.post("/scanners/new", data={**SETTINGS, **wrong}).text
+    page = seeded.post("/scanners/new", data={**SCANNER_FORM, **wrong}).text
     assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)
     assert "<details open>" in page  # the radius has a good default, and is folded otherwise
 
@@ -436,7 +417,7 @@ def test_all_that_is_wrong_is_said_at_once(seeded):
 @pytest.mark.parametrize("typed", ["859,46", "859.46"])
 def test_decimals_are_read_with_a_comma_and_with_a_point(seeded, store, language, typed):
     made = seeded.post(
-        "/scanners/new", data={**SETTINGS, "source_to_cor_mm": typed}, headers={"Accept-Language": language}
+        "/scanners/new", data={**SCANNER_FORM, "source_to_cor_mm": typed}, headers={"Accept-Language": language}
     )
     assert store.scanners.get(made.headers["location"].rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
 

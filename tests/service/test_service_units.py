@@ -114,7 +114,7 @@ def test_a_backup_is_named_by_its_instance():
     assert units["sawmill-backup@.timer"]["Timer"]["Persistent"] == ["yes"]
 
 
-def test_its_limits_leave_room_for_the_product_s_own(unit):
+def test_its_limits_leave_room_for_the_product_s_own_and_for_what_confines_attempts(unit):
     service, settings = unit["Service"], ExecutionSettings()
     graces = settings.stop_grace_s + settings.kill_grace_s
     assert float(service["TimeoutStopSec"][0]) > SHUTDOWN_S + graces + 12
@@ -122,10 +122,6 @@ def test_its_limits_leave_room_for_the_product_s_own(unit):
     assert int(hard) == files_needed(MOST_CONNECTIONS)
     (bounds,) = (each for each in ServiceSettings.model_fields["max_connections"].metadata if hasattr(each, "le"))
     assert bounds.le == MOST_CONNECTIONS
-
-
-def test_what_confines_attempts_is_not_taken_from_them(unit):
-    service = unit["Service"]
     allowed = " ".join(service["SystemCallFilter"]).split()
     # In no set of systemd's: without them attempts would run with all rights of the service.
     assert {"landlock_create_ruleset", "landlock_add_rule", "landlock_restrict_self", "seccomp"} < set(allowed)
@@ -149,22 +145,19 @@ def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
         assert bool(done.returncode) is bool(complaint)
 
 
-def test_places_where_the_service_could_not_start_are_doubted(tmp_path):
-    (closed := tmp_path / "closed").mkdir(mode=0o700)
-    (doubt, *_) = Installation(closed / "bin/sawmill").doubts()
-    assert "is closed to other users" in doubt
-    # PrivateTmp hides it.
-    shown = install("--print", "--data", "/var/tmp/data").stderr  # noqa: S108 - nothing is written there
-    assert "is in a folder that the system empties" in shown
-
-
-def test_a_folder_elsewhere_is_writable_and_awaited_at_the_start(tmp_path):
+def test_folders_elsewhere_are_awaited_and_doubted_where_the_service_could_not_start(tmp_path):
     service = parsed(Installation(program(), Path("/srv/my data")).units()["sawmill.service"])
     assert service["Service"]["ReadWritePaths"] == ['"/srv/my data"']
     assert service["Unit"]["RequiresMountsFor"][0].endswith('"/srv/my data"')
     assert "StateDirectory" not in service["Service"]
     steps = install("--to", tmp_path, "--data", "/srv/my data").stderr
     assert "install --directory --owner=sawmill --mode=700 '/srv/my data'" in steps
+    (closed := tmp_path / "closed").mkdir(mode=0o700)
+    (doubt, *_) = Installation(closed / "bin/sawmill").doubts()
+    assert "is closed to other users" in doubt
+    # PrivateTmp hides it.
+    shown = install("--print", "--data", "/var/tmp/data").stderr  # noqa: S108 - nothing is written there
+    assert "is in a folder that the system empties" in shown
 
 
 def test_units_are_printed_or_written_with_what_follows(tmp_path):
@@ -177,9 +170,6 @@ def test_units_are_printed_or_written_with_what_follows(tmp_path):
     units = Installation(program()).units()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == units
     assert printed.stdout == "".join(f"# {name}\n{text}\n" for name, text in units.items())
-
-
-def test_a_folder_that_cannot_be_written_to_keeps_nothing():
     assert "The units cannot be written" in install("--to", "/proc", code=1).stderr
 
 

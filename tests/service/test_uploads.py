@@ -1,17 +1,26 @@
-"""What is refused before a byte of a body is read, and what a body may be."""
+"""What is refused before a byte of a body is read, what a body may be, and how slowly it may come."""
 
+import asyncio
 import gzip
 import hashlib
+import socket
+import threading
 from base64 import b64encode
+from collections.abc import AsyncIterator, Callable
 from json import dumps
+from typing import Any
 
 import numpy as np
 import pytest
+import uvicorn
 from documented import check_documented
+from results import SCANNER_SPEC as SCANNER
 from write_lock import write_lock
 
+from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.files.upload_stream import STEP_BYTES
 from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
 SCANS = "/v1/scans?scanner_id=example&data=counts"
@@ -35,8 +44,6 @@ async def untouchable():
     ("path", "headers", "status", "code"),
     [
         (SCANS.replace("example", "nowhere"), {}, 404, "scanner-not-found"),
-        (SCANS + "&phantom_id=nothing", {}, 404, "phantom-not-found"),
-        (SCANS + "&data=guess", {}, 422, "invalid-request"),
         (SCANS, {"Content-Type": "text/html; charset=utf-8"}, 415, "unsupported-media-type"),
         (SCANS, {"Content-Type": "multipart/form-data; boundary=x"}, 415, "unsupported-media-type"),
         (SCANS, {"Content-Type": "application/json"}, 415, "unsupported-media-type"),
@@ -54,11 +61,18 @@ def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store, pat
 
 
 @pytest.mark.parametrize("path", [SCANS, "/v1/inspections", PICTURES])
-def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store, path):
-    full = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
+@pytest.mark.parametrize(
+    ("limits", "status", "code"),
+    [({"disk_reserve_bytes": 2**62}, 507, "storage-full"), ({"max_queued_jobs": 1}, 429, "queue-full")],
+)
+def test_what_the_service_has_no_room_for_is_refused_before_a_byte_is_read(
+    seeded, settings, store, path, limits, status, code
+):
+    store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
+    full = Store(store.settings.model_copy(update=limits))
     seeded.app = create_app(settings, full, print)
     answer = seeded.post(path, content=untouchable())
-    assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
     full.close()
 
 
@@ -178,16 +192,10 @@ def test_a_bomb_is_refused_by_its_ratio(seeded, settings, store):
     assert incoming(store) == []
 
 
-SCANNER = {
-    "name": "Line 7",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 16, "detector_pitch_mm": 1},
-}
-
-
 def test_the_digest_of_any_other_body_is_checked_too(seeded, store):
     body, json = str.encode(dumps(SCANNER)), {"Content-Type": "application/json"}
     # Damaged so that it is JSON no more, and so that it is another scanner: neither is answered as if it was meant.
-    for damaged in (body[:-1] + b"?", body.replace(b"Line 7", b"Line 8")):
+    for damaged in (body[:-1] + b"?", body.replace(b"Line 2", b"Line 8")):
         answer = seeded.post("/v1/scanners", content=damaged, headers=json | {"Content-Digest": digest(body)})
         assert (answer.status_code, answer.json()["code"]) == (400, "digest-mismatch")
         check_documented(answer)
@@ -235,3 +243,72 @@ def test_what_is_no_route_is_answered_before_the_length_of_a_body(seeded, method
     answer = seeded.request(method, path, content=untouchable(), headers={"Content-Length": str(10**9)})
     assert (answer.status_code, answer.json()["code"]) == (status, code)
     assert ("Allow" in answer.headers) is (status == 405)
+
+
+@pytest.fixture
+def waiting(seeded, store) -> Callable[..., Any]:
+    """Make a service that waits for bodies as the bounds say."""
+
+    def make(**bounds: float) -> Any:
+        seeded.app = create_app(ServiceSettings(**bounds), store, print)
+        return seeded
+
+    return make
+
+
+async def standing_still() -> AsyncIterator[bytes]:
+    yield b"half"
+    await asyncio.Event().wait()
+
+
+async def byte_by_byte() -> AsyncIterator[bytes]:
+    for _ in range(20):
+        await asyncio.sleep(0.01)
+        yield b"a"
+
+
+@pytest.mark.parametrize(
+    ("bounds", "body", "reason"),
+    [
+        ({"client_silence_s": 0.3}, standing_still, "nothing came for 0.3 s"),
+        ({"body_grace_s": 0.05, "min_client_bytes_per_s": 1e6}, byte_by_byte, "bytes came in"),
+    ],
+    ids=["stands still", "a byte now and then"],
+)
+def test_a_body_that_comes_too_slowly_is_refused(waiting, store, bounds, body, reason):
+    answer = waiting(**bounds).post(SCANS, content=body())
+    assert (answer.status_code, answer.json()["code"]) == (408, "slow-body")
+    assert reason in answer.json()["detail"]
+    assert answer.headers["Connection"] == "close"
+    assert incoming(store) == []
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [{"body_grace_s": 600.0, "min_client_bytes_per_s": 1e6}, {"body_grace_s": 0.0, "min_client_bytes_per_s": 1e-3}],
+    ids=["within the grace", "above the rate"],
+)
+def test_a_slow_line_is_fast_enough(waiting, bounds):
+    assert waiting(**bounds).post(SCANS, content=byte_by_byte()).status_code == 202
+
+
+def test_half_bodies_over_sockets_leave_nothing_without_a_proxy(waiting, store):
+    app = waiting(client_silence_s=0.3).app
+    head = b"POST /v1/scans?scanner_id=example&data=counts HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n"
+    server = uvicorn.Server(uvicorn.Config(app, http="h11", ws="none", lifespan="off", log_config=None))
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        try:
+            clients = [socket.create_connection(listening.getsockname(), timeout=60) for _ in range(20)]
+            for client in clients:
+                client.sendall(head + b"half")
+            answers = []
+            for client in clients:
+                with client, client.makefile("rb") as answer:
+                    answers.append(answer.read())
+        finally:
+            server.should_exit = True
+            thread.join(60)
+    assert [b'"code":"slow-body"' in answer for answer in answers] == [True] * 20
+    assert incoming(store) == []

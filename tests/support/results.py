@@ -12,6 +12,12 @@ from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
+SCANNER_FORM = {name: str(value) for name, value in CONSTANTS.items()} | {
+    "name": "Line 2",
+    "ray_error_mm": "0.1",
+    "scale_percent": "0.5",
+    "ray_change_mm": "0.4",
+}
 SCANNER_SPEC = {"name": "Line 2", "constants": CONSTANTS}
 THETA = {
     "initial_angle_rad": 2.55,

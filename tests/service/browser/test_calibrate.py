@@ -188,3 +188,13 @@ def test_the_page_goes_on_by_itself_when_the_scan_of_a_phantom_comes_and_not_wit
     page.wait_for_url(f"**/calibrate?scanner=example&scan={scan.id}")
     expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
     looks_right(page, "arrived")
+
+
+@pytest.mark.usefixtures("seeded")
+def test_the_button_sends_once_and_again_after_going_back(site):
+    page = site.open("/calibrate?scan=example")
+    button = page.get_by_role("main").get_by_role("button", name="Calibrate")
+    assert button.evaluate("button => { button.click(); return button.disabled; }")
+    page.wait_for_url("**/calibrate?calibration=*")
+    page.go_back()
+    expect(button).to_be_enabled()

@@ -1,5 +1,7 @@
 """What holds for every page: it fits, a glove hits it, axe-core finds nothing, it prints bare, its scripts run."""
 
+import re
+
 import mill_states
 import pytest
 from page_checks import LARGEST_PAGE_BYTES, axe_findings, overflowing, page_bytes, shot, small_targets
@@ -120,3 +122,17 @@ def test_pages_are_small(site):
     page = site.open("/login")
     sizes = {path: page_bytes(page, path) for path in PAGES.values()}
     assert {path: size for path, size in sizes.items() if size > LARGEST_PAGE_BYTES} == {}
+
+
+def test_the_report_prints_on_two_pages_of_a4_and_fits_a_phone(site):
+    page = site.open("/calibrations/example/report")
+    assert len(page.content()) < 900_000
+    # Without headers and footers of the browser's own: the page brings its own. Finnish words are longer.
+    for language in ("fi", "en"):
+        page.goto(f"/calibrations/example/report?language={language}")
+        pdf = page.pdf(prefer_css_page_size=True)
+        assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 2
+    width, height = (float(number) for number in re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf).groups())
+    assert (width, height) == pytest.approx((595, 842), abs=1.0)  # 210 x 297 mm, in points
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -6,7 +6,6 @@ from playwright.sync_api import Page, expect
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 SCANNER_ID = {"name": "scanner_id", "in": "path", "required": True, "schema": {"type": "string"}}
@@ -25,14 +24,6 @@ ONE_OPERATION = {
     },
 }
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
-
-
-@pytest.fixture
-def newer(store: Store, worker) -> str:
-    """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
-    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
-    worker.finish_calibration()
-    return identifier
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])

@@ -10,22 +10,19 @@ from playwright.sync_api import Page, expect
 import sawmill_service
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_vocabulary import Progress, Theta
+from sawmill_vocabulary import Progress
 
 PICTURE = Path(sawmill_service.__file__).parent / "static/phantom.png"
 TABLET, PHONE = {"width": 800, "height": 1100}, {"width": 390, "height": 844}
 STREAMS = """window.streams = [];
 window.EventSource = class extends EventSource { constructor(url) { super(url); window.streams.push(this); } };"""
-NOMINAL = Theta(
-    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
-)
 SENTENCE = "the phantom is larger than the detector sees: take a smaller one"
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
 def ask(store) -> str:
     """A plan's job."""
-    return store.plans.accept(PlanAsk(scanner_id="example", theta=NOMINAL), given={"phantom_id": "l-shape"}).job_id
+    return store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
 def seen(page: Page, *, yes: bool) -> None:

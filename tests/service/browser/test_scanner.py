@@ -6,19 +6,8 @@ import pytest
 from page_checks import overflowing, shot
 from playwright.sync_api import Page, expect
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_store.store import Store
-
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGE = "/scanners/example"
-
-
-@pytest.fixture
-def newer(store: Store, worker) -> str:
-    """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
-    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
-    worker.finish_calibration()
-    return identifier
 
 
 def split(page: Page) -> float:

@@ -14,11 +14,9 @@ from playwright.sync_api import Page, Route, expect
 from sawmill_contracts import job_kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
-from sawmill_service.settings import ServiceSettings
 from sawmill_store.mill_tables import ReconstructionRow
 
 SIDE, PIXEL_MM = 32, 12.5
-TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 LOG = "/v1/reconstructions/example"
 PIXELS = """() => {
   const canvas = document.querySelector(".pane canvas");
@@ -273,23 +271,6 @@ def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store
         picture.continue_()
     shows(page, int(last))
     assert [re.search(r"(\d+)\.npy", url)[1] for url in site.requested if ".npy" in url] == [last]
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
-def test_what_the_browser_keeps_is_for_the_session_that_fetched_it(site):
-    page = site.open("/login")
-    page.get_by_label("Key", exact=True).fill(TOKEN)
-    page.get_by_role("button", name="Log in").click()
-    expect(page.get_by_role("button", name="Log out")).to_be_visible()
-    fetched = (
-        f"fetch('{LOG}/slices/1.npy').then(async answer => [answer.status, (await answer.arrayBuffer()).byteLength])"
-    )
-    assert page.evaluate(fetched) == page.evaluate(fetched) == [200, 4 * SIDE**2 + 128]
-    assert len(page.evaluate(TRANSFERRED)) == 1
-    page.get_by_role("button", name="Log out").click()
-    expect(page.get_by_label("Key", exact=True)).to_be_visible()
-    assert page.evaluate(fetched)[0] == 401
 
 
 def fingers(page: Page) -> Callable[..., None]:
