@@ -13,9 +13,8 @@ import jinja2
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
-from sawmill_platform.contracts.jobs import JobKind
+from sawmill_platform.contracts.jobs import JobKind, RegisteredWord
 from sawmill_platform.contracts.kind_declarations import declaration_of
-from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_service.pages.scanners import scanner_form
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
 from sawmill_store.history import SUBJECTS
@@ -25,12 +24,10 @@ ROOT = Path(__file__).parents[1]
 # Tables that lack members, each with what becomes of a member that it lacks.
 PARTIAL = {
     "service/sawmill_service/drawing.py: _LOGS": "the other pictures of a calibration show no log",
-    "service/sawmill_service/pages/frame/verdicts.py: _MOVED_WORDS": "the other answers have the words of _WORDS",
     "service/sawmill_service/pages/job_words.py: _MADE": "a kind without a page of results links to its numbers",
     "service/sawmill_service/pages/job_words.py: FATES": "the other events are not of an attempt at a job",
     "service/sawmill_service/pages/system/system.py: ACTIONS": "the audit keeps decisions alone",
     "service/sawmill_service/pages/scanners/scanner_history.py: EVENT_WORDS": "the other events are in no history",
-    "worker/sawmill_worker/pictures/calibration_report.py: BY_METHOD": "the other methods need no remark",
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
@@ -40,7 +37,7 @@ PARTIAL = {
     "worker/sawmill_tomography/reconstruction/choosing.py: EXPECTED_ERRORS": "`auto` takes measured methods only",
 }
 # Members that belong to no table of their enum but to those of other code.
-LEFT_OUT = {"worker/sawmill_tomography/reconstruction/methods.py: METHODS": {"ReconstructionMethod.AUTO"}}
+LEFT_OUT = {"worker/sawmill_tomography/reconstruction/choosing.py: METHODS": {"ReconstructionMethod.AUTO"}}
 
 
 class Table(NamedTuple):

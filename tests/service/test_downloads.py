@@ -14,7 +14,7 @@ from documented import check_documented
 from sawmill_contracts import job_kinds
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_service.app import create_app
-from sawmill_service.http.responses.digests import Digests
+from sawmill_service.http.responses.conditional import Digests
 from sawmill_service.settings import ServiceSettings
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"

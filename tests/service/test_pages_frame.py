@@ -9,8 +9,7 @@ from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
-from sawmill_service.pages.frame.formats import Formats
-from sawmill_service.pages.frame.languages import locale_of, preferred_language
+from sawmill_service.pages.frame.languages import Formats, locale_of, preferred_language
 from sawmill_service.pages.frame.page_frame import templates
 from sawmill_service.pages.frame.verdicts import shown_questions
 

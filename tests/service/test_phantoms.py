@@ -6,8 +6,7 @@ import pytest
 from PIL import Image, ImageDraw
 
 import sawmill_service
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
 

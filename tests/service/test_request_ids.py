@@ -4,7 +4,7 @@ from starlette.responses import PlainTextResponse
 from structlog.contextvars import bound_contextvars, get_contextvars
 
 from sawmill_service.app import create_app
-from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.observer import RequestIds
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "that-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing

@@ -10,7 +10,7 @@ from sqlalchemy import event
 from sawmill_contracts import job_kinds
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.errors import StorageUnavailable
-from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_store.store import Store
 
 

@@ -7,7 +7,7 @@ from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.contracts.jobs import JobState, Priority
-from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_store.store import Store
 from sawmill_vocabulary import CalibrationMethod, Progress
 

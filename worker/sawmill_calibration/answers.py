@@ -131,7 +131,7 @@ class Calibration:
         Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        from sawmill_worker.pictures.calibration_table import calibration_table  # noqa: PLC0415
+        from sawmill_worker.pictures.report_numbers import calibration_table  # noqa: PLC0415
 
         sentences = [*self.reasons, *self.result.adjustments]
         title = f"Calibration with {self.result.phantom}"

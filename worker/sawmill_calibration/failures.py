@@ -12,9 +12,8 @@ from pydantic_core import to_json
 from sawmill_calibration.process_memory import limit_bytes, ran_short
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_platform.contracts.base import placed_complaint
+from sawmill_platform.contracts.base import placed_complaint, read_strictly
 from sawmill_platform.contracts.jobs import FailureKind
-from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import DamagedResult
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.drift.change import DriftError

@@ -6,10 +6,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.conversion import from_phantom
 from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing, PhantomPicture
+from sawmill_calibration.known_geometry import from_phantom
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomAsk, PhantomDrawing, PhantomPicture
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE

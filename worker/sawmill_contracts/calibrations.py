@@ -48,9 +48,8 @@ from sawmill_vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_vocabulary.hardening import BeamHardening
-from sawmill_vocabulary.scattered_radiation import BeamCorrection, ScatteredRadiation
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening, ScatteredRadiation
 
 
 class PaperOptions(Contract):

@@ -14,7 +14,7 @@ from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped,
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind, DetectorModule
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 # A working day: after this time the client sends the file again.
 FILE_KEPT = timedelta(days=1)

@@ -13,7 +13,7 @@ from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 class PlanOptions(Contract):

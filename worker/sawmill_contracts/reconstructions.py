@@ -31,7 +31,7 @@ from sawmill_vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectedReading
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 # Largest relative difference of two equal distances.
 SAME = 1e-6

@@ -9,10 +9,10 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_platform.uploads.upload_store import kept_upload
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
-from sawmill_store.requests.asked_rows import found_asked, read_asked
+from sawmill_store.requests.references import found_asked, read_asked
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):

@@ -12,14 +12,12 @@ from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_platform.uploads.upload_store import kept_upload
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import PhantomRow, ScanRow
-from sawmill_store.requests.references import check_usable
-from sawmill_store.requests.references_guard import kept_by
+from sawmill_store.requests.references import check_usable, kept_by
 
 
 class Phantoms:

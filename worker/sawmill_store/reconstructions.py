@@ -7,7 +7,7 @@ from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
 from sawmill_store.mill_tables import ReconstructionRow
 from sawmill_store.requests.asked import Asked
-from sawmill_store.requests.asked_rows import found_asked
+from sawmill_store.requests.references import found_asked
 
 
 class Reconstructions(Asked[ReconstructionAsk, Reconstruction]):

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Self
 
 from sawmill_contracts import drifts, plans, reconstructions
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.plans import Plan, PlanAsk
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.job_service_store import JobServiceStore

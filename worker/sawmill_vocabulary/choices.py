@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
 
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 class _Negatable(Protocol):

@@ -10,12 +10,11 @@ from results import RESULTS, THETA, answer_of
 from tiers import both_ways
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec

@@ -16,8 +16,7 @@ from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.scans.scan import Scan, rows_of_memory
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
-from sawmill_contracts.drift_baselines import KnownBaseline
-from sawmill_contracts.drifts import DriftAsk, DriftResult
+from sawmill_contracts.drifts import DriftAsk, DriftResult, KnownBaseline
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from sawmill_calibration import read_scan
-from sawmill_calibration.conversion import to_phantom
+from sawmill_calibration.known_geometry import to_phantom
 from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants

@@ -3,9 +3,8 @@
 import pytest
 
 from sawmill_contracts import job_kinds
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.geometry import GivenTheta
-from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec

@@ -15,8 +15,7 @@ import pytest
 from sawmill_calibration.scans import prepare as preparing
 from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts import job_kinds
-from sawmill_contracts.preparing import PrepareOptions
-from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.scans import PrepareOptions, ScanSpec
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import Projections, held
@@ -330,7 +329,7 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
     program = f"""
         import re, numpy
         from pathlib import Path
-        from sawmill_contracts.preparing import PrepareOptions
+        from sawmill_contracts.scans import PrepareOptions
         from sawmill_formats.input.canonical import CanonicalScan
         from sawmill_formats.input.contents import Projections
         from sawmill_calibration.scans.prepare import prepare_scan

@@ -9,7 +9,7 @@ from results import CONSTANTS, FRAME, SEARCH, THETA, calibration_result
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.calibration_report import overlay_png, report_png
-from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.pictures.report_numbers import calibration_table
 
 pytestmark = pytest.mark.slow
 

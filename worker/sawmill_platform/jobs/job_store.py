@@ -32,8 +32,18 @@ from sawmill_platform.files.file_store import FileStore, read_identity
 from sawmill_platform.files.folder_identity import check_identity, database_expects
 from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
 from sawmill_platform.jobs.subjects import Subjects
-from sawmill_platform.jobs.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
-from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
+from sawmill_platform.jobs.wait_estimate import (
+    ANY,
+    FIRST_COME,
+    NOTHING_KNOWN,
+    QUEUED,
+    Selection,
+    WaitEstimate,
+    WaitEstimates,
+    note_served,
+    places,
+    turns,
+)
 from sawmill_platform.ledger.events import PEAK_MEMORY, announce, record
 from sawmill_vocabulary import Progress
 

@@ -27,7 +27,7 @@ from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
-from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.logs import configure_logs

@@ -14,7 +14,7 @@ from sawmill_contracts.reconstructions import MethodReport
 from sawmill_contracts.repeatability import RepeatabilityResult
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
-from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.pictures.report_numbers import calibration_table
 
 
 def print_calibration(result: CalibrationResult) -> None:

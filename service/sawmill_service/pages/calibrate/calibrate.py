@@ -24,8 +24,7 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
-from sawmill_service.drawing import shown_log
-from sawmill_service.finished import scan_if_kept
+from sawmill_service.drawing import scan_if_kept, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.responses.drawn import picture

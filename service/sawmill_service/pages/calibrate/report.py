@@ -19,12 +19,10 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
-from sawmill_service.drawing import DRAWING, FIGURE_BYTES
-from sawmill_service.finished import scan_if_kept
+from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.formats import known_zone
-from sawmill_service.pages.frame.languages import Language
+from sawmill_service.pages.frame.languages import Language, known_zone
 from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with

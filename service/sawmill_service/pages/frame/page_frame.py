@@ -11,10 +11,10 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.pages.frame.formats import Formats
 from sawmill_service.pages.frame.languages import (
     ENGLISH,
     LANGUAGES,
+    Formats,
     locale_of,
     preferred_language,
     texts,

@@ -13,10 +13,9 @@ from pydantic_core import to_json
 from sawmill_contracts import job_kinds
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_platform.contracts.base import Contract, Identifier
+from sawmill_platform.contracts.base import Contract, Identifier, read_strictly
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, TheSettings
 from sawmill_service.http.problems import complaint

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sawmill_tomography.calibration.elimination import scaled_inverse
-from sawmill_tomography.calibration.faults.effects import Effect
-from sawmill_tomography.calibration.faults.motion import in_the_laboratory
+from sawmill_tomography.calibration.covariance import scaled_inverse
+from sawmill_tomography.calibration.faults.effects import Effect, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
 from sawmill_tomography.geometry.geometry import FloatArray

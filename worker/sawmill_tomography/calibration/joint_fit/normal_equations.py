@@ -12,7 +12,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.joint_fit.patch_densities import Variation, variation
