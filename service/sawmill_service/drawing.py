@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
@@ -20,8 +20,8 @@ from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
 from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
+from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.scans import Scans
 from sawmill_vocabulary.messages import Reader
 
@@ -55,7 +55,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 
 def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
     """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing."""
-    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         if picture in _LOGS:
@@ -64,12 +64,12 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
         return overlay_png(*_answer(path))
 
-    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
+    return files.kept(kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
 
 
 def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
     """Return the path of a calibration's report with its next step; drawn and kept for each step and language."""
-    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         from sawmill_worker.pictures.calibration_report import report_png
@@ -78,7 +78,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
 
     of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
     name = f"report-{reader.language}-{of_step}.png"
-    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
+    return files.kept(kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
     from sawmill_vocabulary.calibration_arrays import log_before_with
 
     try:
-        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with")
@@ -148,7 +148,7 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
         path, row = files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    return files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
 def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: ReconstructionResult) -> Path:
@@ -162,7 +162,7 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
-    return files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
 def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> ReconstructionResult:

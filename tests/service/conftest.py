@@ -19,7 +19,7 @@ import results
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -316,7 +316,7 @@ def add_finished_job(store: Store, job_id: str) -> None:
             JobRow(
                 id=job_id,
                 created_at=store.database.now(),
-                kind=job_kinds.CALIBRATE,
+                kind=kinds.CALIBRATE,
                 state=JobState.SUCCEEDED,
                 subject_id="example",
             )

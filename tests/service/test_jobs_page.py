@@ -5,7 +5,7 @@ import re
 from page_text import text_of
 from sqlalchemy import event, insert
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.contracts.keys import KeyAsk, Scope
@@ -114,7 +114,7 @@ def fill(store) -> None:
     """Half of them wait, half have succeeded."""
     now = store.database.now()
     states = (JobState.QUEUED, JobState.SUCCEEDED)
-    shared = {"created_at": now, "started_at": now, "kind": job_kinds.CALIBRATE, "subject_id": "example"}
+    shared = {"created_at": now, "started_at": now, "kind": kinds.CALIBRATE, "subject_id": "example"}
     rows = [{"id": f"job-{number}", "state": states[number % 2], **shared} for number in range(DECK)]
     with store.database.write() as session:
         session.execute(insert(JobRow), rows)

@@ -1,6 +1,6 @@
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 
 NOMINAL = {
     "initial_angle_rad": 0.0,
@@ -18,7 +18,7 @@ def test_a_plan_is_accepted_and_answered_by_a_job(seeded, store, worker, woken):
     queued = seeded.get(accepted.headers["Location"]).json()
     assert (queued["state"], queued["options"]["views"], queued["options"]["noise"]) == ("queued", 20, 0.02)
     assert woken == [queued["job_id"]]
-    assert store.jobs.get(queued["job_id"]).kind is job_kinds.PLAN
+    assert store.jobs.get(queued["job_id"]).kind is kinds.PLAN
     worker.finish_plan()
     done = seeded.get(accepted.headers["Location"]).json()
     assert (done["state"], done["result"]["predicted_ray_error_mm"]["rms"]) == ("succeeded", 0.02)

@@ -5,7 +5,7 @@ from typing import Self
 
 from pydantic import Field
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.choices import DisturbedPart, DriftMethod, DriftReference
 from sawmill_contracts.geometry import Covariance, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
@@ -318,7 +318,7 @@ class Drift(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=job_kinds.DRIFT,
+    kind=kinds.DRIFT,
     topic="drift-check",
     noun="drift",
     label=N_("Drift check"),

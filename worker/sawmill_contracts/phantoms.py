@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.geometry import PositiveMm
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
@@ -391,7 +391,7 @@ class StoredPhantom(Stamped):
 
 
 DECLARATION = UploadedKind(
-    kind=job_kinds.TRACE_PHANTOM,
+    kind=kinds.TRACE_PHANTOM,
     noun="phantom",
     label=N_("Tracing a phantom's picture"),
     result=PhantomDrawing,

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import PositiveMm
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
@@ -257,5 +257,5 @@ class Scan(Stamped, ScanSpec, ReadingRemarks):
 
 
 DECLARATION = UploadedKind(
-    kind=job_kinds.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
+    kind=kinds.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
 )

@@ -9,10 +9,9 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Self
 
-from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.alarms import AlarmKind, NextStepAnswer
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
-from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.alarms import ALARMS

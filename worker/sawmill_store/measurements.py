@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
-from sawmill_mill.drift_checks import DriftCheck, counts_for_chart
+from sawmill_mill.scanner_state import DriftCheck, counts_for_chart
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.database.database import Database

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from sqlalchemy import func, select
 
-from sawmill_contracts import job_kinds, mill_events, scans
+from sawmill_contracts import kinds, mill_events, scans
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
@@ -69,14 +69,14 @@ class Scans:
             size_bytes=received.size_bytes,
             sha256=received.sha256,
         )
-        with kept_upload(self.files, received, job_kinds.INGEST, row.id) as keep, self._database.write() as session:
+        with kept_upload(self.files, received, kinds.INGEST, row.id) as keep, self._database.write() as session:
             refuse_taken(session, ScanRow, "scan", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
             job = queue_job(
                 session,
-                job_kinds.INGEST,
+                kinds.INGEST,
                 row.id,
                 row.created_at,
                 short=scans.DECLARATION.is_short(received.size_bytes),
@@ -160,8 +160,8 @@ class Scans:
             now = self._database.now()
             announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)
             session.delete(row)
-        self.files.remove(self.files.results(job_kinds.INGEST, scan_id))
-        self.files.remove_upload(job_kinds.INGEST, scan_id)
+        self.files.remove(self.files.results(kinds.INGEST, scan_id))
+        self.files.remove_upload(kinds.INGEST, scan_id)
 
 
 def read_scan(row: ScanRow) -> Scan:

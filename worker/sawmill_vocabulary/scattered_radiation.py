@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from sawmill_vocabulary.as_contract import AsContract
+from sawmill_vocabulary.outlines import AsContract
 
 
 @dataclass(frozen=True)

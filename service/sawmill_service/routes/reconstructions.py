@@ -12,7 +12,7 @@ from typing import Annotated, Self
 from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts import reconstructions as contract
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
@@ -277,7 +277,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
     """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
     result_of(reconstructions, reconstruction_id)
     files = reconstructions.files
-    path = files.unverified(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
+    path = files.unverified(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
     name = f"reconstruction-{reconstruction_id}.h5"
     return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
 

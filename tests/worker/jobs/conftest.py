@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from results import answer_of
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan, ScanSpec
@@ -96,7 +96,7 @@ def ingested(
 
     def ready(stack: NDArray[np.float64], angles_deg: str) -> Scan:
         scan = upload(stack, angles_deg)
-        reading = attempt(job_kinds.INGEST)
+        reading = attempt(kinds.INGEST)
         finish(reading, run(reading))
         return scan
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from structlog.testing import capture_logs
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_vocabulary import CalibrationMethod
@@ -81,7 +81,7 @@ def search(store, ingested, sinogram, turn):
 
 def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, hours_go_by, run_killed):
     search()
-    job = hours_go_by(job_kinds.CALIBRATE)
+    job = hours_go_by(kinds.CALIBRATE)
     whole = run(job)
     result, deaths = run_killed(job, 4)
     assert deaths > 3
@@ -91,7 +91,7 @@ def test_a_published_search_killed_again_and_again_finds_the_same_theta(search, 
 def test_a_short_job_keeps_nothing(search, attempt):
     search()
     announced = []
-    job = replace(attempt(job_kinds.CALIBRATE), monotonic=lambda: 0.0)
+    job = replace(attempt(kinds.CALIBRATE), monotonic=lambda: 0.0)
     run(replace(job, announce=announced.append))
     assert announced == []
     assert not job.checkpoints.exists()
@@ -100,7 +100,7 @@ def test_a_short_job_keeps_nothing(search, attempt):
 @pytest.mark.parametrize("damage", ["truncated", "another scanner", "another version"])
 def test_progress_that_does_not_fit_is_passed_over(search, store, hours_go_by, spec, monkeypatch, damage):
     search()
-    job = hours_go_by(job_kinds.CALIBRATE)
+    job = hours_go_by(kinds.CALIBRATE)
 
     def die(names):
         store.files.keep(job.output, job.job.id, names)
@@ -158,7 +158,7 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
     volume, hours_go_by, run_killed, tmp_path, method, rows, options
 ):
     volume(rows, method=method, **options)
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+    job = hours_go_by(kinds.RECONSTRUCT)
     whole = run(job)
     result, deaths = run_killed(job, 0)
     assert deaths > 1
@@ -172,7 +172,7 @@ def test_a_volume_killed_again_and_again_has_the_same_values(
 
 def test_blocks_that_are_damaged_are_made_again(volume, store, hours_go_by, run_killed):
     volume(150, method="fbp")
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+    job = hours_go_by(kinds.RECONSTRUCT)
     whole = run(job)
     folder = store.files.kept_with(job.job.id)
     announced = []
@@ -190,7 +190,7 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, hours_go_by, run_
 
 def test_checkpoints_leave_room_for_the_volume(volume, hours_go_by, full_disk):
     volume(150, method="fbp")
-    job = hours_go_by(job_kinds.RECONSTRUCT)
+    job = hours_go_by(kinds.RECONSTRUCT)
     full_disk(150 * 32 * 32 * 4)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
@@ -200,7 +200,7 @@ def test_checkpoints_leave_room_for_the_volume(volume, hours_go_by, full_disk):
 def test_a_full_disk_is_logged_once_and_tried_again_after_the_pause(search, attempt, full_disk):
     now, announced = [0.0], []
     search()
-    job = replace(attempt(job_kinds.CALIBRATE), announce=announced.extend, monotonic=lambda: now[0])
+    job = replace(attempt(kinds.CALIBRATE), announce=announced.extend, monotonic=lambda: now[0])
     keeper = AttemptKeeper(job, {})
 
     def keep_when_due(name):

@@ -11,7 +11,7 @@ from PIL import Image
 
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.slow
 def test_an_upload_becomes_the_one_form(upload, attempt):
     stack = np.random.default_rng(4).uniform(0, 1, (6, 2, 128))
     upload(stack, "10:60")
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     result = run(reading)
     assert result["shape"] == {"views": 6, "rows": 2, "detector": 128}
     assert result["angular_range_deg"] == pytest.approx([10.0, 310.0])
@@ -52,7 +52,7 @@ def test_an_upload_becomes_the_one_form(upload, attempt):
 def test_another_detectors_upload_is_refused(upload, attempt):
     upload(np.ones((6, 1, 100)), "0:60")
     with pytest.raises(JobFailure, match=r"100 detector cells .* num_detector_pixels 128") as failure:
-        run(attempt(job_kinds.INGEST))
+        run(attempt(kinds.INGEST))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "other-detector")
 
 
@@ -60,7 +60,7 @@ def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogra
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
     reported = []
-    calibrating = attempt(job_kinds.CALIBRATE, reported)
+    calibrating = attempt(kinds.CALIBRATE, reported)
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.02
@@ -77,10 +77,10 @@ def test_saturated_cells_are_the_first_reason(store, spec, attempt, finish, ask,
     np.savez(buffer, projections=counts, flats=np.full((10, 1, 128), 65_535.0), angles_deg=np.rad2deg(turn(60)))
     received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
     scan = store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.COUNTS, phantom_id="l-shape"), received)
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     finish(reading, run(reading))
     store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
+    calibrating = attempt(kinds.CALIBRATE)
     result = CalibrationResult.model_validate(run(calibrating))
     assert (result.verdict, result.coded_reasons[0].code) == ("watch", "cells-saturated")
     # The file that the service prepared has the share of the cells too.
@@ -90,13 +90,13 @@ def test_saturated_cells_are_the_first_reason(store, spec, attempt, finish, ask,
 def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt, finish, ask, sinogram, turn):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     first = store.calibrations.accept(ask(scan_id=scan.id, activate=True))
-    calibrating = attempt(job_kinds.CALIBRATE)
+    calibrating = attempt(kinds.CALIBRATE)
     finish(calibrating, run(calibrating))
     assert store.scanners.get("line-2").active_calibration_id == first.id
     # The same sinogram with its angles counted backwards: a scanner that now turns the other way.
     other = ingested(sinogram(turn(60))[:, None], "-3:-6")
     store.calibrations.accept(ask(scan_id=other.id))
-    result = run(attempt(job_kinds.CALIBRATE))
+    result = run(attempt(kinds.CALIBRATE))
     assert result["comparison"]["calibration_id"] == first.id
     assert not result["comparison"]["within_tolerance"]
     assert "turns the other way" in result["comparison"]["reason"]
@@ -108,7 +108,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
     angles = np.deg2rad(np.arange(0.0, 200.0, 4.0))
     scan = ingested(sinogram(angles)[:, None], "0:4")
     store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
+    calibrating = attempt(kinds.CALIBRATE)
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.05
@@ -128,7 +128,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
 def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, ask, sinogram, turn):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
+    calibrating = attempt(kinds.CALIBRATE)
     result = run(calibrating)
     with h5py.File(calibrating.output / "result.h5") as file:
         units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
@@ -159,7 +159,7 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
     kept = []
     for _ in range(2):
         store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
-        calibrating = attempt(job_kinds.CALIBRATE)
+        calibrating = attempt(kinds.CALIBRATE)
         result = run(calibrating)
         kept.append(calibration_file.read_calibration(calibrating.output / "result.h5").arrays)
         finish(calibrating, result)
@@ -177,7 +177,7 @@ def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, s
     scan = ingested(np.repeat(sinogram(turn(60))[:, None], 2, axis=1), "3:6")
     wanted = ReconstructionAsk(scan_id=scan.id, theta=theta, rows="1:2", size=64, field_mm=420.0)
     store.reconstructions.accept(wanted)
-    reconstructing = attempt(job_kinds.RECONSTRUCT)
+    reconstructing = attempt(kinds.RECONSTRUCT)
     result = run(reconstructing)
     assert (result["shape"], result["rows"]) == ([1, 64, 64], [1, 2])
     with h5py.File(reconstructing.output / "volume.h5") as file:
@@ -195,12 +195,12 @@ def test_a_reconstruction_takes_out_the_hardening_that_its_calibration_found(
     spread = 0.3 / lengths.max()
     scan = ingested((np.log1p(spread * lengths) / spread)[:, None], "3:6")
     known = store.calibrations.accept(ask(scan_id=scan.id))
-    calibrating = attempt(job_kinds.CALIBRATE)
+    calibrating = attempt(kinds.CALIBRATE)
     finish(calibrating, run(calibrating))
     for handling, sentences in (("auto", 1), ("none", 0)):
         asked = {"scan_id": scan.id, "calibration_id": known.id, "hardening": handling, "size": 32}
         store.reconstructions.accept(ReconstructionAsk(**asked))
-        reconstructing = attempt(job_kinds.RECONSTRUCT)
+        reconstructing = attempt(kinds.RECONSTRUCT)
         result = run(reconstructing)
         finish(reconstructing, result)
         assert sum(done.startswith("beam hardening of -") for done in result["preparation"]) == sentences
@@ -215,7 +215,7 @@ def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
     results, images, middles = [], [], []
     for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
         store.reconstructions.accept(ReconstructionAsk(**asked, **options))
-        reconstructing = attempt(job_kinds.RECONSTRUCT)
+        reconstructing = attempt(kinds.RECONSTRUCT)
         results.append(run(reconstructing))
         with h5py.File(reconstructing.output / "volume.h5") as file:
             volume = file["entry/reconstruction"]
@@ -239,7 +239,7 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     drawn.save(buffer, format="PNG")
     given = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
     store.phantoms.accept_picture(given, store.files.receive([buffer.getvalue()], max_bytes=10**7))
-    drawing = PhantomDrawing.model_validate(run(attempt(job_kinds.TRACE_PHANTOM)))
+    drawing = PhantomDrawing.model_validate(run(attempt(kinds.TRACE_PHANTOM)))
     assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
     difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)
@@ -262,7 +262,7 @@ def test_modules_that_a_file_states_stay_with_its_scan(store, spec, attempt, tmp
         written.note(air_level=None, provenance={})
     received = store.files.receive([(tmp_path / "sent.nxs").read_bytes()], max_bytes=10**7)
     store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS), received)
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     run(reading)
     (kept,) = read_stored_scan(reading.output / "scan.h5").detector_modules
     assert (kept.first_cell, kept.gap_mm, kept.kink_rad) == pytest.approx((64, 1.5, 0.01))

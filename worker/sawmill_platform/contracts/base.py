@@ -1,7 +1,9 @@
-"""The base of every contract, types that many contracts share, and strict JSON, in which "1" and true are not 1."""
+"""The base of every contract, types that many share, strict JSON, and fields and routes out of use."""
 
+from collections.abc import Iterator
 from contextlib import suppress
-from datetime import datetime
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
@@ -9,11 +11,13 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     StringConstraints,
     TypeAdapter,
     ValidationError,
 )
-from pydantic_core import ErrorDetails, from_json, to_json
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails, from_json, to_json
 
 from sawmill_platform.contracts import patterns
 
@@ -116,3 +120,40 @@ def _with_whole_numbers(value: Any) -> Any:  # noqa: ANN401 - JSON
     if isinstance(value, list):
         return [_with_whole_numbers(each) for each in value]
     return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < _EXACT else value
+
+
+@dataclass(frozen=True)
+class OutOfUse:
+    """Mark of a field or a route out of use: deprecated in the OpenAPI document and in answers to requests with it.
+
+    Parameters
+    ----------
+    since
+        The version that took it out of use.
+    day
+        Date of that version, as in 2026-11-22.
+    gone_in
+        The version that refuses the name, later by a minor version at least.
+    instead
+        What to send or request instead, for people.
+    """
+
+    since: str
+    day: str
+    gone_in: str
+    instead: str
+
+    @property
+    def moment(self) -> datetime:
+        """The start of the day, UTC."""
+        return datetime.fromisoformat(self.day).replace(tzinfo=UTC)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Mark the schema as deprecated; pydantic calls this method."""
+        return handler(schema) | {"deprecated": True}
+
+
+def out_of_use(contract: type[BaseModel]) -> Iterator[tuple[str, OutOfUse]]:
+    """Return the names and marks of a contract's fields that are out of use."""
+    for name, field in contract.model_fields.items():
+        yield from ((name, mark) for mark in field.metadata if isinstance(mark, OutOfUse))

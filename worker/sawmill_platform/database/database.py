@@ -19,7 +19,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.orm import Session
 
 from sawmill_platform.database.clock import Clock, SharedClock, set_if_new
-from sawmill_platform.database.outages import Door, WriterQueue, trouble_translated
+from sawmill_platform.database.engines import Door, WriterQueue, trouble_translated
 from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import StorageMisconfigured, disk_outage_reported
 from sawmill_vocabulary.version import VERSION

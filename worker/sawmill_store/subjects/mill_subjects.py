@@ -6,7 +6,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import calibrations, job_kinds, mill_events
+from sawmill_contracts import calibrations, kinds, mill_events
 from sawmill_contracts.calibrations import Calibration, CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.handed_over import HandedOver
@@ -15,8 +15,8 @@ from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.reading_apart import read_apart
-from sawmill_mill.activation import activation_reason
 from sawmill_mill.next_step import step_alone, step_of_check
+from sawmill_mill.scanner_state import activation_reason
 from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
@@ -25,7 +25,7 @@ from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.file_store import FileStore
-from sawmill_platform.jobs.subjects import Recorded, Subjects
+from sawmill_platform.jobs.tallies import Recorded, Subjects
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.drift_charts import known_baselines
@@ -53,7 +53,7 @@ def handed_over(session: Session, files: FileStore, job: JobRow) -> HandedOver:
     if isinstance(declared, AskedKind):
         return HandedOver(kept=kept, **_of_asked(session, files, declared, job.subject_id))
     file = files.upload(job.kind, job.subject_id)
-    if job.kind is job_kinds.TRACE_PHANTOM:
+    if job.kind is kinds.TRACE_PHANTOM:
         picture = picture_of(found(session, PhantomRow, "phantom", job.subject_id))
         return HandedOver(kept=kept, file=file, picture=picture)
     scan = found(session, ScanRow, "scan", job.subject_id)
@@ -69,7 +69,7 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
         scan = found(session, ScanRow, "scan", answer.scan_id)
         fields["scan"] = read_scan(scan)
         if scan.state is ScanState.READY:
-            fields["file"] = files.results(job_kinds.INGEST, scan.id) / SCAN_FILE
+            fields["file"] = files.results(kinds.INGEST, scan.id) / SCAN_FILE
     if hasattr(answer, "phantom_id"):
         fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", answer.phantom_id))
     if declared.upload is not None:
@@ -80,7 +80,7 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     fields["scanner"] = scanner
     if hasattr(answer, "calibration_id"):
         fields["calibration"] = _calibration(session, answer.calibration_id)
-        if declared.kind is job_kinds.DRIFT:
+        if declared.kind is kinds.DRIFT:
             fields["baselines"] = known_baselines(session, answer.scanner_id, answer.calibration_id)
     elif hasattr(answer, "scan_id"):
         fields["active"] = _calibration(session, scanner.active_calibration_id)
@@ -108,7 +108,7 @@ def _record_success(session: Session, kind: JobKind, subject_id: str, result: Co
             step = step_of_check(result)
         detail = {} if step is None else {"next_step": step.answer.model_dump(mode="json")}
         return Recorded(why, detail)
-    if kind is job_kinds.INGEST:
+    if kind is kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reading = ScanState.READY, stored
         announce(session, now, mill_events.SCAN_READY, "scan", scan.id, group_id=scan.scanner_id)
@@ -121,12 +121,12 @@ def _record_success(session: Session, kind: JobKind, subject_id: str, result: Co
 
 def _record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
     """Refuse the scan or phantom whose job failed or was cancelled; other subjects have the state of their job."""
-    if kind is job_kinds.INGEST:
+    if kind is kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reason = ScanState.REFUSED, reason
         why = {"reason": reason}
         announce(session, now, mill_events.SCAN_REFUSED, "scan", scan.id, group_id=scan.scanner_id, detail=why)
-    elif kind is job_kinds.TRACE_PHANTOM:
+    elif kind is kinds.TRACE_PHANTOM:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.reason = PhantomState.REFUSED, reason
         announce(session, now, mill_events.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})

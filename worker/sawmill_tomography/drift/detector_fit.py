@@ -30,11 +30,11 @@ from sawmill_tomography.drift.opposite_rays.disturbances import (
     log_movement,
     shifted,
     undetected_covariance,
+    view_gain,
 )
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, even_views, opposite_rays_pair, widest_gap_rad
 from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
-from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
 from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG, ScanMotions
 from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.sinograms.air import find_air
-from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.present_rows import bridged_samples
 from sawmill_tomography.statistics import noise_of_differences
 
 # Lower bound of a ray's noise in air, as a share of the largest line integral: for noise-free data.

@@ -26,8 +26,8 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.metal_bodies import MetalBody, Pixels, fitted_rods
 from sawmill_tomography.reconstruction.total_variation import total_variation
-from sawmill_tomography.sinograms.bridging import bridged_samples
 from sawmill_tomography.sinograms.noise import estimated_noise, photon_noise
+from sawmill_tomography.sinograms.present_rows import bridged_samples
 
 # Measured: benchmarks/log_metal.py and, for phantoms, benchmarks/metal.py at 3ab7f653.
 # Fewer views do not show a body by its shadows. Every second of twice as many views as MOST_VIEWS makes the image, and

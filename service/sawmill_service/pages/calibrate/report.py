@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo
 from fastapi import Query, Request, Response
 from fastapi.responses import HTMLResponse
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
 from sawmill_contracts.history import HistoryKind
 from sawmill_formats.errors import damage_reported
@@ -99,7 +99,7 @@ def stored_arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | 
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
     try:
-        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = calibration_file.read_calibration(path).arrays

@@ -1,4 +1,4 @@
-"""Languages of the pages: gettext catalogues, a browser's language, and numbers and times as a language writes them."""
+"""Languages of the pages: catalogues, a browser's language, and numbers, times and states in its words."""
 
 import gettext
 import io
@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from babel import Locale, negotiate_locale
@@ -19,6 +19,9 @@ from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po
 from babel.numbers import format_decimal, format_scientific
 
+from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_vocabulary import ColorMap
 from sawmill_vocabulary.messages import Reader
 
 _CATALOGUES = Path(__file__).parents[2] / "locale"
@@ -222,3 +225,30 @@ def _local(time: datetime | str, zone: str | None = None) -> datetime:
 def _two_digits(value: float | None) -> int:
     """Return the number of decimals that leaves two significant digits, for values from 0.1 on."""
     return 0 if value is None or value >= 9.95 else 1 if value >= 0.995 else 2
+
+
+class Word(NamedTuple):
+    """Word for a state, and the name of a colour."""
+
+    tone: str
+    word: str
+
+
+SCAN_STATES = {
+    ScanState.INGESTING: Word("busy", marked("Being read")),
+    ScanState.READY: Word("good", marked("Ready")),
+    ScanState.REFUSED: Word("bad", marked("Refused")),
+}
+LOG_STATES = {
+    JobState.QUEUED: Word("idle", marked("Waiting")),
+    JobState.RUNNING: Word("busy", marked("Computing")),
+    JobState.SUCCEEDED: Word("good", marked("Ready")),
+    JobState.FAILED: Word("bad", marked("Failed")),
+    JobState.CANCELLED: Word("idle", marked("Cancelled")),
+}
+COLOR_MAPS = {
+    ColorMap.GREY: marked("Grey"),
+    ColorMap.VIRIDIS: marked("Viridis"),
+    ColorMap.INFERNO: marked("Inferno"),
+    ColorMap.MAGMA: marked("Magma"),
+}

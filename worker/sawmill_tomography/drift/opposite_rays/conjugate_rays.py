@@ -28,11 +28,11 @@ from sawmill_tomography.drift.opposite_rays.disturbances import (
     strongest,
     undetected_covariance,
     undisturbed,
+    view_gain,
 )
 from sawmill_tomography.drift.opposite_rays.full_turn import FullTurn, check_full_turn, even_views, nearest_view
 from sawmill_tomography.drift.opposite_rays.opposite_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
-from sawmill_tomography.drift.opposite_rays.view_gain import view_gain
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_vocabulary import Rotation
 
