@@ -35,8 +35,8 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_tomography.reconstruction.cauchy_map import STRENGTH, cauchy_map
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
-from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, continuation, descend
 from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior, Prior, TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.support_region import SupportRegion

@@ -14,7 +14,7 @@ from scans import TRUE_THETA
 from sqlalchemy import func, insert, select
 
 from sawmill_command import demo_client
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import EventRow, JobRow
@@ -63,7 +63,7 @@ class Line:
             made = [now - timedelta(days=1) + timedelta(seconds=number) for number in numbers]
             names = [f"filled-{number}" for number in numbers]
             jobs = [
-                {"id": name, "subject_id": name, "created_at": at, "kind": job_kinds.PLAN, "state": JobState.QUEUED}
+                {"id": name, "subject_id": name, "created_at": at, "kind": kinds.PLAN, "state": JobState.QUEUED}
                 | {"short": True}
                 for name, at in zip(names, made, strict=True)
             ]

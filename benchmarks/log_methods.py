@@ -21,9 +21,9 @@ from sawmill_calibration.reconstruction.reconstruct import (
 )
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.iterative.cross_validation import parabola_minimum
 from sawmill_tomography.reconstruction.iterative.descent import Floats
-from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_vocabulary import Handedness, Rotation
 

@@ -16,7 +16,7 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from waiting_job import do_waiting_job
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
@@ -99,9 +99,9 @@ def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
     with file.open("rb") as content:
         received = store.files.receive(iter(lambda: content.read(2**20), b""), max_bytes=UNLIMITED)
     scan = store.scans.accept(ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS), received)
-    return scan.id, do_waiting_job(store, job_kinds.INGEST).processor_s, received.size_bytes
+    return scan.id, do_waiting_job(store, kinds.INGEST).processor_s, received.size_bytes
 
 
 def _reconstructed(store: Store, scan_id: str, method: ReconstructionMethod, rows: int) -> tuple[str, float]:
     ask = ReconstructionAsk(scan_id=scan_id, theta=TRUE_THETA, method=method, rows=f"0:{rows}")
-    return store.reconstructions.accept(ask).id, do_waiting_job(store, job_kinds.RECONSTRUCT).processor_s
+    return store.reconstructions.accept(ask).id, do_waiting_job(store, kinds.RECONSTRUCT).processor_s

@@ -27,7 +27,7 @@ import structlog
 from sqlalchemy import insert
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 
 ROOT = Path(__file__).parents[1]
@@ -112,9 +112,9 @@ def fill_scanner(
         scan_id = f"{scanner_id}-{place}"
         made: dict[str, Any] = {"created_at": at, "scanner_id": scanner_id}
         of_log = bool(place % 10)
-        kinds = [job_kinds.DRIFT] * checks + [job_kinds.RECONSTRUCT] if of_log else [job_kinds.CALIBRATE]
-        jobs = [job(scan_id, scan_id, job_kinds.INGEST, at)]
-        jobs += [job(f"{scan_id}-job-{number}", f"{scan_id}-{number}", kind, at) for number, kind in enumerate(kinds)]
+        names = [kinds.DRIFT] * checks + [kinds.RECONSTRUCT] if of_log else [kinds.CALIBRATE]
+        jobs = [job(scan_id, scan_id, kinds.INGEST, at)]
+        jobs += [job(f"{scan_id}-job-{number}", f"{scan_id}-{number}", kind, at) for number, kind in enumerate(names)]
         session.execute(insert(JobRow), jobs)
         session.execute(insert(EventRow), [each for one in jobs for each in events(one, scanner_id)])
         scan = ScanRow(
@@ -135,10 +135,10 @@ def fill_scanner(
             active_id = f"{scanner_id}-{place - place % 10}-0"
             share = 1.0 if place == len(times) - 1 else (place % 10) / 10.0
             moved = moved_mm * share
-            if kind is job_kinds.CALIBRATE:
+            if kind is kinds.CALIBRATE:
                 answer = results.calibration_result(scanner=results.CONSTANTS)
                 row: Any = CalibrationRow(**asked, options={}, phantom_id="l-shape", activate=True, result=answer)
-            elif kind is job_kinds.DRIFT:
+            elif kind is kinds.DRIFT:
                 answer = results.drift_result(ray_change_mm=moved, within_tolerance=moved <= 0.5)
                 row = DriftRow(**asked, options={}, calibration_id=active_id, result=answer)
             else:
@@ -146,7 +146,7 @@ def fill_scanner(
                 row = ReconstructionRow(**asked, **about, result=results.reconstruction_result())
             session.add(row)
             session.flush()
-            if kind is job_kinds.CALIBRATE:
+            if kind is kinds.CALIBRATE:
                 session.add(
                     ActivationRow(scanner_id=scanner_id, calibration_id=row.id, activated_at=at, reason="the rays pass")
                 )
@@ -237,8 +237,8 @@ def lists() -> Iterator[str]:
     """List the paths of lists, whole and filtered, also by values with few or no results, which take the longest."""
     yield from (f"/v1/{name}" for name in ("audit", "scanners", "phantoms", "alarms", "schedules"))
     yield from (f"/v1/scanners/line-1/{name}" for name in ("drift", "history/entries", "measurements"))
-    kinds = map(str, JobKind.all())
-    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", kinds, JobState)}
+    kind_names = map(str, JobKind.all())
+    narrowed: dict[str, tuple[str, Iterable[str], Iterable[str]]] = {"jobs": ("kind", kind_names, JobState)}
     for name in ("calibrations", "drifts", "reconstructions"):
         narrowed[name] = ("scanner_id", ("line-1", "none"), JobState)
     narrowed["scans"] = ("scanner_id", ("line-1", "none"), ScanState)

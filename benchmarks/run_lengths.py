@@ -22,12 +22,19 @@ from production_logs import OUT
 from rich.progress import track
 from scipy.special import gammaincinv
 
-from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, ChartFinding, DriftChart, DriftKind
-from sawmill_tomography.drift.chart.history import Group, History
+from sawmill_tomography.drift.chart.chart import (
+    GROUP_LOOKS,
+    LIMIT,
+    QUIET,
+    ChartFinding,
+    DriftChart,
+    DriftKind,
+    Group,
+    History,
+)
 from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint, pooled_means
-from sawmill_tomography.drift.chart.matrices import inverse, scaled
 from sawmill_tomography.drift.chart.segments import Segment
-from sawmill_tomography.drift.chart.spread import LookSpread
+from sawmill_tomography.drift.chart.spread import LookSpread, inverse, scaled
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 

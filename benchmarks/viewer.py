@@ -29,7 +29,7 @@ from measurement import Measurement
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanState
@@ -127,14 +127,14 @@ def fill(store: Store, slices: int, size: int) -> None:
     for number in range(SCANNERS):
         spec = ScannerSpec(name=f"Line {number}", constants=constants)
         store.scanners.create(spec, scanner_id=f"line-{number}")
-    write_volume(store.files.results(job_kinds.RECONSTRUCT, "r0"), slices, size)
+    write_volume(store.files.results(kinds.RECONSTRUCT, "r0"), slices, size)
     shape = {"views": 360, "rows": slices, "detector": 704}
     reading = {"format": "NXtomo", "shape": shape, "angular_range_deg": [0, 359]}
     result, now = result_of(slices, size), store.database.now()
     with store.database.write() as session:
         for number in range(SCANS):
             at, scanner_id = now - timedelta(minutes=MINUTES_APART * number), f"line-{number % SCANNERS}"
-            jobs = {"i": (job_kinds.INGEST, f"s{number}"), "j": (job_kinds.RECONSTRUCT, f"r{number}")}
+            jobs = {"i": (kinds.INGEST, f"s{number}"), "j": (kinds.RECONSTRUCT, f"r{number}")}
             for prefix, (kind, subject_id) in jobs.items():
                 done = {"state": JobState.SUCCEEDED, "subject_id": subject_id}
                 session.add(JobRow(id=f"{prefix}{number}", created_at=at, kind=kind, **done))

@@ -26,15 +26,15 @@ from starlette.types import ASGIApp
 
 from sawmill_command.commands import main as program
 from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_platform.contracts.base import out_of_use
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.old_names import out_of_use
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.app import create_app
-from sawmill_service.history_file import COLUMNS
 from sawmill_service.http.document.old_names import OLD_ROUTES
 from sawmill_service.http.problem_types import ProblemType, problem_types
+from sawmill_service.routes.scanners import COLUMNS
 from sawmill_service.serving import no_wake
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store

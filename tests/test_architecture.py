@@ -126,7 +126,7 @@ UNVERIFIED = {
     "sawmill_store/phantoms.py": {"results"},
     "sawmill_store/retention/retention_store.py": {"results"},
     "sawmill_store/scans.py": {"results"},
-    "sawmill_store/subjects/handing_over.py": {"results"},
+    "sawmill_store/subjects/mill_subjects.py": {"results"},
 }
 
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_vocabulary import Polygon, fault_of_outline
 
 

@@ -26,14 +26,13 @@ from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_store.alarms import Alarms
-from sawmill_store.calibrations import Calibrations
+from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
 from sawmill_store.inspections import Inspections
 from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.phantoms import Phantoms
-from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners import Scanners
 from sawmill_store.scans import Scans

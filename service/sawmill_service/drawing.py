@@ -1,4 +1,4 @@
-"""Pictures that are drawn on their first request: reports, which need matplotlib, and thumbnails.
+"""Results of jobs, and pictures that are drawn on their first request: reports, which need matplotlib, and thumbnails.
 
 Drawing modules are imported by the first picture: no other request needs them.
 """
@@ -12,22 +12,24 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_contracts.scans import Scan, ScanShape
 from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
 from sawmill_platform.errors import NotFound
-from sawmill_service.finished import middle_row
 from sawmill_service.http.problems import Refused
+from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.scans import Scans
 from sawmill_vocabulary.messages import Reader
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
+
 
 # One picture at a time: a picture that many request at once is drawn once, and threads share matplotlib's caches.
 DRAWING = threading.Lock()
@@ -53,7 +55,7 @@ _LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFT
 
 def calibration_picture(files: MillFiles, calibration_id: str, picture: CalibrationPicture) -> Path:
     """Return the path of a calibration's picture; draw it from result.h5 and keep it if it is missing."""
-    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         if picture in _LOGS:
@@ -62,12 +64,12 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
 
         return overlay_png(*_answer(path))
 
-    return files.kept(job_kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
+    return files.kept(kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
 
 
 def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader: Reader) -> Path:
     """Return the path of a calibration's report with its next step; drawn and kept for each step and language."""
-    path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
         from sawmill_worker.pictures.calibration_report import report_png
@@ -76,7 +78,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
 
     of_step = hashlib.sha256(f"{step.tone} {step.reason}".encode()).hexdigest()[:12]
     name = f"report-{reader.language}-{of_step}.png"
-    return files.kept(job_kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
+    return files.kept(kinds.CALIBRATE, calibration_id, name, draw, one_at_a_time=DRAWING)
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def shown_log(files: MillFiles, calibration_id: str) -> ShownLog | None:
     from sawmill_vocabulary.calibration_arrays import log_before_with
 
     try:
-        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with")
@@ -146,7 +148,7 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
         path, row = files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
 
-    return files.kept(job_kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(kinds.INGEST, scan.id, THUMBNAIL, draw, one_at_a_time=_SMALL)
 
 
 def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: ReconstructionResult) -> Path:
@@ -160,4 +162,43 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
-    return files.kept(job_kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+    return files.kept(kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+
+
+def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> ReconstructionResult:
+    """Return the result of a reconstruction."""
+    reconstruction = reconstructions.get(reconstruction_id)
+    if reconstruction.result is None:
+        detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
+        raise Refused(409, "reconstruction-without-result", detail)
+    return reconstruction.result
+
+
+def check_slice(result: ReconstructionResult, index: int) -> None:
+    """Refuse the index of a slice that a volume does not have."""
+    slices = result.shape[0]
+    if index >= slices:
+        raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
+
+
+def scan_if_kept(scans: Scans, scan_id: str) -> Scan | None:
+    """Return a scan from which something was made; None where the scan was deleted since."""
+    try:
+        return scans.get(scan_id)
+    except NotFound:
+        return None
+
+
+def ready_scan(scans: Scans, scan_id: str) -> tuple[Scan, ScanShape]:
+    """Return a scan that has been read, and its shape."""
+    scan = scans.get(scan_id)
+    if scan.shape is None:
+        reason = scan.reason or f"job {scan.job_id} still reads it"
+        raise Refused(409, f"scan-{scan.state}", f"scan {scan_id!r} is {scan.state}: {reason}")
+    return scan, scan.shape
+
+
+def middle_row(scan: Scan, shape: ScanShape) -> int:
+    """Return the middle of the rows that enough views have."""
+    first, last = scan.usable_rows or (0, shape.rows)
+    return (first + last) // 2

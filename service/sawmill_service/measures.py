@@ -1,9 +1,10 @@
-"""Metrics of the store, counted when they are read (docs/look-up/metrics.md); every label is of a closed set."""
+"""Metrics of the store and of webhooks, counted when read (docs/look-up/metrics.md); labels are of closed sets."""
 
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from datetime import datetime
 from typing import TypeVar
 
 from prometheus_client.core import (
@@ -19,12 +20,12 @@ from sawmill_contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_contracts.retention import Removed
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_platform.jobs.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
 from sawmill_service.routes.health import PATIENCE_S
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_service.scanner_measures import scanner_measures
-from sawmill_service.webhook_measures import webhook_measures
 from sawmill_store.store import Store
 
 Key = TypeVar("Key", bound=Hashable)
@@ -213,3 +214,30 @@ def _by_kind(name: str, text: str, values: Mapping[JobKind, float]) -> GaugeMetr
     for kind in JobKind.all():
         family.add_metric([kind], values.get(kind, 0.0))
     return family
+
+
+_GAUGES = {
+    "waiting": "Events that wait to be sent, 10 000 at most.",
+    "oldest_waiting_seconds": "Age of the oldest event that waits; 0: none does.",
+    "paused": "Whether the service gave up on the webhook.",
+}
+
+
+def webhook_measures(webhooks: Iterable[Webhook], now: datetime) -> Iterator[Metric]:
+    """Yield a metric family for each measure, with a value for each webhook."""
+    sent = CounterMetricFamily(
+        "sawmill_webhook_deliveries",
+        "Attempts to deliver an event, by outcome: delivered, failed.",
+        labels=["webhook", "outcome"],
+    )
+    gauges = [GaugeMetricFamily(f"sawmill_webhook_{name}", text, labels=["webhook"]) for name, text in _GAUGES.items()]
+    for webhook in webhooks:
+        sent.add_metric([webhook.id, "delivered"], webhook.delivered)
+        sent.add_metric([webhook.id, "failed"], webhook.failed)
+        since = webhook.waiting_since
+        age_s = 0.0 if since is None else max(0.0, (now - since).total_seconds())
+        values = (webhook.waiting, age_s, int(webhook.state is WebhookState.PAUSED))
+        for family, value in zip(gauges, values, strict=True):
+            family.add_metric([webhook.id], value)
+    yield sent
+    yield from gauges

@@ -24,8 +24,7 @@ from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.formats import plain_number
-from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 
 KINDS = {

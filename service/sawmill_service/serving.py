@@ -25,9 +25,8 @@ from sawmill_service.http.bodies.unread_bodies import UnreadBodies
 from sawmill_service.http.limits.memory_budget import return_freed_memory
 from sawmill_service.http.limits.open_files import connections_of, log_refused_accepts_rarely
 from sawmill_service.http.listening import ListenError, is_loopback, listen
-from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
-from sawmill_service.stopping import Server
+from sawmill_service.stopping import Server, ServiceManager
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_store.store import Store

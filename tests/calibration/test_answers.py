@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import sawmill_calibration as sawmill
 from sawmill_command.commands import main
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_formats.output.volume_reader import volume_slices
 from sawmill_tomography.geometry.geometry import to_vector
 

@@ -14,8 +14,8 @@ from sawmill_calibration.calibration.calibrate import (
     SearchProgress,
     run_calibration,
 )
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_tomography.geometry.geometry import TAU
 
 

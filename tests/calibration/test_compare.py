@@ -8,8 +8,8 @@ import pytest
 
 from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_calibration.calibration.calibrate_scan import compared, geometry_of
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions, PredictedRayError
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_tomography.geometry.ray_error import ray_error
 

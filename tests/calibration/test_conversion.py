@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_calibration.conversion import from_phantom, to_phantom
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_calibration.known_geometry import from_phantom, to_phantom
 from sawmill_contracts.geometry import (
     GivenTheta,
     GivenThetaBounds,
@@ -17,7 +16,7 @@ from sawmill_contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
-from sawmill_contracts.phantoms import PhantomDrawing
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.phantoms import built_in
 from sawmill_vocabulary import Disc, Polygon, Scanner, SourceFrame, Theta, ThetaBounds

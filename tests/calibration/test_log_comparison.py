@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sawmill_calibration.calibration.calibrate import CalibrationInput
-from sawmill_calibration.calibration.log_comparison import find_log_row
+from sawmill_calibration.calibration.calibration_files import find_log_row
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.projection.analytic import DetectorCells, project
 

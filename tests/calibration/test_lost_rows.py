@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import sawmill_calibration as sawmill
-from sawmill_calibration.conversion import to_phantom
 from sawmill_calibration.drift_checks.drift_check import mean_of_common_rows
+from sawmill_calibration.known_geometry import to_phantom
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta

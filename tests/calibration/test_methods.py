@@ -14,7 +14,7 @@ from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_tomography.reconstruction.methods import METHODS
+from sawmill_tomography.reconstruction.choosing import METHODS
 from sawmill_vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow

@@ -11,9 +11,9 @@ from sawmill_calibration.calibration.calibrate import (
 )
 from sawmill_calibration.calibration.second_witness import with_second_witness, witness_of
 from sawmill_command.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.geometry.ray_error import ray_error

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sawmill_calibration.failures import input_errors_translated
-from sawmill_calibration.scans.selection import chosen_rows, chosen_views
+from sawmill_calibration.scans.scan_rows import chosen_rows, chosen_views
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from sawmill_command.commands import main
 from sawmill_contracts.calibrations import CalibrationOptions, PaperOptions
 from sawmill_contracts.plans import PlanOptions
-from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_contracts.scans import PrepareOptions
 from sawmill_worker.commands.from_contract import FieldBounds
 
 SAWMILL = Path(sys.executable).with_name("sawmill")

@@ -14,7 +14,7 @@ import pytest
 from results import CONSTANTS
 
 from sawmill_command.doctor import machine
-from sawmill_command.doctor.findings import State
+from sawmill_command.doctor.machine import State
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.scans import PrepareOptions
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 9.0)

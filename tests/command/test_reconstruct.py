@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from sawmill_calibration.scans import scan_rows
-from sawmill_calibration.scans.scan_rows import open_rows
-from sawmill_calibration.scans.scan_source import ScanSource
+from sawmill_calibration.scans.scan_rows import ScanSource, open_rows
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_vocabulary import DataKind, Progress

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_mill.activation import activation_reason
+from sawmill_mill.scanner_state import activation_reason
 
 PASSED = {"wanted": True, "schedule_id": None, "rays_verdict": "pass", "has_moved": False}
 

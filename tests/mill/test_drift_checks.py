@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from sawmill_mill.drift_checks import DriftCheck, counts_for_chart
+from sawmill_mill.scanner_state import DriftCheck, counts_for_chart
 from sawmill_vocabulary import DetectorEstimate, Rotation
 
 NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)

@@ -21,8 +21,8 @@ from sawmill_platform.contracts.kind_declarations import KindDeclaration, declar
 from sawmill_platform.database.tables import Base, Json, Resource
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.job_service_store import JobServiceStore
-from sawmill_platform.jobs.queueing import queue_job
-from sawmill_platform.jobs.subjects import Recorded, Subjects
+from sawmill_platform.jobs.queue_limits import queue_job
+from sawmill_platform.jobs.tallies import Recorded, Subjects
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.program import attempt_starter
 from sawmill_platform.workers.settings import ExecutionSettings

@@ -20,7 +20,6 @@ from asgi import asynchronous, scope_of
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
-from sawmill_contracts import job_kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants

@@ -7,13 +7,12 @@ from html import unescape
 import pytest
 from results import SCANNER_FORM
 
-from sawmill_contracts import job_kinds
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.scanners import ScannerAsk
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.jobs.retries import Retries
+from sawmill_platform.workers.settings import Retries
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
 
@@ -133,7 +132,7 @@ def test_answers_start_the_reading_and_the_calibration(seeded, store, inspect, w
     scan = store.scans.get(calibration.scan_id)
     assert (scan.scanner_id, scan.phantom_id, scan.data, scan.angles_deg) == tuple(ANSWERS.values())
     assert scan.name == "morning <1>.npz"
-    assert store.files.upload(job_kinds.INGEST, scan.id).read_bytes() == b"a scan"
+    assert store.files.upload(kinds.INGEST, scan.id).read_bytes() == b"a scan"
     assert woken == [scan.job_id, calibration.job_id]
     running = seeded.get(path)
     assert f'data-jobs="{scan.job_id} {calibration.job_id}"' in running.text

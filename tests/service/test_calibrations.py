@@ -7,7 +7,7 @@ from asgi import asynchronous
 from damaged_files import written_by_its_job
 from PIL import Image
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_store.mill_files import MillFiles
@@ -47,7 +47,7 @@ def drawn(store):
 
 
 def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, drawn):
-    folder = store.files.results(job_kinds.CALIBRATE, "example")
+    folder = store.files.results(kinds.CALIBRATE, "example")
     assert [path.name for path in folder.iterdir()] == ["result.h5"]
     first, second = (seeded.get("/v1/calibrations/example/overlay.png") for _ in range(2))
     assert drawn == ["overlay.png"]
@@ -75,13 +75,13 @@ def test_a_report_is_drawn_once_in_each_language(seeded, store):
     drawn = {language: seeded.get(f"{path}?language={language}") for language in ("en", "fi")}
     assert [answer.status_code for answer in drawn.values()] == [200, 200]
     assert drawn["en"].content == seeded.get(path).content != drawn["fi"].content
-    kept = store.files.results(job_kinds.CALIBRATE, "example").glob("report-*.png")
+    kept = store.files.results(kinds.CALIBRATE, "example").glob("report-*.png")
     assert sorted(each.name[:9] for each in kept) == ["report-en", "report-fi"]
 
 
 @pytest.mark.usefixtures("seeded")
 def test_a_picture_cannot_outlive_its_calibration(store, drawn):
-    folder = store.files.results(job_kinds.CALIBRATE, "example")
+    folder = store.files.results(kinds.CALIBRATE, "example")
     store.files.before_keeping = lambda: store.files.remove(folder)
     with pytest.raises(NotFound):
         calibration_picture(store.files, "example", CalibrationPicture.OVERLAY)
@@ -114,15 +114,15 @@ def test_the_log_before_and_after_are_of_one_size_and_one_window(seeded, store):
         assert first.size == second.size == (512, 512)
         # The same value, at the middle of the first and a quarter beside it in the second, is the same grey.
         assert abs(first.getpixel((136, 250)) - second.getpixel((264, 250))) < 12  # a pixel's step of the ramp
-    folder = store.files.results(job_kinds.CALIBRATE, "example")
+    folder = store.files.results(kinds.CALIBRATE, "example")
     assert (folder / "log-before.png").read_bytes() == before.content
 
 
 def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, worker):
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration()
-    with h5py.File(store.files.result(job_kinds.CALIBRATE, identifier, "result.h5"), "r+") as file:
+    with h5py.File(store.files.result(kinds.CALIBRATE, identifier, "result.h5"), "r+") as file:
         del file["entry/arrays/log_before"]
-    written_by_its_job(store, store.files.unverified(job_kinds.CALIBRATE, identifier, "result.h5"))
+    written_by_its_job(store, store.files.unverified(kinds.CALIBRATE, identifier, "result.h5"))
     refused = seeded.get(f"/v1/calibrations/{identifier}/log-before.png")
     assert (refused.status_code, refused.json()["code"]) == (404, "no-log")

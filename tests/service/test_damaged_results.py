@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from damaged_files import DAMAGES, another_file
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.errors import DamagedResult
 
 SCAN, LOG, FOUND = "/v1/scans/example", "/v1/reconstructions/example-sparse", "/v1/calibrations/example"
 # The values of each file, what is made of them first, and what else.
 FILES = {
-    "scan": (job_kinds.INGEST, "example/scan.h5", "entry/instrument/detector/data", f"{SCAN}/sinogram.png?row=0"),
-    "volume": (job_kinds.RECONSTRUCT, "example-sparse/volume.h5", "entry/reconstruction/data", f"{LOG}/slices/0.npy"),
-    "calibration": (job_kinds.CALIBRATE, "example/result.h5", "entry/arrays/sinogram", f"{FOUND}/result.h5"),
+    "scan": (kinds.INGEST, "example/scan.h5", "entry/instrument/detector/data", f"{SCAN}/sinogram.png?row=0"),
+    "volume": (kinds.RECONSTRUCT, "example-sparse/volume.h5", "entry/reconstruction/data", f"{LOG}/slices/0.npy"),
+    "calibration": (kinds.CALIBRATE, "example/result.h5", "entry/arrays/sinogram", f"{FOUND}/result.h5"),
 }
 OTHERS = {
     "scan": ["preview", "thumbnail.png"],

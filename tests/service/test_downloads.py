@@ -11,10 +11,10 @@ import pytest
 from asgi import asynchronous
 from documented import check_documented
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_service.app import create_app
-from sawmill_service.http.responses.digests import Digests
+from sawmill_service.http.responses.conditional import Digests
 from sawmill_service.settings import ServiceSettings
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
@@ -276,7 +276,7 @@ def test_a_range_of_a_date_is_answered_with_the_whole(seeded, store):
     """A file may be written twice within a second: parts of both are not to be joined."""
     thumbnail = f"{LOG}/thumbnail.png"
     modified = seeded.get(thumbnail).headers["Last-Modified"]
-    path = store.files.results(job_kinds.RECONSTRUCT, "example") / "thumbnail.png"
+    path = store.files.results(kinds.RECONSTRUCT, "example") / "thumbnail.png"
     status = path.stat()
     path.write_bytes(path.read_bytes()[::-1])
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns // 10**9 * 10**9 + (status.st_mtime_ns + 1) % 10**9))

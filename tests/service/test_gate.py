@@ -7,8 +7,7 @@ from sawmill_service import dependencies
 from sawmill_service.access import check_scope
 from sawmill_service.app import create_app
 from sawmill_service.http.bodies.forms import check_csrf
-from sawmill_service.http.bodies.sent_json import check_body
-from sawmill_service.http.queries import check_query
+from sawmill_service.http.bodies.sent_json import check_body, check_query
 from sawmill_service.http.route_rules import check_method
 from sawmill_service.settings import ServiceSettings
 

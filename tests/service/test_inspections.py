@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_store.store import Store
 
 CONTENT = np.random.default_rng(5).bytes(5000)
@@ -29,7 +29,7 @@ def test_a_file_is_inspected_by_a_job(seeded, store, woken):
     assert found["links"]["job"] == f"/v1/jobs/{found['job_id']}"
     options = found["options"]
     assert (options["name"], options["dataset"], options["size_bytes"]) == ("morning.npz", "entry", len(CONTENT))
-    assert store.files.upload(job_kinds.INSPECT, found["id"]).read_bytes() == CONTENT
+    assert store.files.upload(kinds.INSPECT, found["id"]).read_bytes() == CONTENT
 
 
 def test_what_is_missing_has_the_field_that_gives_it(seeded, inspection, worker):
@@ -47,13 +47,13 @@ def test_an_inspected_file_becomes_scans_or_is_inspected_again_without_being_sen
             len(CONTENT),
             inspection["options"]["sha256"],
         )
-        assert store.files.upload(job_kinds.INGEST, scan["id"]).read_bytes() == CONTENT
+        assert store.files.upload(kinds.INGEST, scan["id"]).read_bytes() == CONTENT
     # One file with three names: a scan costs no second room on the disk.
-    assert store.files.upload(job_kinds.INGEST, scans[0]["id"]).stat().st_nlink == 3
+    assert store.files.upload(kinds.INGEST, scans[0]["id"]).stat().st_nlink == 3
     assert arriving(store) == []
     again = seeded.post(f"/v1/inspections?inspection_id={inspection['id']}&dataset=other").json()
     assert (again["options"]["dataset"], again["options"]["size_bytes"]) == ("other", len(CONTENT))
-    assert store.files.upload(job_kinds.INSPECT, again["id"]).read_bytes() == CONTENT
+    assert store.files.upload(kinds.INSPECT, again["id"]).read_bytes() == CONTENT
 
 
 def test_a_deleted_inspection_leaves_the_scan_its_file(seeded, store, inspection, worker):
@@ -63,13 +63,13 @@ def test_a_deleted_inspection_leaves_the_scan_its_file(seeded, store, inspection
     scan = seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json()
     assert seeded.delete(path).status_code == 204
     assert seeded.get(path).json()["code"] == "inspection-not-found"
-    assert not store.files.upload(job_kinds.INSPECT, inspection["id"]).exists()
-    assert store.files.upload(job_kinds.INGEST, scan["id"]).read_bytes() == CONTENT
+    assert not store.files.upload(kinds.INSPECT, inspection["id"]).exists()
+    assert store.files.upload(kinds.INGEST, scan["id"]).read_bytes() == CONTENT
     assert seeded.get("/v1/audit").json()["items"][0]["action"] == "inspection-deleted"
 
 
 def test_a_file_that_has_been_removed_must_be_sent_again(seeded, store):
-    store.files.remove_upload(job_kinds.INSPECT, "example")
+    store.files.remove_upload(kinds.INSPECT, "example")
     answer = seeded.post(f"{AS_SCAN}&inspection_id=example")
     assert (answer.status_code, answer.json()["code"]) == (409, "inspection-expired")
     assert "send it again" in answer.json()["detail"]

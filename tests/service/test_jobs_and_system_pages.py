@@ -6,7 +6,7 @@ import pytest
 from page_text import text_of
 from sqlalchemy import event, insert
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.plans import PlanAsk
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
@@ -107,7 +107,7 @@ def fill(store) -> None:
     """Half of them wait, half have succeeded."""
     now = store.database.now()
     states = (JobState.QUEUED, JobState.SUCCEEDED)
-    shared = {"created_at": now, "started_at": now, "kind": job_kinds.CALIBRATE, "subject_id": "example"}
+    shared = {"created_at": now, "started_at": now, "kind": kinds.CALIBRATE, "subject_id": "example"}
     rows = [{"id": f"job-{number}", "state": states[number % 2], **shared} for number in range(DECK)]
     with store.database.write() as session:
         session.execute(insert(JobRow), rows)

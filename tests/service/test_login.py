@@ -16,7 +16,7 @@ from sawmill_platform.keys.sessions import hash_of_link
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.http.session_cookie import NAME, SECURE_NAME, csrf_token
-from sawmill_service.pages.frame.look import LOOK
+from sawmill_service.pages.frame.page_frame import LOOK
 from sawmill_service.routes.login import FILES
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store

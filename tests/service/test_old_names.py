@@ -9,7 +9,7 @@ from contract_changes import version_tuple
 from documented import check_documented
 
 from sawmill_contracts.declared_kinds import asked_kinds
-from sawmill_platform.contracts.old_names import out_of_use
+from sawmill_platform.contracts.base import out_of_use
 from sawmill_service.http.document.old_names import OLD_ROUTES
 from sawmill_vocabulary.version import VERSION
 

@@ -13,7 +13,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_service.app import create_app
 from sawmill_service.http.document.openapi_words import unit_of
 from sawmill_service.settings import ServiceSettings
-from sawmill_service.webhooks.messages import body_of_event
+from sawmill_service.webhooks.couriers import body_of_event
 from sawmill_store.store import Store
 
 # How a description states what a number counts or that it has no unit.

@@ -13,8 +13,7 @@ from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_service.access import ANYBODY
-from sawmill_service.pages.frame.formats import Formats
-from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, catalogue, locale_of, preferred_language
+from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES, Formats, catalogue, locale_of, preferred_language
 from sawmill_service.pages.frame.page_frame import templates
 from sawmill_service.pages.frame.verdicts import shown_questions
 

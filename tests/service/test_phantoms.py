@@ -10,8 +10,7 @@ from page_text import text_of
 from PIL import Image, ImageDraw
 
 import sawmill_service
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Disc
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()

@@ -11,8 +11,8 @@ from openapi_spec_validator import validate
 from results import SCANNER_SPEC as SPEC
 
 from sawmill_platform.errors import StorageFull, StorageUnavailable
+from sawmill_service.http.bodies.sent_json import check_query
 from sawmill_service.http.problems import Problem, install
-from sawmill_service.http.queries import check_query
 
 # Of a path's parameters.
 ANY = defaultdict(lambda: "example", index="0")

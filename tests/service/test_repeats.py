@@ -6,7 +6,7 @@ from base64 import b64encode
 import pytest
 from results import SCANNER_SPEC as SCANNER
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.database.tables import RepeatRow
 
@@ -171,4 +171,4 @@ def test_keys_of_different_callers_are_different_keys(seeded, store):
         answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
         ids |= set(answers)
     assert len(ids) == 2
-    assert len(store.jobs.page(kind=job_kinds.CALIBRATE).items) == 5
+    assert len(store.jobs.page(kind=kinds.CALIBRATE).items) == 5

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 
@@ -63,7 +63,7 @@ def test_a_newer_calibration_is_not_in_use_and_was_asked_for_by_a_key(seeded, st
 
 
 def test_without_its_file_the_report_has_no_pictures_and_says_so(report, store):
-    store.files.result(job_kinds.CALIBRATE, "example", "result.h5").unlink()
+    store.files.result(kinds.CALIBRATE, "example", "result.h5").unlink()
     answer = report()
     assert "data:image" not in answer.text
     assert "No pictures" in answer.text

@@ -15,8 +15,8 @@ from sawmill_contracts.measurements import Measurement, MeasurementKind, Movemen
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.database.tables import EventRow
-from sawmill_service.history_file import COLUMNS, history_csv
 from sawmill_service.pages.charts import MOST_MARKS, TREND_PX, Span, trend_chart
+from sawmill_service.routes.scanners import COLUMNS, history_csv
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ReconstructionRow
 
 HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"

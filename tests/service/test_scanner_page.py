@@ -10,7 +10,7 @@ from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
 from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import KnownBaseline
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_contracts.schedules import ScheduleSpec

@@ -13,7 +13,7 @@ from structlog.contextvars import bound_contextvars, get_contextvars
 
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
-from sawmill_service.http.request_ids import RequestIds
+from sawmill_service.http.observer import RequestIds
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "sesame-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing

@@ -24,9 +24,8 @@ from sawmill_command.commands import main
 from sawmill_command.service_units import Installation, program
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.http.limits.open_files import files_needed
-from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
-from sawmill_service.stopping import SHUTDOWN_S
+from sawmill_service.stopping import SHUTDOWN_S, ServiceManager
 
 # Those that the units use, by section, after systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
 # systemd.resource-control(5).

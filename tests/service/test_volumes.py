@@ -14,7 +14,7 @@ from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap
 from sawmill_worker.pictures.arrays import averaged
-from sawmill_worker.pictures.color_maps import painted
+from sawmill_worker.pictures.windows import painted
 
 LOG = "/v1/reconstructions/example"
 

@@ -23,7 +23,7 @@ from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import text
 from system_calls import at_call, refusing
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
@@ -171,7 +171,7 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
 @sqlite_alone
 def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     first_scan = work()
-    twin = store.files.results(job_kinds.INGEST, first_scan) / "twin"
+    twin = store.files.results(kinds.INGEST, first_scan) / "twin"
     twin.hardlink_to(twin.with_name("result"))
     first = take_backup(settings, into, silent)
     sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]
@@ -237,7 +237,7 @@ def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings,
 @sqlite_alone
 def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(store, settings, work, into, elsewhere):
     lost, kept = work(), work()
-    shutil.rmtree(store.files.results(job_kinds.INGEST, lost))
+    shutil.rmtree(store.files.results(kinds.INGEST, lost))
     taken = take_backup(settings, into, silent)
     assert taken.manifest.lacking == [f"scans/{lost}"]
     restore(taken.path, elsewhere, silent)
@@ -258,7 +258,7 @@ def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Pa
             claim = store.jobs.claim("test")
             output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
             (output / "scan.h5").write_text(f"line integrals {number}")
-            store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[job_kinds.INGEST]()), output)
+            store.jobs.succeed(claim, answer_of(claim.job.kind, RESULTS[kinds.INGEST]()), output)
     (folder / "disk").mkdir()
     return take_backup(settings, folder / "disk", silent).path
 

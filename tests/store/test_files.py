@@ -8,7 +8,7 @@ from threading import Lock
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
 from sawmill_platform.files.file_store import IDENTITY, FileStore
 from sawmill_store.mill_files import MillFiles
@@ -35,15 +35,13 @@ def test_an_upload_is_counted_and_hashed(files):
 
 
 def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
-    folder = files.results(job_kinds.CALIBRATE, "found")
+    folder = files.results(kinds.CALIBRATE, "found")
     folder.mkdir()
     with pytest.raises(ZeroDivisionError):
-        files.kept(job_kinds.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0), one_at_a_time=LOCK)
+        files.kept(kinds.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0), one_at_a_time=LOCK)
     assert list(folder.iterdir()) == []
     for content in (b"drawn", b"drawn again"):
-        path = files.kept(
-            job_kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=Lock()
-        )
+        path = files.kept(kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=Lock())
         assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
     assert incoming(files) == []
 
@@ -70,7 +68,7 @@ def test_folders_that_were_made_to_stay_are_removed(files, nested):
 
 def test_what_is_made_for_a_removed_subject_is_not_kept(files):
     with pytest.raises(NotFound):
-        files.kept(job_kinds.CALIBRATE, "gone", "report.png", lambda: b"drawn", one_at_a_time=LOCK)
+        files.kept(kinds.CALIBRATE, "gone", "report.png", lambda: b"drawn", one_at_a_time=LOCK)
     assert incoming(files) == []
 
 
@@ -117,11 +115,11 @@ def test_other_trouble_with_the_disk_is_not_called_full():
 @pytest.mark.parametrize("identifier", ["..", "a/b", "", "A", "-a", "a" * 65, "a.b"])
 def test_an_identifier_cannot_leave_its_folder(files, identifier):
     with pytest.raises(NotFound):
-        files.results(job_kinds.INGEST, identifier)
+        files.results(kinds.INGEST, identifier)
 
 
 def test_publishing_replaces_an_older_folder(files):
-    final = files.results(job_kinds.CALIBRATE, "one")
+    final = files.results(kinds.CALIBRATE, "one")
     for attempt in (1, 2):
         output = files.make_attempt_folder("job", attempt)
         (output / f"{attempt}.txt").write_text("result")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.inspections import FILE_KEPT, InspectionOptions
 from sawmill_contracts.scans import ScanSpec
 from sawmill_vocabulary import DataKind
@@ -37,7 +37,7 @@ def test_a_file_goes_a_day_after_it_came_and_the_answer_stays(store, clock, look
     clock.advance(seconds=FILE_KEPT.total_seconds() - 1.0)
     assert looked() == []
     clock.advance(seconds=2.0)
-    assert looked() == [store.files.upload(job_kinds.INSPECT, inspected.id).parent]
+    assert looked() == [store.files.upload(kinds.INSPECT, inspected.id).parent]
     assert store.inspections.get(inspected.id).result.verdict == "incomplete"
 
 
@@ -46,7 +46,7 @@ def test_a_file_stays_until_it_has_been_inspected(store, clock, looked, finish):
     clock.advance(days=3)
     assert looked() == []
     finish(store)
-    assert looked() == [store.files.upload(job_kinds.INSPECT, inspected.id).parent]
+    assert looked() == [store.files.upload(kinds.INSPECT, inspected.id).parent]
 
 
 def test_a_scan_keeps_its_file_when_that_of_the_inspection_goes(store, clock, looked, finish, scanner):
@@ -56,4 +56,4 @@ def test_a_scan_keeps_its_file_when_that_of_the_inspection_goes(store, clock, lo
     scan = store.scans.accept(spec, store.inspections.received_again(inspected.id))
     clock.advance(days=2)
     looked()
-    assert store.files.upload(job_kinds.INGEST, scan.id).read_bytes() == b"scan"
+    assert store.files.upload(kinds.INGEST, scan.id).read_bytes() == b"scan"

@@ -5,14 +5,14 @@ from pydantic import ValidationError
 from racing import race
 from results import answer_of, reading
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec, ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_platform.errors import FolderUnavailable, LeaseLost, NotFound
-from sawmill_platform.jobs.retries import Retries
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.settings import Retries
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
 
@@ -22,7 +22,7 @@ AWAY = Failure(kind=FailureKind.PASSING, code="storage-unavailable", detail="the
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
 AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
 READING = reading()
-ANSWER = answer_of(job_kinds.INGEST, READING)
+ANSWER = answer_of(kinds.INGEST, READING)
 
 
 def claim(store):
@@ -140,7 +140,7 @@ def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
     held = claim(store)
     output = store.files.make_attempt_folder(held.job_id, held.attempt)
     with pytest.raises(ValidationError):
-        store.jobs.check_output(job_kinds.INGEST, READING | {"surprise": 1}, output)
+        store.jobs.check_output(kinds.INGEST, READING | {"surprise": 1}, output)
     assert store.scans.get(scan.id).state is ScanState.INGESTING
     assert store.jobs.get(held.job_id).state is JobState.RUNNING
 

@@ -6,7 +6,7 @@ from results import answer_of, reading
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.errors import LeaseLost, NotFound
 from sawmill_platform.files.file_store import checkpoints_of
-from sawmill_platform.jobs.retries import Retries
+from sawmill_platform.workers.settings import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")

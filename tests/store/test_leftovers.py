@@ -14,7 +14,7 @@ from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
 from system_calls import at_call, refusing
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
@@ -78,9 +78,9 @@ def test_what_no_row_knows_goes_after_its_grace_and_nothing_else_does(store, obs
     files, running = store.files, claimed
     refused = store.scans.get(claimed.job.subject_id)
     known = [
-        files.results(job_kinds.INGEST, ready_scan.id),
-        files.upload(job_kinds.INGEST, ready_scan.id),
-        files.upload(job_kinds.INGEST, refused.id),
+        files.results(kinds.INGEST, ready_scan.id),
+        files.upload(kinds.INGEST, ready_scan.id),
+        files.upload(kinds.INGEST, refused.id),
         files.make_attempt_folder(running.job_id, running.attempt),
         made(files.folder / "kept" / running.job_id),
         made(files.folder / "scans" / "Not a name of ours"),
@@ -90,9 +90,9 @@ def test_what_no_row_knows_goes_after_its_grace_and_nothing_else_does(store, obs
         files.make_attempt_folder(ready_scan.job_id, 1),
         made(files.folder / "attempts" / f"{ready_scan.job_id}-1"),  # as the first versions named it
         made(files.folder / "kept" / ready_scan.job_id),
-        made(files.upload(job_kinds.INGEST, "nobodys").parent),
-        made(files.upload(job_kinds.TRACE_PHANTOM, "nobodys").parent),
-        made(files.results(job_kinds.INGEST, refused.id)),
+        made(files.upload(kinds.INGEST, "nobodys").parent),
+        made(files.upload(kinds.TRACE_PHANTOM, "nobodys").parent),
+        made(files.results(kinds.INGEST, refused.id)),
         *(made(files.results(kind, "nobodys")) for kind in JobKind.all()),
         files.receive([b"x"], max_bytes=1).path,
         made(files.folder / "removed" / ("0" * 32)),
@@ -133,7 +133,7 @@ def test_what_is_named_and_not_yet_committed_stays(store, observer, upload):
     event.listen(store.database.engine, "commit", linger, once=True)
     accepting.start()
     named.wait(60.0)
-    folder = store.files.upload(job_kinds.INGEST, "mine").parent
+    folder = store.files.upload(kinds.INGEST, "mine").parent
     assert folder.exists()
     threading.Timer(0.3, goes_on.set).start()
     observer.look()
@@ -153,7 +153,7 @@ def test_an_upload_whose_commit_finds_the_disk_full_leaves_nothing(store, upload
 def test_an_upload_whose_commit_may_have_come_through_waits_for_its_row(store, observer, upload):
     with failing_commit(store, AWAY), pytest.raises(StorageUnavailable):
         upload(store, scan_id="mine")
-    folder = store.files.upload(job_kinds.INGEST, "mine").parent
+    folder = store.files.upload(kinds.INGEST, "mine").parent
     assert store.scans.page().items == []
     assert folder.exists(), "had the answer to the commit been lost alone, the scan would need it"
     observer.look()
@@ -167,12 +167,12 @@ def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, 
     output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
     (output / "result").write_text("attempt 1")
     with failing_commit(store, error), pytest.raises((StorageFull, StorageUnavailable)):
-        store.jobs.succeed(claimed, answer_of(job_kinds.INGEST, RESULTS[job_kinds.INGEST]()), output)
+        store.jobs.succeed(claimed, answer_of(kinds.INGEST, RESULTS[kinds.INGEST]()), output)
     assert store.jobs.get(claimed.job_id).state is JobState.RUNNING
     assert store.scans.get(scan_id).state is ScanState.INGESTING
     store.jobs.release(claimed)
     finish(store)
-    folder = store.files.results(job_kinds.INGEST, scan_id)
+    folder = store.files.results(kinds.INGEST, scan_id)
     assert (folder / "result").read_text() == "attempt 2"
     observer.look()
     assert observer.look(GRACE_S) == []
@@ -181,10 +181,10 @@ def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, 
 def test_a_result_whose_commit_failed_goes_when_its_job_never_succeeds(store, observer, claimed):
     output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
     with failing_commit(store, AWAY), pytest.raises(StorageUnavailable):
-        store.jobs.succeed(claimed, answer_of(job_kinds.INGEST, RESULTS[job_kinds.INGEST]()), output)
+        store.jobs.succeed(claimed, answer_of(kinds.INGEST, RESULTS[kinds.INGEST]()), output)
     store.jobs.fail(claimed, INPUT)
     observer.look()
-    assert observer.look(GRACE_S) == [store.files.results(job_kinds.INGEST, claimed.job.subject_id)]
+    assert observer.look(GRACE_S) == [store.files.results(kinds.INGEST, claimed.job.subject_id)]
 
 
 @pytest.mark.dialect
@@ -193,8 +193,8 @@ def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan
         store.scans.delete(ready_scan.id)
     observer.look()
     gone = [
-        store.files.results(job_kinds.INGEST, ready_scan.id),
-        store.files.upload(job_kinds.INGEST, ready_scan.id).parent,
+        store.files.results(kinds.INGEST, ready_scan.id),
+        store.files.upload(kinds.INGEST, ready_scan.id).parent,
     ]
     assert sorted(observer.look(GRACE_S)) == sorted(gone)
 
@@ -220,7 +220,7 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
 
 
 def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
-    stuck, other = (made(store.files.results(job_kinds.PLAN, name)) for name in ("a-stuck", "b-other"))
+    stuck, other = (made(store.files.results(kinds.PLAN, name)) for name in ("a-stuck", "b-other"))
     observer.look()
     refused = at_call("os.rename", refusing(errno.EACCES), below=stuck)
     with refused, pytest.raises(PermissionError, match="a-stuck"):

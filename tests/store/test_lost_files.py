@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import event
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 
@@ -19,10 +19,10 @@ def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
     finish(store)
     unread = upload(store)
     files = [
-        store.files.results(job_kinds.CALIBRATE, calibration.id) / "result.h5",
-        store.files.results(job_kinds.RECONSTRUCT, reconstruction.id) / "volume.h5",
-        store.files.results(job_kinds.INGEST, scan.id) / "scan.h5",
-        *sorted(store.files.upload(job_kinds.INGEST, one.id) for one in (scan, unread)),
+        store.files.results(kinds.CALIBRATE, calibration.id) / "result.h5",
+        store.files.results(kinds.RECONSTRUCT, reconstruction.id) / "volume.h5",
+        store.files.results(kinds.INGEST, scan.id) / "scan.h5",
+        *sorted(store.files.upload(kinds.INGEST, one.id) for one in (scan, unread)),
     ]
     for file in files[:3]:
         file.touch()

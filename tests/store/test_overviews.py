@@ -11,7 +11,7 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.history import HistoryKind
-from sawmill_contracts.job_kinds import CALIBRATE
+from sawmill_contracts.kinds import CALIBRATE
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState

@@ -1,6 +1,6 @@
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.phantoms import PhantomPicture, PhantomState
 from sawmill_contracts.reconstructions import ReconstructionAsk
@@ -58,7 +58,7 @@ def test_a_picture_is_traced_by_a_job_and_a_calibration_waits_for_it(store, uplo
     picture = PhantomPicture(name="cross", width_mm=400)
     phantom = store.phantoms.accept_picture(picture, store.files.receive([b"png"], max_bytes=10))
     assert phantom.state is PhantomState.TRACING
-    assert store.files.upload(job_kinds.TRACE_PHANTOM, phantom.id).read_bytes() == b"png"
+    assert store.files.upload(kinds.TRACE_PHANTOM, phantom.id).read_bytes() == b"png"
     assert store.phantoms.picture(phantom.id) == picture
     scan = upload(store, phantom_id=phantom.id)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))

@@ -11,7 +11,7 @@ from databases import postgresql_alone, sqlite_alone
 from sqlalchemy import event
 from system_calls import at_call, refusing
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
@@ -93,7 +93,7 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     clock.advance(days=10)
     young, newest = log(mill, upload, finish), log(mill, upload, finish)
     clock.advance(days=5)
-    job_id, folder = mill.scans.get(old).job_id, mill.files.results(job_kinds.INGEST, old)
+    job_id, folder = mill.scans.get(old).job_id, mill.files.results(kinds.INGEST, old)
     number = mill.events.newest_number()
     put(mill, RetentionRules(log_scans_days=14))
     assert carried_out(mill) == {RetentionKind.LOG_SCANS: 1}
@@ -101,7 +101,7 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     with pytest.raises(NotFound):
         mill.jobs.get(job_id)
     assert not folder.exists()
-    assert not mill.files.upload(job_kinds.INGEST, old).parent.exists()
+    assert not mill.files.upload(kinds.INGEST, old).parent.exists()
     changed, removed = mill.events.following(number)
     assert (changed.what, changed.subject) == ("retention-changed", "retention")
     assert (removed.what, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
@@ -191,7 +191,7 @@ def test_inspections_go_after_their_jobs(mill, clock):
     mill.jobs.request_cancel(waits.job_id)
     assert carried_out(mill)[RetentionKind.INSPECTIONS] == 1
     assert mill.inspections.page().items == []
-    assert not mill.files.upload(job_kinds.INSPECT, waits.id).exists()
+    assert not mill.files.upload(kinds.INSPECT, waits.id).exists()
 
 
 @pytest.mark.dialect
@@ -385,7 +385,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
             own.retention_keeper().remove_some()
         os.abort()
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
-    places = [mill.files.results(job_kinds.INGEST, old), mill.files.upload(job_kinds.INGEST, old).parent]
+    places = [mill.files.results(kinds.INGEST, old), mill.files.upload(kinds.INGEST, old).parent]
     assert ids(mill) == {kept}
     assert all(place.exists() for place in places)
     assert mill.retention.get().removed[0].number == 1
@@ -402,8 +402,8 @@ def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finis
     old = [log(mill, upload, finish) for _ in range(3)]
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    stuck = mill.files.results(job_kinds.INGEST, old[0])
+    stuck = mill.files.results(kinds.INGEST, old[0])
     with at_call("os.rename", refusing(errno.EACCES), below=stuck), pytest.raises(PermissionError):
         carried_out(mill)
     assert ids(mill) == {old[2]}
-    assert not mill.files.results(job_kinds.INGEST, old[1]).exists()
+    assert not mill.files.results(kinds.INGEST, old[1]).exists()

@@ -3,7 +3,7 @@
 import pytest
 from databases import sqlite_alone
 
-from sawmill_platform.database.spare_room import PIECE_BYTES, SPARE_BYTES
+from sawmill_platform.database.database import PIECE_BYTES, SPARE_BYTES
 
 pytestmark = [pytest.mark.slow, sqlite_alone]
 

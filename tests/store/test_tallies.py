@@ -3,7 +3,7 @@
 import pytest
 from results import answer_of
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
@@ -35,7 +35,7 @@ def end(store, upload, clock):
 
 
 def of_ingest(what: EventKind, fault: str | None = None, code: str | None = None, *, duration: int) -> Fate:
-    return Fate(what, job_kinds.INGEST, fault, code, duration)
+    return Fate(what, kinds.INGEST, fault, code, duration)
 
 
 @pytest.mark.dialect
@@ -79,9 +79,9 @@ def test_jobs_are_counted_by_kind_and_state_with_the_age_of_the_oldest(store, up
     store.jobs.claim("host-1")
     clock.advance(seconds=5)
     tally = store.tallies.read()
-    assert tally.jobs == {(job_kinds.INGEST, JobState.QUEUED): 1, (job_kinds.INGEST, JobState.RUNNING): 1}
-    assert tally.queued_s == {job_kinds.INGEST: 35.0}
-    assert tally.running_s == {job_kinds.INGEST: 5.0}
+    assert tally.jobs == {(kinds.INGEST, JobState.QUEUED): 1, (kinds.INGEST, JobState.RUNNING): 1}
+    assert tally.queued_s == {kinds.INGEST: 35.0}
+    assert tally.running_s == {kinds.INGEST: 5.0}
 
 
 def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):

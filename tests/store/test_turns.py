@@ -7,10 +7,10 @@ from contextlib import suppress
 import pytest
 from sqlalchemy import event
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.errors import StorageUnavailable
-from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_store.store import Store
 
 pytestmark = pytest.mark.clocked
@@ -24,12 +24,12 @@ def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
 
 @pytest.mark.dialect
 def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add_jobs):
-    add_jobs(200, job_kinds.RECONSTRUCT, group_id="a")
+    add_jobs(200, kinds.RECONSTRUCT, group_id="a")
     assert claimed(store, 2) == ["a", "a"]
-    add_jobs(1, job_kinds.RECONSTRUCT, group_id="b")
+    add_jobs(1, kinds.RECONSTRUCT, group_id="b")
     assert claimed(store, 2) == ["b", "a"]
-    add_jobs(3, job_kinds.RECONSTRUCT, group_id="b")
-    add_jobs(2, job_kinds.RECONSTRUCT, group_id="c")
+    add_jobs(3, kinds.RECONSTRUCT, group_id="b")
+    add_jobs(2, kinds.RECONSTRUCT, group_id="c")
     line = store.jobs.waiting_in_line(limit=8)
     assert [job.queue_position for job in line] == list(range(8))
     expected = [job.id.partition("-")[0] for job in line]
@@ -39,14 +39,14 @@ def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add_jobs):
 
 @pytest.mark.dialect
 def test_a_job_is_read_while_another_line_s_first_job_is_added(store, add_jobs):
-    add_jobs(1, job_kinds.RECONSTRUCT, group_id="a")
+    add_jobs(1, kinds.RECONSTRUCT, group_id="a")
     [waiting] = store.jobs.waiting_in_line()
     adding = iter(["b"])
 
     def add(*given):
         if "job_turns" in given[2]:  # the second of two statements: the first one has read the jobs that wait
             for group_id in adding:
-                add_jobs(1, job_kinds.RECONSTRUCT, group_id=group_id)
+                add_jobs(1, kinds.RECONSTRUCT, group_id=group_id)
 
     event.listen(store.database.engine, "before_cursor_execute", add)
     assert store.jobs.get(waiting.id).queue_position == 0
@@ -55,11 +55,11 @@ def test_a_job_is_read_while_another_line_s_first_job_is_added(store, add_jobs):
 
 
 def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
-    add_jobs(3, job_kinds.RECONSTRUCT, group_id="a", priority=Priority.BATCH)
-    add_jobs(2, job_kinds.RECONSTRUCT, group_id="b", priority=Priority.BATCH)
-    add_jobs(1, job_kinds.RECONSTRUCT, group_id="a")
-    add_jobs(1, job_kinds.RECONSTRUCT, group_id="b")
-    add_jobs(3, job_kinds.CALIBRATE, group_id="a", short=True)
+    add_jobs(3, kinds.RECONSTRUCT, group_id="a", priority=Priority.BATCH)
+    add_jobs(2, kinds.RECONSTRUCT, group_id="b", priority=Priority.BATCH)
+    add_jobs(1, kinds.RECONSTRUCT, group_id="a")
+    add_jobs(1, kinds.RECONSTRUCT, group_id="b")
+    add_jobs(3, kinds.CALIBRATE, group_id="a", short=True)
     short = Selection(short=True)
     assert claimed(store, 4, short) == ["a", "a", "a", None]
     assert claimed(store, 7) == ["a", "b", "a", "b", "a", "b", "a"]
@@ -67,10 +67,10 @@ def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
 
 @pytest.mark.dialect
 def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add_jobs):
-    add_jobs(2, job_kinds.RECONSTRUCT, group_id="a")
-    add_jobs(1, job_kinds.CALIBRATE, group_id="b")
-    add_jobs(2, job_kinds.RECONSTRUCT, group_id="b")
-    assert claimed(store, 2, Selection(kinds=frozenset({job_kinds.CALIBRATE}))) == ["b", None]
+    add_jobs(2, kinds.RECONSTRUCT, group_id="a")
+    add_jobs(1, kinds.CALIBRATE, group_id="b")
+    add_jobs(2, kinds.RECONSTRUCT, group_id="b")
+    assert claimed(store, 2, Selection(kinds=frozenset({kinds.CALIBRATE}))) == ["b", None]
     assert claimed(store, 3, Selection(group_ids=frozenset({"b"}))) == ["b", "b", None]
     assert claimed(store, 3) == ["a", "a", None]
 
@@ -79,7 +79,7 @@ def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add_jobs):
 @pytest.mark.slow
 def test_many_workers_serve_groups_alike_and_each_job_once(store, add_jobs):
     for group_id in ("a", "b", "c"):
-        add_jobs(30, job_kinds.RECONSTRUCT, group_id=group_id)
+        add_jobs(30, kinds.RECONSTRUCT, group_id=group_id)
 
     def claim_some(_):
         opened, taken = Store(store.settings), []

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
@@ -124,7 +124,7 @@ def test_the_bytes_of_a_used_upload_have_one_name_after_the_commit_and_its_own_w
     for upload in (used, kept):
         send(store, upload, 0, 10)
     scan = store.scans.accept(spec, store.uploads.received(used.id))
-    assert store.files.upload(job_kinds.INGEST, scan.id).stat().st_nlink == 1
+    assert store.files.upload(kinds.INGEST, scan.id).stat().st_nlink == 1
     assert not store.files.unfinished(used.id).exists()
 
     def refused():
@@ -135,7 +135,7 @@ def test_the_bytes_of_a_used_upload_have_one_name_after_the_commit_and_its_own_w
         store.repeats.once(KeyedRequest("somebody", "once", "0" * 64), refused, lambda _: KeptAnswer(202, {}, ""))
     assert store.uploads.get(kept.id).state is UploadState.COMPLETE
     again = store.scans.accept(spec, store.uploads.received(kept.id))
-    assert store.files.upload(job_kinds.INGEST, again.id).read_bytes() == CONTENT
+    assert store.files.upload(kinds.INGEST, again.id).read_bytes() == CONTENT
     assert list((store.files.folder / "unfinished").iterdir()) == []
 
 

@@ -6,7 +6,7 @@ Each function returns a fresh JSON document; keyword arguments replace fields.
 from collections.abc import Callable
 from typing import Any
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
@@ -191,13 +191,13 @@ def answer_of(kind: JobKind, result: dict[str, Any]) -> Contract:
 
 
 RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
-    job_kinds.INGEST: reading,
-    job_kinds.CALIBRATE: calibration_result,
-    job_kinds.RECONSTRUCT: reconstruction_result,
-    job_kinds.PLAN: plan_result,
-    job_kinds.DRIFT: drift_result,
-    job_kinds.INSPECT: inspection_result,
-    job_kinds.TRACE_PHANTOM: lambda: {
+    kinds.INGEST: reading,
+    kinds.CALIBRATE: calibration_result,
+    kinds.RECONSTRUCT: reconstruction_result,
+    kinds.PLAN: plan_result,
+    kinds.DRIFT: drift_result,
+    kinds.INSPECT: inspection_result,
+    kinds.TRACE_PHANTOM: lambda: {
         "name": "traced",
         "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],
     },

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sawmill_tomography.sinograms.faulty_cells import faulty_cells, median_of_views
+from sawmill_tomography.sinograms.air import faulty_cells, median_of_views
 
 VIEWS, CELLS = 60, 120
 CENTRE, RADIUS = 62.0, 34.0

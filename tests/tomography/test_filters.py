@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.geometry.geometry import GeometryError
-from sawmill_tomography.reconstruction.filters import RowFilter, ramp_response
+from sawmill_tomography.reconstruction.fbp import RowFilter, ramp_response
 from sawmill_vocabulary import FilterName
 
 PITCH = 1.5

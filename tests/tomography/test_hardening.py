@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from sawmill_tomography.sinograms.hardening import fit_hardening, measured_and_slope, straightened
 from sawmill_tomography.sinograms.noise import noise_of_rays
-from sawmill_vocabulary.hardening import BeamHardening
-from sawmill_vocabulary.scattered_radiation import BeamCorrection
+from sawmill_tomography.sinograms.scattered_radiation import fit_hardening, measured_and_slope, straightened
+from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening
 
 HARDENING = BeamHardening(spread=0.4, longest=2.0, from_counts=True)
 

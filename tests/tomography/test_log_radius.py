@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_tomography.calibration.log_radius import counted_radius_mm
+from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 

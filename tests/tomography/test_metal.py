@@ -16,7 +16,7 @@ from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
-from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.present_rows import bridged_samples
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=288, detector_pitch_mm=2.0)
 THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)

@@ -11,7 +11,7 @@ from tiers import first_by_day
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
-from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.present_rows import bridged_samples
 from sawmill_vocabulary import Rotation
 
 pytestmark = pytest.mark.usefixtures("one_thread")

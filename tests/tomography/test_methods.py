@@ -11,8 +11,8 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_tomography.reconstruction.choosing import METHODS
 from sawmill_tomography.reconstruction.method import DirectMethod
-from sawmill_tomography.reconstruction.methods import METHODS
 
 SIZE, SLICES = 24, 3
 # 2 % of the lines, about.

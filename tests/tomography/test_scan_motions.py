@@ -9,8 +9,7 @@ from exact_chords import Detector, scan
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.drift.levelled_rays import LevelledRays
 from sawmill_tomography.drift.view_pairs.behind_metal import rays_behind_metal
-from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
-from sawmill_tomography.drift.view_pairs.scan_motions import ScanMotions, motion_sizes
+from sawmill_tomography.drift.view_pairs.pair_sums import PairSums, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import TAU, Scanner, SourceFrame
 from sawmill_tomography.phantoms.phantom import Disc, Polygon
 from sawmill_vocabulary import DetectorModule, Rotation

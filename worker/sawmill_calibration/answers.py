@@ -16,8 +16,7 @@ from sawmill_calibration.drift_checks.baselines import baselines_of, read_answer
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
-from sawmill_calibration.notebook_html import html_of
-from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.phantom_drawings import drawing_of, html_of
 from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
@@ -131,7 +130,7 @@ class Calibration:
         Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        from sawmill_worker.pictures.calibration_table import calibration_table  # noqa: PLC0415
+        from sawmill_worker.pictures.report_numbers import calibration_table  # noqa: PLC0415
 
         sentences = [*self.reasons, *self.result.adjustments]
         title = f"Calibration with {self.result.phantom}"

@@ -5,8 +5,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from sawmill_calibration.failures import refused
-from sawmill_calibration.process_memory import free_bytes
+from sawmill_calibration.failures import free_bytes, refused
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 

@@ -1,5 +1,6 @@
-"""Failures that a user can correct, and their causes: the only module that translates errors of science and readers."""
+"""Failures that a user can correct, and their causes, such as too little memory: here alone errors are translated."""
 
+import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,12 +10,10 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from sawmill_calibration.process_memory import limit_bytes, ran_short
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_platform.contracts.base import placed_complaint
+from sawmill_platform.contracts.base import placed_complaint, read_strictly
 from sawmill_platform.contracts.jobs import FailureKind
-from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import DamagedResult
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.drift.change import DriftError
@@ -95,3 +94,33 @@ def options_of(contract: type[Held], raw_options: object) -> Held:
 
 def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else repr(value)
+
+
+STATUS = Path("/proc/self/status")
+# A library that doubles its memory until it suffices holds about half of the limit when it fails
+# (tests/worker/execution/test_bombs.py).
+RAN_SHORT = 0.4
+
+
+def limit_bytes() -> int | None:
+    """Return the bytes that the process may allocate; None without a limit."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def free_bytes(status: Path = STATUS) -> int | None:
+    """Return the bytes that the process may still allocate; None without a limit."""
+    limit = limit_bytes()
+    return None if limit is None else max(limit - _read(status)["VmData"], 0)
+
+
+def ran_short(status: Path = STATUS) -> bool:
+    """Return whether the peak was so far above the present memory that an allocation may have reached the limit."""
+    free, sizes = free_bytes(status), _read(status)
+    return free is not None and sizes["VmHWM"] - sizes["VmRSS"] > RAN_SHORT * free
+
+
+def _read(status: Path) -> dict[str, int]:
+    """Read sizes in bytes by the kernel's names: data segment, present memory and peak memory."""
+    lines = (line.split(":", 1) for line in status.read_text(encoding="utf-8").splitlines())
+    return {name: 1024 * int(value.split()[0]) for name, value in lines if name in {"VmData", "VmRSS", "VmHWM"}}

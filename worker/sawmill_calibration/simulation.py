@@ -8,12 +8,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_calibration.conversion import to_phantom
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json
+from sawmill_calibration.known_geometry import to_phantom
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_calibration.scans.scan import Scan, read_scan
+from sawmill_contracts.geometry import SimulationOptions
 from sawmill_contracts.phantoms import PhantomDrawing
-from sawmill_contracts.simulating import SimulationOptions
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.output.scan_writer import write_raw_scan, write_scan
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray

@@ -8,7 +8,7 @@ from uuid import uuid4
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.choices import (
     Axis,
     PaperCorrelation,
@@ -48,9 +48,8 @@ from sawmill_vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_vocabulary.hardening import BeamHardening
-from sawmill_vocabulary.scattered_radiation import BeamCorrection, ScatteredRadiation
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
+from sawmill_vocabulary.scattered_radiation import BeamCorrection, BeamHardening, ScatteredRadiation
 
 
 class PaperOptions(Contract):
@@ -680,7 +679,7 @@ def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | Calib
 
 
 DECLARATION = AskedKind(
-    kind=job_kinds.CALIBRATE,
+    kind=kinds.CALIBRATE,
     topic="calibration",
     noun="calibration",
     label=N_("Calibration"),

@@ -1,4 +1,4 @@
-"""The geometry's values in requests and answers, where these differ from the vocabulary's."""
+"""The geometry's values in requests and answers, and the options of a simulated scan."""
 
 from dataclasses import field, fields
 from typing import Annotated
@@ -142,4 +142,23 @@ class SourceFrameDeviation(Contract):
     tilt_rad: float | None = Field(description="Standard deviation of tau, radians.", examples=[0.0002])
     magnification: float | None = Field(
         description="Standard deviation of the magnification, no unit.", examples=[0.0004]
+    )
+
+
+class SimulationOptions(Contract):
+    """Options of a simulated scan, apart from body, scanner, geometry and physics."""
+
+    views: Annotated[int, Field(ge=1, le=100_000)] = Field(360, description="Number of views.")
+    rows: Annotated[int, Field(ge=1, le=100_000)] = Field(1, description="Number of rows of the stack.")
+    noise: Annotated[float, Field(ge=0, le=100)] = Field(
+        0.0, description="Standard deviation of the line integrals' noise, relative to their RMS."
+    )
+    background: Annotated[float, Field(ge=-LARGEST_MM, le=LARGEST_MM)] = Field(
+        0.0, description="Constant that is added to all line integrals."
+    )
+    photons: Annotated[float, Field(ge=1, le=1e9)] = Field(
+        30_000.0, description="Number of photons in air, a cell and view, for counts."
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
+        1, description="Seed of the log's and all noise's random numbers."
     )

@@ -4,7 +4,7 @@ The process reads untrusted files, so it has access neither to the database nor 
 """
 
 from sawmill_contracts.calibrations import Calibration
-from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import KnownBaseline
 from sawmill_contracts.phantoms import PhantomPicture, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import Scan

@@ -7,14 +7,14 @@ from typing import Any
 
 from pydantic import Field
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.kinds import AskedKind, Operation
 from sawmill_contracts.scans import AnglesText, Axes, Dataset, ReadingRemarks, ScanShape, Transpose
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import DataKind, DetectorModule
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 # A working day: after this time the client sends the file again.
 FILE_KEPT = timedelta(days=1)
@@ -234,7 +234,7 @@ def _read(record: Mapping[str, Any]) -> Inspection:
 
 
 DECLARATION = AskedKind(
-    kind=job_kinds.INSPECT,
+    kind=kinds.INSPECT,
     noun="inspection",
     label=N_("Looking into a file"),
     about="Contents of a file, and what is missing, before it becomes a scan.",

@@ -1,4 +1,12 @@
-"""Kinds of jobs that somebody asks for: what each declares of its requests, answers and references."""
+"""Kinds of jobs that somebody asks for: what each declares of its requests, answers and references.
+
+A kind has a name and the plural of what it works on, by which everything else is found:
+
+sawmill_contracts/<plural>.py    the contracts, and `DECLARATION`, an `AskedKind` or an `UploadedKind`
+sawmill_worker/jobs/<kind>.py    `run(attempt)`, which does the job, and `needs(attempt)`, its memory and largest file
+/v1/<plural>                     the routes of a kind that is asked for
+<plural>/<id>/                   its files in the data folder
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -6,6 +14,7 @@ from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
 from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.kind_declarations import KindDeclaration
 
@@ -107,3 +116,12 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
     """Read a stored record as a contract whose fields have the record's names."""
     return lambda record: answer.model_validate({name: record[name] for name in answer.model_fields if name in record})
+
+
+INGEST = JobKind.register("ingest", "scans")
+TRACE_PHANTOM = JobKind.register("trace-phantom", "phantoms")
+CALIBRATE = JobKind.register("calibrate", "calibrations")
+RECONSTRUCT = JobKind.register("reconstruct", "reconstructions")
+PLAN = JobKind.register("plan", "plans")
+DRIFT = JobKind.register("drift", "drifts")
+INSPECT = JobKind.register("inspect", "inspections")

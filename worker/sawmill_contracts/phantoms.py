@@ -1,23 +1,32 @@
-"""Phantoms: polygons and discs in mm, or a picture and its width."""
+"""Phantoms: polygons and discs in mm, or a picture and its width; the drawings of the two published phantoms."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.geometry import PositiveMm
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.given import Given, GivenDay
 from sawmill_platform.contracts.kind_declarations import UploadedKind
-from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
+from sawmill_vocabulary import (
+    BUILT_IN_OUTLINES,
+    STANDARD_SIZE_TOLERANCE,
+    Disc,
+    Point,
+    Shape,
+    TrueAxis,
+    fault_of_outline,
+)
+from sawmill_vocabulary.messages import N_
 from sawmill_vocabulary.phantoms import LARGEST_DENSITY, SMALLEST_DENSITY, SMALLEST_RADIUS_MM
-from sawmill_vocabulary.texts import N_
 
 # The smallest polygon that can be drawn; the science squares this area.
 SMALLEST_AREA_MM2 = 0.01
@@ -382,10 +391,20 @@ class StoredPhantom(Stamped):
 
 
 DECLARATION = UploadedKind(
-    kind=job_kinds.TRACE_PHANTOM,
+    kind=kinds.TRACE_PHANTOM,
     noun="phantom",
     label=N_("Tracing a phantom's picture"),
     result=PhantomDrawing,
     upload="picture",
     lighter="give a picture of fewer pixels",
+)
+
+
+_NAMES = {"l-shape": "L-shape", "rectangle-with-hole": "Rectangle with hole"}
+
+BUILT_IN_PHANTOMS: Mapping[str, PhantomDrawing] = MappingProxyType(
+    {
+        phantom_id: PhantomDrawing(name=_NAMES[phantom_id], shapes=list(shapes))
+        for phantom_id, shapes in BUILT_IN_OUTLINES.items()
+    }
 )

@@ -1,10 +1,10 @@
-"""Plans: how well a phantom will calibrate a scanner, before the phantom is made."""
+"""Plans: how well a phantom will calibrate a scanner; and differences between calibrations against their error bars."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_contracts.geometry import Covariance, GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
@@ -13,7 +13,7 @@ from sawmill_platform.contracts.base import Contract, Identifier, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_vocabulary import Theta
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 class PlanOptions(Contract):
@@ -117,7 +117,7 @@ class Plan(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=job_kinds.PLAN,
+    kind=kinds.PLAN,
     noun="plan",
     label=N_("Plan of a calibration"),
     lighter="ask for fewer views, or draw the phantom with fewer corners",
@@ -160,3 +160,42 @@ The geometry is a nominal theta, or the theta of the scanner's active calibratio
         "Get a plan", "State of the plan, and once it has succeeded standard deviations and the predicted ray error."
     ),
 )
+
+
+class PairDifference(Contract):
+    """Difference of a pair: the second calibration less the first."""
+
+    first: str
+    second: str
+    ray_difference_mm: float = Field(
+        description="RMS distance between the rays inside the log's disc, up to one common rotation and scale."
+    )
+    expected_95_mm: float = Field(
+        description="Upper 95 % limit of the ray difference by both error bars, for this pair alone."
+    )
+    allowed_mm: float = Field(
+        description="Limit of the ray difference by the error bars of all pairs and their scales, 95 %."
+    )
+    scale_difference_percent: float
+    scale_difference_deviation_percent: float = Field(
+        description="Standard deviation from noise alone: the phantom's size is common to both."
+    )
+    scale_allowed_percent: float = Field(
+        description="Limit of the difference of scale, as `allowed_mm` is of the ray difference."
+    )
+    cor_column_difference_mm: float
+    cor_column_deviation_mm: float
+    tilt_difference_deg: float
+    tilt_deviation_deg: float
+    within_error_bars: bool = Field(
+        description="Whether the rays are within `allowed_mm` and the scale within `scale_allowed_percent`."
+    )
+
+
+class RepeatabilityResult(Contract):
+    """Differences of all pairs of some calibrations of one scanner."""
+
+    pairs: list[PairDifference]
+    worst_ray_difference_mm: float
+    verdict: Literal["repeatable", "beyond-error-bars"]
+    reason: str

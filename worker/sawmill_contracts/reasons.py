@@ -1,13 +1,18 @@
-"""Reasons for programs: the code and the values of a sentence for people."""
+"""Reasons for programs: the code and the values of a sentence for people, and all messages by their codes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Self
 
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract
-from sawmill_vocabulary.known_messages import MESSAGES
-from sawmill_vocabulary.messages import Reason
+from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
+from sawmill_vocabulary.image_messages import ImageMessage
+from sawmill_vocabulary.messages import Message, Reason
+from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.reading_messages import PreparingMessage, ReadingMessage
+from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
 
 
 class CodedReason(Contract):
@@ -54,3 +59,17 @@ class CodedReason(Contract):
         message, parts = MESSAGES.get(self.code or ""), [part.reason for part in self.parts]
         known = [part for part in parts if part is not None]
         return None if message is None or len(known) < len(parts) else Reason(message, self.values, known)
+
+
+_ENUMS = (
+    CalibrationMessage,
+    ResidualMessage,
+    MovementMessage,
+    LogMessage,
+    EffectMessage,
+    AdjustmentMessage,
+    ReadingMessage,
+    PreparingMessage,
+    ImageMessage,
+)
+MESSAGES: Mapping[str, Message] = MappingProxyType({one.value: one for enum in _ENUMS for one in enum})

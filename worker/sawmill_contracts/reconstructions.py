@@ -7,17 +7,16 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.choices import MetalTreatment, Weighting
 from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
-from sawmill_platform.contracts.conditions import Schema, bounded, one_of, require, without
+from sawmill_platform.contracts.base import Contract, Identifier, Name, OutOfUse, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
-from sawmill_platform.contracts.old_names import OutOfUse
+from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
 from sawmill_vocabulary import (
     LARGEST_MM,
     AlphaRule,
@@ -31,7 +30,7 @@ from sawmill_vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:
@@ -538,7 +537,7 @@ class Reconstruction(Stamped):
 
 
 DECLARATION = AskedKind(
-    kind=job_kinds.RECONSTRUCT,
+    kind=kinds.RECONSTRUCT,
     noun="reconstruction",
     label=N_("Reconstruction of a log"),
     about="Slices of a log with a calibrated geometry.",

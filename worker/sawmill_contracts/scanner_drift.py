@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from sawmill_contracts.choices import DriftFindingKind, DriftMethod
-from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import KnownBaseline
 from sawmill_platform.contracts.base import Contract, Identifier, Time
 from sawmill_vocabulary import DetectorEstimate
 

@@ -1,4 +1,4 @@
-"""Scans: projection stacks, uploaded as files and read by a job."""
+"""Scans: projection stacks, uploaded as files, read and prepared by a job."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,16 +6,44 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import PositiveMm
-from sawmill_contracts.preparing import PrepareOptions
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.kind_declarations import UploadedKind
-from sawmill_vocabulary import DataKind, RowAlignment
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary import AirCorrection, DataKind, FaultyCells, RingRemoval, RowAlignment
+from sawmill_vocabulary.messages import N_
+
+
+class PrepareOptions(Contract):
+    """Corrections of the data on reading. Counts are prepared; declared line integrals are used as they are."""
+
+    air: AirCorrection = Field(
+        AirCorrection.AUTO,
+        description="Level of the air at the detector's ends: one constant a row (background), or one for each view "
+        "where the level drifts (views). auto: views for counts, off for line integrals.",
+        examples=["auto"],
+    )
+    faulty_cells: FaultyCells = Field(
+        FaultyCells.AUTO,
+        description="Dead and hot cells: bridged from their neighbours, or kept. auto: bridge counts, keep line "
+        "integrals.",
+        examples=["auto"],
+    )
+    rings: RingRemoval = Field(
+        RingRemoval.OFF,
+        description="Remove rings that unequal cells leave; growth rings about the rotation centre are weakened too.",
+        examples=["off"],
+    )
+    align_rows: RowAlignment = Field(
+        RowAlignment.OFF,
+        description="Alignment of views that lost rows at the top or bottom (NaN, in counts also zero): along the log "
+        "by their profile of row sums, or by features matched between views.",
+        examples=["off"],
+    )
+
 
 # Number of rows of any detector, or of all rows of a log along its length.
 MOST_AVERAGED_ROWS = 100_000
@@ -229,5 +257,5 @@ class Scan(Stamped, ScanSpec, ReadingRemarks):
 
 
 DECLARATION = UploadedKind(
-    kind=job_kinds.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
+    kind=kinds.INGEST, noun="scan", label=N_("Reading a scan"), result=ScanReading, upload="file"
 )

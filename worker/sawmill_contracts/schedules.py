@@ -10,8 +10,8 @@ from sawmill_contracts.choices import OnPass, ScheduleKind, ScheduleOutcome
 from sawmill_contracts.drifts import DriftOptions
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Stamped
-from sawmill_platform.contracts.conditions import Schema, one_of, require
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.kind_declarations import Schema, one_of, require
 
 
 class ScheduleSpec(Contract):

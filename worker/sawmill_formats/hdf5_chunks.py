@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.packing import fletcher32
+from sawmill_formats.output.volume_writer import fletcher32
 
 CHECKSUM_BYTES = 4
 # szip data start with the number of bytes that they unpack to (HDF5, H5Zszip.c).

@@ -12,8 +12,7 @@ from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.scanner_drift import DriftFinding
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 SHIFT_ENDS = (6, 14, 22)  # hours
 _NOT_YET = datetime.max.replace(tzinfo=UTC)

@@ -7,10 +7,9 @@ from sawmill_contracts.calibrations import CalibrationResult, Comparison
 from sawmill_mill.two_questions import Answer
 from sawmill_vocabulary import MovedBody
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
-from sawmill_vocabulary.messages import Message, Reason
+from sawmill_vocabulary.messages import N_, Message, Reason
 from sawmill_vocabulary.movement_messages import MovementMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
-from sawmill_vocabulary.texts import N_
 
 # Messages on a phantom or a scanner that moved while the phantom was scanned.
 SLIPS: frozenset[str] = frozenset(

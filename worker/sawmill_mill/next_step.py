@@ -9,10 +9,9 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Self
 
-from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.alarms import AlarmKind, NextStepAnswer
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
-from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.alarms import ALARMS
@@ -20,9 +19,8 @@ from sawmill_mill.anything_moved import StandIn, moved_reason, slip_of
 from sawmill_mill.scanner_state import NEARLY, Calibrated, Checked, ScannerState
 from sawmill_mill.two_questions import Answer, TwoQuestions
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
-from sawmill_vocabulary.messages import Message, Reason
+from sawmill_vocabulary.messages import N_, Message, Reason
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
-from sawmill_vocabulary.texts import N_
 
 # The 95 % number over the size's standard uncertainty, where the size is one of two equal shares in quadrature.
 HALF_OF_IT_SIZE = 1.96 * 2.0**0.5

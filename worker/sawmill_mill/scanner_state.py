@@ -1,4 +1,4 @@
-"""The facts about a scanner that decide its next step: its newest calibration, movement, failures and alarms."""
+"""The facts about a scanner that decide its next step, and which calibrations activate and which drift checks count."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -8,6 +8,7 @@ from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult, Comparison
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
+from sawmill_vocabulary import DetectorEstimate, Rotation, Verdict
 from sawmill_vocabulary.movement_messages import LogMessage
 
 # From this share on a scanner is watched, though it may move by more: the next check may find it out of tolerance.
@@ -143,3 +144,54 @@ class ScannerState:
         if check is None or (self.newest is not None and check.created_at < self.newest.created_at):
             return None
         return check
+
+
+# The smallest relative determinant of a covariance: below this, rounding decides what the inverse is.
+LEAST_DETERMINANT = 1e-9
+
+
+class DriftCheck(NamedTuple):
+    """A drift check that succeeded, and the active calibration, whose phantom came at `phantom_came_at`.
+
+    `change` is counted from the calibration that the check compared with, and has the check's own errors. `is_counted`
+    tells that a check of the same file by the same method is in the chart.
+    """
+
+    calibration_id: str
+    active_id: str
+    log_came_at: datetime
+    phantom_came_at: datetime
+    rotation: Rotation
+    active_rotation: Rotation | None
+    method: str | None
+    change: DetectorEstimate
+    is_counted: bool
+
+
+def counts_for_chart(check: DriftCheck) -> bool:
+    """Return whether a drift check is a point of the chart since the active calibration.
+
+    A check counts if it compared with the active calibration a log that was scanned after that calibration's phantom
+    and turned in the same sense, if its covariance can be inverted, and if the same file is not in the chart.
+    """
+    return (
+        check.calibration_id == check.active_id
+        and check.log_came_at > check.phantom_came_at
+        and check.rotation == check.active_rotation
+        and check.method is not None
+        and check.change.relative_determinant > LEAST_DETERMINANT
+        and not check.is_counted
+    )
+
+
+def activation_reason(*, wanted: bool, schedule_id: str | None, rays_verdict: Verdict, has_moved: bool) -> str | None:
+    """Return why a finished calibration activates itself; None where it does not.
+
+    Activation on pass has to be `wanted`. An uncertain scale makes an image larger or smaller and blurs nothing: the
+    verdict on the rays decides. A schedule never takes over a scanner that has moved by more than its tolerance since
+    the active calibration: a technician has to see and to accept that.
+    """
+    if not wanted or rays_verdict != "pass" or (schedule_id is not None and has_moved):
+        return None
+    asker = "the request" if schedule_id is None else f"schedule {schedule_id}"
+    return f"the rays pass; {asker} asked for activation on pass"

@@ -14,7 +14,7 @@ from sawmill_contracts.calibrations import CalibrationLimits, CalibrationResult
 from sawmill_contracts.plans import PlanResult
 from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary import CalibrationStatus, Verdict
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 Words = Callable[[str], str]
 Written = Callable[[float], str]

@@ -22,8 +22,7 @@ from sawmill_platform.files.leftovers import Leftovers
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.jobs.subjects import Subjects
-from sawmill_platform.jobs.tallies import Tallies
+from sawmill_platform.jobs.tallies import Subjects, Tallies
 from sawmill_platform.keys.key_store import KeyStore
 from sawmill_platform.keys.repeats import Repeats
 from sawmill_platform.keys.sessions import Sessions

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts import kinds, mill_events
 from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
@@ -203,5 +203,5 @@ def newest_accepted(column: InstrumentedAttribute[Any]) -> Select[Any]:
 def _newest_calibrated() -> ScalarSelect[Any]:
     """Select the time of the newest calibrated scan: its calibration and the job that read the scan outlast it."""
     read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
-    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == job_kinds.INGEST)
+    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == kinds.INGEST)
     return mine.correlate(ScannerRow).scalar_subquery()

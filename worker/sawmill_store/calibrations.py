@@ -1,16 +1,20 @@
-"""Calibrations: requests and results as of every kind, and the activation of a calibration."""
+"""Calibrations and their activation, and reconstructions: requests and results as of every kind."""
 
-from sawmill_contracts import calibrations
+from sawmill_contracts import calibrations, mill_events
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
 from sawmill_platform.errors import Conflict
 from sawmill_platform.jobs.queue_limits import Places
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate, active_calibration_id, discard
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_tables import CalibrationRow, ScannerRow
+from sawmill_store.mill_tables import CalibrationRow, ReconstructionRow, ScannerRow
 from sawmill_store.requests.asked import Asked
+from sawmill_store.requests.references import found_asked
 from sawmill_store.scanners import read_scanner
 
 
@@ -63,3 +67,25 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
                 raise Conflict("calibration-in-use", msg)
             discard(session, scanner.id, row.id, reason, self._database.now())
             return read_scanner(session, scanner)
+
+
+class Reconstructions(Asked[ReconstructionAsk, Reconstruction]):
+    """Store of the reconstructions: every method is one transaction."""
+
+    def rename(self, identifier: str, name: str | None) -> Reconstruction:
+        """Give a reconstruction a name; None takes its name away.
+
+        Raises
+        ------
+        NotFound
+            There is no such reconstruction.
+        """
+        with self._database.write() as session:
+            hold(session, ReconstructionRow, "reconstruction", identifier)  # the rules may remove it at any time
+            row = found_asked(session, self._declared, identifier)
+            assert isinstance(row, ReconstructionRow)  # noqa: S101 - the table of the kind
+            if difference := changed({"name": row.name}, {"name": name}):
+                row.name, now = name, self._database.now()
+                kind, group_id = mill_events.RECONSTRUCTION_RENAMED, row.scanner_id
+                announce(session, now, kind, "reconstruction", identifier, group_id=group_id, decided=difference)
+            return self._read(row)

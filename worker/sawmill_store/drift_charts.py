@@ -15,7 +15,7 @@ from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.choices import DriftMethod
-from sawmill_contracts.drift_baselines import KnownBaseline
+from sawmill_contracts.drifts import KnownBaseline
 from sawmill_contracts.scanner_drift import (
     POOLED_LOOKS,
     CountedLook,
@@ -27,7 +27,7 @@ from sawmill_contracts.scanner_drift import (
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
 from sawmill_store.activations import active_since
-from sawmill_store.drift_looks import lock_scanner
+from sawmill_store.measurements import lock_scanner
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 from sawmill_vocabulary import DetectorEstimate
 

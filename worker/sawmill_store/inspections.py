@@ -1,6 +1,6 @@
 """Inspections: uploads that are inspected before they become scans."""
 
-from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts import kinds, mill_events
 from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
@@ -9,10 +9,10 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.upload_stream import Received
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_platform.uploads.upload_store import kept_upload
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.requests.asked import Asked
-from sawmill_store.requests.asked_rows import found_asked, read_asked
+from sawmill_store.requests.references import found_asked, read_asked
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
@@ -60,7 +60,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         )
         identifier = identifier or new_id()
         with (
-            kept_upload(self.files, received, job_kinds.INSPECT, identifier) as keep,
+            kept_upload(self.files, received, kinds.INSPECT, identifier) as keep,
             self._database.write() as session,
         ):
             now = self._database.now()
@@ -77,7 +77,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             There is no such inspection, or its file has been removed.
         """
         file = self.get(identifier).options
-        again = self.files.receive_again(job_kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        again = self.files.receive_again(kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
         if again is None:
             msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
             raise Conflict("inspection-expired", msg)
@@ -100,5 +100,5 @@ class Inspections(Asked[InspectionAsk, Inspection]):
             now = self._database.now()
             announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=details)
             session.delete(row)
-        self.files.remove(self.files.results(job_kinds.INSPECT, identifier))
-        self.files.remove_upload(job_kinds.INSPECT, identifier)
+        self.files.remove(self.files.results(kinds.INSPECT, identifier))
+        self.files.remove_upload(kinds.INSPECT, identifier)

@@ -1,23 +1,24 @@
-"""Measurements of calibrations and drift checks, written in the transaction that ends the job (migration 0009)."""
+"""Measurements of calibrations and drift checks, written as the job ends (migration 0009), and which checks count."""
 
 import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, column, func, or_, select, values
+from sqlalchemy import ColumnElement, Select, and_, column, exists, func, or_, select, values
 from sqlalchemy.orm import Session
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
+from sawmill_mill.scanner_state import DriftCheck, counts_for_chart
 from sawmill_mill.two_questions import TwoQuestions
 from sawmill_platform.contracts.base import Contract, Page
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, read_numbered_page
 from sawmill_platform.database.tables import UtcDateTime
-from sawmill_store.drift_looks import counts_since
-from sawmill_store.mill_tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
+from sawmill_store.activations import active_since
+from sawmill_store.mill_tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
 MOST_READ, PARTS = 2000, 500
 _NEVER = datetime.max.replace(tzinfo=UTC)
@@ -197,3 +198,39 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime, activation_numb
 def read_measurement(row: MeasurementRow) -> Measurement:
     """Read the measurement of a row."""
     return Measurement.model_validate({name: getattr(row, name) for name in Measurement.model_fields})
+
+
+def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int | None:
+    """Return the number of the activation since which a drift check counts; None where it does not count.
+
+    The scanner's row is locked, so that checks that end at once get their numbers in the order of their commits.
+    """
+    lock_scanner(session, check.scanner_id)
+    active = active_since(session, check.scanner_id)
+    scan = session.get(ScanRow, check.scan_id)
+    if active is None or scan is None:
+        return None
+    calibration = session.get_one(CalibrationRow, active.calibration_id)
+    phantom_scan = session.get(ScanRow, calibration.scan_id) or calibration
+    same = exists().where(
+        MeasurementRow.activation_number == active.number,
+        MeasurementRow.method == result.method,
+        MeasurementRow.input_sha256 == result.input_sha256,
+    )
+    finished = DriftCheck(
+        calibration_id=check.calibration_id,
+        active_id=calibration.id,
+        log_came_at=scan.created_at,
+        phantom_came_at=phantom_scan.created_at,
+        rotation=result.rotation,
+        active_rotation=None if calibration.result is None else calibration.result["rotation"],
+        method=result.method,
+        change=result.detector_change,
+        is_counted=session.scalar(select(same)) is True,
+    )
+    return active.number if counts_for_chart(finished) else None
+
+
+def lock_scanner(session: Session, scanner_id: str) -> None:
+    """Keep other transactions from a scanner's charts until this one ends; scans of the scanner may still come."""
+    session.execute(select(ScannerRow.id).where(ScannerRow.id == scanner_id).with_for_update(key_share=True))

@@ -10,7 +10,7 @@ reconstructions/<id>/           volume.h5
 
 from pathlib import Path
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.files.file_store import FileStore
 
 SCAN_FILE = "scan.h5"
@@ -22,8 +22,8 @@ class MillFiles(FileStore):
 
     def scan(self, scan_id: str) -> Path:
         """Return the canonical file of a scan, which `ingest` wrote, as `result` does."""
-        return self.result(job_kinds.INGEST, scan_id, SCAN_FILE)
+        return self.result(kinds.INGEST, scan_id, SCAN_FILE)
 
     def volume(self, reconstruction_id: str) -> Path:
         """Return the volume of a reconstruction, as `result` does."""
-        return self.result(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
+        return self.result(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)

@@ -22,7 +22,7 @@ from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import Mapped, declared_attr, mapped_column, relationship
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.phantoms import PhantomState
@@ -201,10 +201,10 @@ class PlanRow(Answered):
 
 # Tables of the kinds of the first versions. A new kind needs no table: its rows are in `asked`.
 OWN_TABLES: dict[JobKind, type[Answered]] = {
-    job_kinds.CALIBRATE: CalibrationRow,
-    job_kinds.RECONSTRUCT: ReconstructionRow,
-    job_kinds.DRIFT: DriftRow,
-    job_kinds.PLAN: PlanRow,
+    kinds.CALIBRATE: CalibrationRow,
+    kinds.RECONSTRUCT: ReconstructionRow,
+    kinds.DRIFT: DriftRow,
+    kinds.PLAN: PlanRow,
 }
 
 

@@ -5,7 +5,7 @@ from functools import partial
 
 from sqlalchemy import or_, select
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.inspections import FILE_KEPT
 from sawmill_contracts.phantoms import PhantomState
@@ -22,7 +22,7 @@ from sawmill_store.mill_tables import AskedRow, PhantomRow, ScanRow, table_of
 def _inspected(now: Clock) -> Ids:
     """Select the inspections whose file is kept: for `FILE_KEPT`, and longer while the job has not ended."""
     kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(UNFINISHED))
-    return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == job_kinds.INSPECT, kept)
+    return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == kinds.INSPECT, kept)
 
 
 def _succeeded(kind: JobKind, _: Clock) -> Ids:

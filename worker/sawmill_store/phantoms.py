@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from sqlalchemy import func, select
 
-from sawmill_contracts import job_kinds, mill_events, phantoms
+from sawmill_contracts import kinds, mill_events, phantoms
 from sawmill_contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
@@ -12,14 +12,12 @@ from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_platform.uploads.upload_store import kept_upload
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import PhantomRow, ScanRow
-from sawmill_store.requests.references import check_usable
-from sawmill_store.requests.references_guard import kept_by
+from sawmill_store.requests.references import check_usable, kept_by
 
 
 class Phantoms:
@@ -122,13 +120,13 @@ class Phantoms:
             picture=picture.model_dump(mode="json"),
         )
         with (
-            kept_upload(self.files, received, job_kinds.TRACE_PHANTOM, row.id) as keep,
+            kept_upload(self.files, received, kinds.TRACE_PHANTOM, row.id) as keep,
             self._database.write() as session,
         ):
             refuse_taken(session, PhantomRow, "phantom", row.id)
             job = queue_job(
                 session,
-                job_kinds.TRACE_PHANTOM,
+                kinds.TRACE_PHANTOM,
                 row.id,
                 row.created_at,
                 short=phantoms.DECLARATION.is_short(received.size_bytes),
@@ -193,8 +191,8 @@ class Phantoms:
             now = self._database.now()
             announce(session, now, mill_events.PHANTOM_DELETED, "phantom", phantom_id, decided=row.drawing)
             session.delete(row)
-        self.files.remove(self.files.results(job_kinds.TRACE_PHANTOM, phantom_id))
-        self.files.remove_upload(job_kinds.TRACE_PHANTOM, phantom_id)
+        self.files.remove(self.files.results(kinds.TRACE_PHANTOM, phantom_id))
+        self.files.remove_upload(kinds.TRACE_PHANTOM, phantom_id)
 
     def _drawn(self, phantom_id: str, drawing: PhantomDrawing, *, built_in: bool) -> PhantomRow:
         return PhantomRow(

@@ -23,7 +23,7 @@ from sawmill_store.activations import active_calibration_id
 from sawmill_store.alarms import close_alarms
 from sawmill_store.history import changes_in_words, forget_history
 from sawmill_store.mill_tables import MeasurementRow, ScannerRow, ScanRow, ScheduleRow
-from sawmill_store.requests.references_guard import kept_by
+from sawmill_store.requests.references import kept_by
 
 
 class Scanners:

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from sqlalchemy import func, select
 
-from sawmill_contracts import job_kinds, mill_events, scans
+from sawmill_contracts import kinds, mill_events, scans
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
@@ -13,13 +13,12 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.events import announce
-from sawmill_platform.uploads.uploading import kept_upload
+from sawmill_platform.uploads.upload_store import kept_upload
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import PhantomRow, ScannerRow, ScanRow
-from sawmill_store.requests.references_guard import unfinished_job_about
+from sawmill_store.requests.references import unfinished_job_about
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
@@ -70,14 +69,14 @@ class Scans:
             size_bytes=received.size_bytes,
             sha256=received.sha256,
         )
-        with kept_upload(self.files, received, job_kinds.INGEST, row.id) as keep, self._database.write() as session:
+        with kept_upload(self.files, received, kinds.INGEST, row.id) as keep, self._database.write() as session:
             refuse_taken(session, ScanRow, "scan", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
             job = queue_job(
                 session,
-                job_kinds.INGEST,
+                kinds.INGEST,
                 row.id,
                 row.created_at,
                 short=scans.DECLARATION.is_short(received.size_bytes),
@@ -161,8 +160,8 @@ class Scans:
             now = self._database.now()
             announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)
             session.delete(row)
-        self.files.remove(self.files.results(job_kinds.INGEST, scan_id))
-        self.files.remove_upload(job_kinds.INGEST, scan_id)
+        self.files.remove(self.files.results(kinds.INGEST, scan_id))
+        self.files.remove_upload(kinds.INGEST, scan_id)
 
 
 def read_scan(row: ScanRow) -> Scan:

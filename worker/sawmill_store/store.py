@@ -5,14 +5,14 @@ from collections.abc import Callable
 from typing import Self
 
 from sawmill_contracts import drifts, plans, reconstructions
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.plans import Plan, PlanAsk
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.alarms import Alarms
-from sawmill_store.calibrations import Calibrations
+from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift_charts import DriftCharts
 from sawmill_store.history import Histories
 from sawmill_store.inspections import Inspections
@@ -20,7 +20,6 @@ from sawmill_store.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.overviews import Overviews
 from sawmill_store.phantoms import Phantoms
-from sawmill_store.reconstructions import Reconstructions
 from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
 from sawmill_store.scanners import Scanners

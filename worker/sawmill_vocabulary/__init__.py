@@ -23,6 +23,8 @@ from sawmill_vocabulary.choices import (
     PaperObjective,
     PaperStop,
     Preference,
+    Progress,
+    ProgressCallback,
     ReconstructionMethod,
     RingRemoval,
     Rotation,
@@ -31,7 +33,6 @@ from sawmill_vocabulary.choices import (
     Weighting,
     WitnessTaken,
 )
-from sawmill_vocabulary.detector_estimate import DetectorEstimate
 from sawmill_vocabulary.geometry import (
     FEWEST_PAIRED_VIEWS,
     LARGEST_MM,
@@ -39,6 +40,7 @@ from sawmill_vocabulary.geometry import (
     WIDEST_CELL_MM,
     WIDEST_MEASURED_STEP_DEG,
     WIDEST_STEP_DEG,
+    DetectorEstimate,
     DetectorModule,
     GeometryError,
     Scanner,
@@ -61,7 +63,6 @@ from sawmill_vocabulary.phantoms import (
     Shape,
     TrueAxis,
 )
-from sawmill_vocabulary.progress import Progress, ProgressCallback
 
 __all__ = [
     "BUILT_IN_OUTLINES",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_vocabulary import ReconstructionMethod
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 class LogBefore(StrEnum):

@@ -1,7 +1,6 @@
 """Messages on the verdict of a calibration: what speaks against it, and what to do."""
 
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 _IMPRECISE = N_("Not precise enough: the error may be up to %(upper_mm).3f mm, and %(allowed_mm).3f mm is allowed.")
 _RAY_ERROR = N_(

@@ -1,9 +1,11 @@
-"""Choices in requests and answers: the enums and literals of both sides."""
+"""Choices in requests and answers, the enums and literals of both sides, and the progress of a running job."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
 
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_
 
 
 class _Negatable(Protocol):
@@ -240,3 +242,35 @@ class ColorMap(StrEnum):
     VIRIDIS = "viridis"
     INFERNO = "inferno"
     MAGMA = "magma"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a running job."""
+
+    fraction: float = field(
+        metadata={"ge": 0, "le": 1, "description": "Share of the work that is done, no unit.", "examples": [0.4]}
+    )
+    stage: str = field(metadata={"description": "Present stage of the work.", "examples": ["search"]})
+    generation: int | None = field(
+        default=None,
+        metadata={"description": "Number of the search's generation. Null: no search is running.", "examples": [12]},
+    )
+    best_value: float | None = field(
+        default=None,
+        metadata={
+            "description": "Best objective of the search, in the objective's own unit. Null: no search is running.",
+            "examples": [0.013],
+        },
+    )
+    seconds_left: float | None = field(
+        default=None,
+        metadata={
+            "ge": 0,
+            "description": "Seconds until a reconstruction ends, by its pace. Null: not known.",
+            "examples": [40.0],
+        },
+    )
+
+
+ProgressCallback = Callable[[Progress], None]

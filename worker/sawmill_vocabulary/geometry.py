@@ -1,10 +1,12 @@
-"""The values of the scanner's geometry: its constants, theta, the source frame, and the bounds of a search.
+"""Values of the scanner's geometry: constants, theta, the source frame, bounds of a search, a detector's estimate.
 
 Each field is typed here once, with its unit, its description and its bounds. The science computes with these classes,
 and the contracts take them as field types: pydantic reads the fields' metadata. Bounds in the metadata hold
 where a value crosses a boundary, the checks of `__post_init__` everywhere.
 
 Axes, signs and formulas: docs/look-up/conventions.md#source-frame.
+
+Contracts and sentences write the tilt in degrees; everything else has radians.
 """
 
 import math
@@ -13,7 +15,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Self
 
-from sawmill_vocabulary.as_contract import AsContract
+from sawmill_vocabulary.outlines import AsContract
 
 TAU = 2.0 * math.pi
 # Largest length at a scanner, mm.
@@ -284,3 +286,46 @@ class ThetaBounds(AsContract):
     def contain(self, theta: Theta) -> bool:
         """Return whether theta is within the bounds; the first angle is free."""
         return all(low <= getattr(theta, name) <= high for name, (low, high) in vars(self).items())
+
+
+PairCovariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class DetectorEstimate:
+    """An estimate of u_c and tau, or of a change of them."""
+
+    cor_column_mm: float  # u_c, where the centre of rotation falls on the detector, and tau, the detector's tilt
+    tilt_rad: float
+    covariance: PairCovariance  # (2, 2) float: covariance of (u_c, tau), in mm and radians
+
+    @classmethod
+    def of(cls, values: Iterable[float], covariance: Iterable[Iterable[float]]) -> Self:
+        """Build an estimate from numbers in the order (u_c, tau): arrays, lists or tuples."""
+        try:
+            column, tilt = (float(value) for value in values)
+            (first, cross), (also_cross, second) = ((float(value) for value in row) for row in covariance)
+        except ValueError as error:
+            raise ValueError(f"u_c and tau are 2 values with a covariance of 2 x 2 values: {error}") from error
+        return cls(column, tilt, ((first, cross), (also_cross, second)))
+
+    @property
+    def values(self) -> tuple[float, float]:
+        """The two numbers, (u_c, tau)."""
+        return self.cor_column_mm, self.tilt_rad
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of (u_c, tau)."""
+        (first, _), (_, second) = self.covariance
+        return math.sqrt(first), math.sqrt(second)
+
+    @property
+    def relative_determinant(self) -> float:
+        """Determinant of the covariance divided by the product of the variances.
+
+        It is 1 without correlation; a covariance with 0 or less has no inverse.
+        """
+        (first, cross), (also_cross, second) = self.covariance
+        known = all(map(math.isfinite, (*self.values, first, cross, also_cross, second)))
+        return 1.0 - cross * also_cross / (first * second) if known and min(first, second) > 0.0 else 0.0

@@ -1,7 +1,6 @@
 """Messages on a reconstruction: how far an image is from its data, and what was excluded as the cause."""
 
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 
 class ImageMessage(Message):

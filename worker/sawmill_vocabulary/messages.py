@@ -12,7 +12,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, Self
 
-from sawmill_vocabulary.texts import N_
+GROUP = "scanner"
+"""Name of a group of jobs: groups take turns in the queue, and an event has the id of its group."""
+
+
+def N_(text: str) -> str:  # noqa: N802 - Babel's word for a text that is translated when it is shown
+    """Mark a text for the catalogues, and return it unchanged."""
+    return text
+
 
 Value = float | int | str
 

@@ -1,7 +1,6 @@
 """Messages on what has moved: since the calibration in use, as a new calibration or a log shows it."""
 
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 _WITHIN = N_("Nothing has moved beyond what is allowed: %(moved_mm).3f mm, and %(allowed_mm).2f mm is allowed.")
 _COR_AND_NO_TILT = N_("The COR moved %(column_mm)+.2f mm on the detector and the tilt did not.")

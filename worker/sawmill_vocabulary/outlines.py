@@ -3,9 +3,12 @@
 The sweep of Shamos and Hoey (1976) stops at the first crossing: O(n log n) comparisons. A sweep line
 moves from left to right over the corners; sides that cross are neighbours along it before it has passed their
 crossing. Corners of one x are taken from below, as if the line leant by a trace.
+
+`AsContract` is the base of all values that contracts take as fields.
 """
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 Corner = tuple[float, float]
 
@@ -105,3 +108,12 @@ def _share_a_point(one: tuple[Corner, Corner], other: tuple[Corner, Corner]) -> 
     ):
         return False
     return _turn(*one, other[0]) * _turn(*one, other[1]) <= 0.0 and _turn(*other, one[0]) * _turn(*other, one[1]) <= 0.0
+
+
+class AsContract:
+    """A dataclass that pydantic reads as it reads a contract, with the bounds in the metadata of its fields.
+
+    Unknown fields and numbers that are not finite are refused, and an instance is checked again.
+    """
+
+    __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False, "revalidate_instances": "always"}

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval
 
-from sawmill_vocabulary.as_contract import AsContract
 from sawmill_vocabulary.geometry import LARGEST_MM
+from sawmill_vocabulary.outlines import AsContract
 
 # Relative standard uncertainty of a phantom's size where it is not stated. Spruce moves by 0.15 to 0.3 % across the
 # grain for each per cent of moisture.

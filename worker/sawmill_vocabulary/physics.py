@@ -7,7 +7,7 @@ with them is read with the same fields.
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sawmill_vocabulary.as_contract import AsContract
+from sawmill_vocabulary.outlines import AsContract
 
 
 def _size(description: str, low: float, high: float, default: float = 0.0) -> float:

@@ -1,7 +1,6 @@
 """Messages on a file that is read as a scan: what was read in another way than it is stored, and what it lacks."""
 
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 _LOWER = N_("Lower the tube's current or the exposure until air stays below it. Then take flat fields and scan again.")
 

@@ -1,7 +1,6 @@
 """Messages on what was found in a scan of the phantom: effects beyond the plain model, and faults."""
 
-from sawmill_vocabulary.messages import Message
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import N_, Message
 
 _STRAIGHT = N_("Use straight, dry wood for the phantom, or draw it as it is.")
 _ENCODER = N_("Look at the encoder and the drive: the encoder is off its axis, or the drive slips and catches.")

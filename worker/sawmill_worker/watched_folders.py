@@ -36,7 +36,7 @@ from sawmill_platform.contracts.given import shown
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import PART_BYTES
 from sawmill_platform.settings import LargestUpload
-from sawmill_platform.workers.kernel_lock import HeldByAnother, kernel_lock
+from sawmill_platform.workers.sole_service import HeldByAnother, kernel_lock
 from sawmill_store.store import Store
 
 TAKEN, REFUSED, DONE, REASON = "taken", "refused", ".done", ".reason.txt"

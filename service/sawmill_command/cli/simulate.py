@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.simulating import SimulationOptions
+from sawmill_contracts.geometry import ScannerConstants, SimulationOptions
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command

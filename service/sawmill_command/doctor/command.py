@@ -10,7 +10,7 @@ from rich.table import Table
 
 from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
-from sawmill_command.doctor.findings import DoctorFinding, State, bad, good
+from sawmill_command.doctor.machine import DoctorFinding, State, bad, good
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sole_service import serving_process

@@ -7,11 +7,12 @@ import pkgutil
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import closing
+from enum import StrEnum
 from pathlib import Path
+from typing import NamedTuple
 
 import sawmill_tomography as tomography
 from sawmill_calibration.capacity import memory_available
-from sawmill_command.doctor.findings import DoctorFinding, State, bad, good, watch
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_platform.confinement import landlock
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
@@ -23,6 +24,39 @@ from sawmill_service.http.listening import ListenError, listen
 from sawmill_service.pages.system.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_tomography.kernel_cache import holds_all
+
+
+class State(StrEnum):
+    """State of a subject."""
+
+    GOOD = "good"
+    WATCH = "watch"
+    BAD = "bad"
+
+
+class DoctorFinding(NamedTuple):
+    """Result of one check: a sentence with the values seen, and the remedy, empty if nothing is to be done."""
+
+    subject: str
+    state: State
+    sentence: str
+    cure: str = ""
+
+
+def good(subject: str, sentence: str) -> DoctorFinding:
+    """Return a finding that needs nothing."""
+    return DoctorFinding(subject, State.GOOD, sentence)
+
+
+def watch(subject: str, sentence: str, cure: str) -> DoctorFinding:
+    """Return a finding that should be mended."""
+    return DoctorFinding(subject, State.WATCH, sentence, cure)
+
+
+def bad(subject: str, sentence: str, cure: str) -> DoctorFinding:
+    """Return a finding with which the service does not work."""
+    return DoctorFinding(subject, State.BAD, sentence, cure)
+
 
 # File systems that do not suit SQLite: its write-ahead log needs memory shared by all processes, and reliable locks.
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}

@@ -5,7 +5,7 @@ from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sawmill_command.doctor.findings import DoctorFinding, State, bad, good, watch
+from sawmill_command.doctor.machine import DoctorFinding, State, bad, good, watch
 from sawmill_platform.backups.taking import newest_backup
 from sawmill_platform.contracts.webhooks import Webhook, WebhookState
 from sawmill_platform.database.report import DatabaseReport

@@ -22,8 +22,7 @@ from sawmill_service.access import (
     host_name,
 )
 from sawmill_service.http.bodies.body_sums import checked
-from sawmill_service.http.limits.callers import who
-from sawmill_service.http.limits.rates import Rates
+from sawmill_service.http.limits.rates import Rates, who
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
 from sawmill_service.http.route_rules import NoKey, no_key, rules_of
 from sawmill_service.http.session_cookie import NAME

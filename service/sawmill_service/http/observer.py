@@ -1,13 +1,21 @@
-"""Counts, times and log lines of all requests, and a 500 without details for unexpected errors."""
+"""Ids, counts, times and log lines of all requests, a 500 without details for unexpected errors, and HEAD."""
 
+import re
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from http import HTTPMethod, HTTPStatus
+from typing import Any
+from uuid import uuid4
 
+import anyio
 import structlog
 from anyio import BrokenResourceError
 from prometheus_client import CollectorRegistry, Counter, Histogram
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from structlog.contextvars import bound_contextvars, clear_contextvars
 
 from sawmill_service.access import client_address
 from sawmill_service.http.problems import problem_response
@@ -109,3 +117,81 @@ def _who_and_what(scope: Scope) -> dict[str, str]:
 def _internal_error(scope: Scope) -> ASGIApp:
     detail = f"something went wrong inside the service; its log has more under {scope['state']['request_id']}"
     return problem_response(scope["path"], 500, "internal", detail)
+
+
+HEADER = "X-Request-Id"
+# Ids that a proxy or a client may give: they can neither end nor fill a header or a line of the log.
+_SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:-]{0,63}")
+
+
+class RequestIds:
+    """Middleware that gives each request an id, and puts the ids of request, key and job on the answer.
+
+    The id is the client's if that is safe. Until the request is answered, `structlog.contextvars` has the id as
+    `request_id`, also in the threads that handle the request, and so has `scope["state"]`.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        with named_request(_client_id(Headers(scope=scope))) as request_id:
+            scope.setdefault("state", {})["request_id"] = request_id
+
+            async def send_named(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    MutableHeaders(scope=message).update({HEADER: request_id, **_key_and_job(scope["state"])})
+                await send(message)
+
+            await self.app(scope, receive, send_named)
+
+
+@contextmanager
+def named_request(client_id: str | None = None) -> Iterator[str]:
+    """Give all lines of the log and problems within the block this id, or a new one."""
+    request_id = client_id or uuid4().hex
+    # A request that follows directly after another one starts in the context of that one.
+    clear_contextvars()
+    with bound_contextvars(request_id=request_id):
+        yield request_id
+
+
+def _key_and_job(state: Mapping[str, Any]) -> dict[str, str]:
+    """Return the ids of the request's key and of the job that it queued, if there are any."""
+    ids = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
+    return {name: value for name, value in ids.items() if value is not None}
+
+
+def _client_id(headers: Headers) -> str | None:
+    client_id = headers.get(HEADER)
+    return client_id if client_id is not None and _SAFE.fullmatch(client_id) else None
+
+
+class Heads:
+    """Middleware that answers HEAD as GET, but does not start the file or stream after the headers."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self.app(scope, receive, send)
+            return
+        # Ranges are for GET only (RFC 9110, section 14.2).
+        headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
+        inner = {**scope, "method": "GET", "headers": headers}
+        with anyio.CancelScope() as rest:
+
+            async def send_head(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    scope.update({name: inner[name] for name in ("route",) if name in inner})
+                    await send(message)
+                    await send({"type": "http.response.body", "body": b"", "more_body": False})
+                    rest.cancel()
+
+            await self.app(inner, receive, send_head)

@@ -3,7 +3,7 @@
 from sawmill_service import retention
 from sawmill_service.pages import jobs, logs, problem_types, scans
 from sawmill_service.pages.calibrate import calibrate, report
-from sawmill_service.pages.frame import look
+from sawmill_service.pages.frame import page_frame
 from sawmill_service.pages.help import help as help_pages
 from sawmill_service.pages.phantoms import phantoms
 from sawmill_service.pages.scanners import comparison, scanner, scanner_history, today
@@ -15,7 +15,7 @@ PAGES = (
     help_pages.router,
     jobs.router,
     logs.router,
-    look.router,
+    page_frame.router,
     phantoms.router,
     problem_types.router,
     report.router,

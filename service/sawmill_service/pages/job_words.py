@@ -5,7 +5,7 @@ from datetime import timedelta
 
 from babel.dates import format_timedelta
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Job, JobState
 from sawmill_platform.contracts.kind_declarations import declaration_of
@@ -34,10 +34,10 @@ FATES = {
 }
 # Link to the result of a job: its page where there is one, else the numbers.
 _MADE = {
-    job_kinds.INGEST: ("/scans/{}", marked("Open the scan")),
-    job_kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
-    job_kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
-    job_kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
+    kinds.INGEST: ("/scans/{}", marked("Open the scan")),
+    kinds.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
+    kinds.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
+    kinds.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }
 _NUMBERS = marked("All numbers")
 

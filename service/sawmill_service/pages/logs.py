@@ -15,11 +15,11 @@ from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheReconstructions, TheStore
-from sawmill_service.finished import scan_if_kept
+from sawmill_service.drawing import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
+from sawmill_service.pages.frame.languages import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
-from sawmill_service.pages.frame.words import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.lists import TheFilter
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod

@@ -17,9 +17,8 @@ from sawmill_service.dependencies import ThePhantoms, TheScanners, TheScans, The
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.formats import plain_number
+from sawmill_service.pages.frame.languages import SCAN_STATES, plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
-from sawmill_service.pages.frame.words import SCAN_STATES
 from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_service.pages.logs import name_of
 from sawmill_store.store import Store

@@ -5,9 +5,9 @@ from typing import Annotated
 from fastapi import Query, Request, Response
 from pydantic import Field
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
+from sawmill_contracts.alarms import NextStepAnswer
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given
@@ -130,7 +130,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, calibrati
     """Return every number, with the sinogram, its model and the residual."""
     succeeded(calibrations, calibration_id, "result.h5")
     files = calibrations.files
-    path = files.unverified(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = files.unverified(kinds.CALIBRATE, calibration_id, "result.h5")
     name = f"calibration-{calibration_id}.h5"
     return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
 

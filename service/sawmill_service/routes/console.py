@@ -22,8 +22,7 @@ from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.addresses import local_path
-from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.page_frame import ThePage, local_path
 from sawmill_service.pages.lists import check_zone
 
 STATIC = Path(__file__).parent.parent / "static"

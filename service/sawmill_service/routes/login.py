@@ -16,8 +16,7 @@ from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie,
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import NoKey, Router
-from sawmill_service.pages.frame.addresses import local_path
-from sawmill_service.pages.frame.page_frame import ThePage
+from sawmill_service.pages.frame.page_frame import ThePage, local_path
 
 # Files that the login page loads.
 FILES = frozenset(

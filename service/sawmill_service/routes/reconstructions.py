@@ -12,7 +12,7 @@ from typing import Annotated, Self
 from fastapi import Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts import reconstructions as contract
 from sawmill_contracts.choices import Axis
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
@@ -21,8 +21,7 @@ from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, drawn_alpha_curve
-from sawmill_service.finished import check_slice, result_of
+from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, check_slice, drawn_alpha_curve, result_of
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying
@@ -278,7 +277,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
     """Return `/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
     result_of(reconstructions, reconstruction_id)
     files = reconstructions.files
-    path = files.unverified(job_kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
+    path = files.unverified(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
     name = f"reconstruction-{reconstruction_id}.h5"
     return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
 

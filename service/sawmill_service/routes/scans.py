@@ -12,8 +12,7 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake
-from sawmill_service.drawing import BYTES_PER_VALUE, scan_thumbnail
-from sawmill_service.finished import ready_scan
+from sawmill_service.drawing import BYTES_PER_VALUE, ready_scan, scan_thumbnail
 from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload

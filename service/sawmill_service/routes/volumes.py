@@ -18,8 +18,7 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
-from sawmill_service.drawing import BYTES_PER_VALUE, volume_thumbnail
-from sawmill_service.finished import check_slice, result_of
+from sawmill_service.drawing import BYTES_PER_VALUE, check_slice, result_of, volume_thumbnail
 from sawmill_service.http.document.described_answers import NAMED, drawn, stored
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import OF_RESULT, refuses
@@ -266,6 +265,6 @@ def get_reconstruction_thumbnail(
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
     """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
-    from sawmill_worker.pictures.color_maps import color_table
+    from sawmill_worker.pictures.windows import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -28,8 +28,8 @@ from sawmill_service.http.repeats import TheRepeatable, repeatable
 from sawmill_service.http.responses.answers import NumberedPaging
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.couriers import send_test
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
-from sawmill_service.webhooks.testing import send_test
 
 router = Router(prefix="/v1/webhooks", tags=["webhooks"], reading=Scope.ADMIN)
 

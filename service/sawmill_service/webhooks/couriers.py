@@ -1,4 +1,4 @@
-"""Delivery of due events to webhooks: one event after the other to each webhook, and to all webhooks at once.
+"""Delivery of due events and of test messages to webhooks, signed (https://www.standardwebhooks.com, 1.0.0).
 
 At least once: an event counts as delivered when that is noted, so a process that is killed between sending and noting
 sends again, with the same `webhook-id`. A receiver that fails gets longer and longer pauses; other receivers do not
@@ -6,18 +6,26 @@ wait.
 """
 
 import asyncio
-from collections.abc import Callable
+import hashlib
+import hmac
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Sequence
+from datetime import datetime
 from http import HTTPStatus
+from uuid import uuid4
 
 import structlog
 
 from sawmill_platform.contracts.events import Event
+from sawmill_platform.contracts.webhooks import EventMessage, TestedWebhook, WebhookTest, WebhookTestMessage
 from sawmill_platform.errors import StorageError
 from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.webhooks.outbox import DeliveryAttempt, Outbox, Pending, message_id
+from sawmill_platform.webhooks.webhook_store import PREFIX, WebhookStore
 from sawmill_platform.workers.logs import going_on
-from sawmill_service.webhooks.messages import body_of_event, headers_of
+from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sending import DeliveryAnswer, WebhookSending
+from sawmill_vocabulary.version import VERSION
 
 # Waits before the second and later attempts, as the specification proposes: three days in all.
 WAITS_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
@@ -125,3 +133,46 @@ class Couriers:
             return None
         wait_s = WAITS_S[failures] * (1.0 + JITTER * self._jitter())
         return max(wait_s, min(answer.retry_after_s, LONGEST_RETRY_AFTER_S))
+
+
+def body_of_event(event: Event) -> bytes:
+    """Write the message about an event."""
+    return EventMessage(type=event.what, timestamp=event.at, data=event).model_dump_json().encode()
+
+
+def headers_of(message_id: str, now: datetime, body: bytes, secrets: Sequence[str]) -> dict[str, str]:
+    """Return the headers of an attempt: the id, the time of the attempt, and a signature with each secret."""
+    seconds = str(int(now.timestamp()))
+    return {
+        "Content-Type": "application/json",
+        "User-Agent": f"sawmill-calibration/{VERSION}",
+        "webhook-id": message_id,
+        "webhook-timestamp": seconds,
+        "webhook-signature": " ".join(_signed(secret, message_id, seconds, body) for secret in secrets),
+    }
+
+
+def _signed(secret: str, message_id: str, seconds: str, body: bytes) -> str:
+    key = b64decode(secret.removeprefix(PREFIX))
+    content = f"{message_id}.{seconds}.".encode() + body
+    return f"v1,{b64encode(hmac.new(key, content, hashlib.sha256).digest()).decode()}"
+
+
+def send_test(webhooks: WebhookStore, allowed: AllowedDestinations, webhook_id: str) -> WebhookTest:
+    """Send a test message, and wait in this thread for the answer or the time limit; the caller notes the result."""
+    # Imported here: the HTTP client is not needed where nothing may be sent.
+    from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
+
+    webhook, secrets, now = webhooks.signing(webhook_id)
+    message_id = f"msg_{uuid4().hex}"
+    tested = TestedWebhook(webhook_id=webhook_id, description=webhook.description)
+    body = WebhookTestMessage(timestamp=now, data=tested).model_dump_json().encode()
+    headers = headers_of(message_id, now, body, secrets)
+    answer = asyncio.run(WebhookSending(allowed).post(webhook.url, headers, body))
+    return WebhookTest(
+        delivered=answer.reason is None,
+        message_id=message_id,
+        webhook_id=webhook_id,
+        status=answer.status,
+        reason=answer.reason,
+    )

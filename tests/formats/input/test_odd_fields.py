@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_formats.input.odd_fields import without_odd_fields
+from sawmill_formats.input.given_fields import without_odd_fields
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 CELLS = 200

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_formats.input import units
+from sawmill_formats.input import field_names
 
 IN_MM = {
     1e-6: ["nm", "nanometer", "nanometers", "nanometre", "nanometres"],
@@ -24,15 +24,20 @@ def of_each(factors):
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_MM))
 def test_a_length_is_read_in_its_unit(unit, factor):
-    assert units.length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (2.5 * factor, None)
+    assert field_names.length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (
+        2.5 * factor,
+        None,
+    )
 
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_DEGREES))
 def test_an_angle_is_read_in_its_unit(unit, factor):
     for written in (unit, unit.upper(), f" {unit.title()} "):
-        np.testing.assert_allclose(units.to_degrees(np.array([0.5, -2.0]), written), [0.5 * factor, -2.0 * factor])
+        np.testing.assert_allclose(
+            field_names.to_degrees(np.array([0.5, -2.0]), written), [0.5 * factor, -2.0 * factor]
+        )
 
 
 def test_every_unit_is_tried():
-    assert set(units.LENGTHS_MM) == {unit for unit, _ in of_each(IN_MM)}
-    assert {unit for unit, _ in of_each(IN_DEGREES)} == units.DEGREES | units.RADIANS
+    assert set(field_names.LENGTHS_MM) == {unit for unit, _ in of_each(IN_MM)}
+    assert {unit for unit, _ in of_each(IN_DEGREES)} == field_names.DEGREES | field_names.RADIANS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sawmill_formats.nexus import PACKED
-from sawmill_formats.packing import fletcher32, pack, write_chunk
+from sawmill_formats.output.volume_writer import fletcher32, pack, write_chunk
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from sawmill_formats.output.rtk_xml import rtk_xml
+from sawmill_worker.commands.export import rtk_xml
 
 SID, SDD, SOURCE, PROJECTION = 900.0, 1600.0, 75.0, 150.0
 GANTRY_DEG = np.array([12.5, 181.0, 359.0])

@@ -11,7 +11,7 @@ from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_store.mill_tables import ReconstructionRow
@@ -50,7 +50,7 @@ def asymmetric(slices: int) -> np.ndarray:
 
 def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, first_slice_mm: float) -> None:
     """In place of the log's own, with its shape in the stored result."""
-    path = store.files.results(job_kinds.RECONSTRUCT, log_id) / "volume.h5"
+    path = store.files.results(kinds.RECONSTRUCT, log_id) / "volume.h5"
     with new_reconstruction(
         path,
         volume.shape,

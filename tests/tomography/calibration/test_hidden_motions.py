@@ -10,8 +10,8 @@ from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.faults.effects import EFFECTS
 from sawmill_tomography.calibration.faults.hidden_motions import ODDS, SIZES_MM, MotionKind, hidden_motions
-from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
+from sawmill_tomography.calibration.joint_fit.readings import Fitted
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.sinogram_data import SinogramData

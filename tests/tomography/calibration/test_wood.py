@@ -8,10 +8,8 @@ import pytest
 from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.joint_fit.patch_densities import variation
 from sawmill_tomography.calibration.joint_fit.scan_model import OF_WOOD, WARPS, ScanModel, Term
-from sawmill_tomography.calibration.joint_fit.skins import skin
-from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
+from sawmill_tomography.calibration.joint_fit.wood_patches import skin, variation, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import to_vector

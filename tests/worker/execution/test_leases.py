@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from write_lock import write_lock
 
-from sawmill_platform.attempts.leases import LeaseObserver
+from sawmill_platform.attempts.patience import LeaseObserver
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_worker.housekeeping import MillHousekeeping

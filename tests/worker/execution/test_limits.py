@@ -7,7 +7,7 @@ import signal
 import pytest
 from tiers import fresh_by_night
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
@@ -32,7 +32,7 @@ SCANNER = ScannerSpec(
 def test_no_crash_is_tried_again(number):
     for kind in JobKind.all():
         failure = died(-number, kind)
-        if kind in {job_kinds.INGEST, job_kinds.INSPECT, job_kinds.TRACE_PHANTOM}:
+        if kind in {kinds.INGEST, kinds.INSPECT, kinds.TRACE_PHANTOM}:
             assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
         else:
             assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
@@ -105,7 +105,7 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED
     soft = {name: soft for name, (soft, _) in json.loads(store.scans.get(job.subject_id).remarks[0]).items()}
     hours = len(os.sched_getaffinity(0))
-    assert soft["DATA"] == limits_of(job_kinds.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
+    assert soft["DATA"] == limits_of(kinds.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
     assert 0 < soft["CPU"] <= 3600 * hours + 60
     assert 0 < soft["FSIZE"] < 2**34
     assert (soft["NOFILE"], soft["CORE"]) == (256, 0)
@@ -122,12 +122,12 @@ def test_every_attempt_has_limits_by_default(store, start, queue):
 )
 def test_memory_is_what_the_sizes_need_and_room_for_threads(cores, needed, override, limit):
     needs = {"memory_bytes": needed, "file_bytes": 0}
-    limits = limits_of(job_kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores)
+    limits = limits_of(kinds.CALIBRATE, **needs, memory_limit_bytes=override, on_cores=cores)
     assert limits.data_bytes == limit
 
 
 def test_a_file_may_be_as_large_as_the_job_needs_and_the_time_counts_every_core():
     needs = {"memory_bytes": 0, "memory_limit_bytes": None}
-    one, many = (limits_of(job_kinds.RECONSTRUCT, **needs, file_bytes=0, on_cores=cores) for cores in (1, 12))
+    one, many = (limits_of(kinds.RECONSTRUCT, **needs, file_bytes=0, on_cores=cores) for cores in (1, 12))
     assert (one.file_bytes, many.processor_s) == (FILE_BYTES, 12 * one.processor_s)
-    assert limits_of(job_kinds.RECONSTRUCT, **needs, file_bytes=9 * 2**30).file_bytes == 9 * 2**30
+    assert limits_of(kinds.RECONSTRUCT, **needs, file_bytes=9 * 2**30).file_bytes == 9 * 2**30

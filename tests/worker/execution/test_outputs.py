@@ -8,7 +8,7 @@ import results
 from damaged_files import DAMAGES
 from scan_files import new_volume
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.inspections import PICTURE_PX, ScanPicture
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_platform.errors import InvalidOutput
@@ -22,7 +22,7 @@ VOLUME = "entry/reconstruction/data"
 def given(store, queue):
     """Of a reconstruction of the one row of a scan."""
     job = queue("succeed")
-    reading = results.answer_of(job_kinds.INGEST, results.reading())
+    reading = results.answer_of(kinds.INGEST, results.reading())
     store.jobs.succeed(store.jobs.claim("test"), reading, store.files.make_attempt_folder(job.id, 1))
     ask = ReconstructionAsk(scan_id=job.subject_id, theta=results.THETA, size=16)
     return store.jobs.handed_over(store.reconstructions.accept(ask).job_id)
@@ -39,8 +39,8 @@ def output(tmp_path):
 
 def check(given, output, **changes):
     result = results.reconstruction_result(**{"shape": SHAPE} | changes)
-    answer = results.answer_of(job_kinds.RECONSTRUCT, result)
-    check_file(job_kinds.RECONSTRUCT, given, answer, output_file(job_kinds.RECONSTRUCT, output))
+    answer = results.answer_of(kinds.RECONSTRUCT, result)
+    check_file(kinds.RECONSTRUCT, given, answer, output_file(kinds.RECONSTRUCT, output))
 
 
 def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, output):
@@ -48,7 +48,7 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
     with pytest.raises(InvalidOutput, match=r"the shape \(2, 16, 16\), and \(1, 16, 16\) was asked for"):
         check(given, output, shape=(2, 16, 16))
     with pytest.raises(InvalidOutput, match="and none is due"):
-        output_file(job_kinds.PLAN, output)
+        output_file(kinds.PLAN, output)
     (output / "more").mkdir()
     with pytest.raises(InvalidOutput, match=r"and volume\.h5 is due"):
         check(given, output)
@@ -56,12 +56,12 @@ def test_what_a_job_of_its_kind_writes_is_taken_and_anything_else_is_not(given, 
 
 def test_an_inspection_may_leave_one_picture_of_the_right_length(given, tmp_path):
     def check_inspection():
-        answer = results.answer_of(job_kinds.INSPECT, results.inspection_result())
-        check_file(job_kinds.INSPECT, given, answer, output_file(job_kinds.INSPECT, folder))
+        answer = results.answer_of(kinds.INSPECT, results.inspection_result())
+        check_file(kinds.INSPECT, given, answer, output_file(kinds.INSPECT, folder))
 
     folder = tmp_path / "inspected"
     folder.mkdir()
-    assert output_file(job_kinds.INSPECT, folder) is None
+    assert output_file(kinds.INSPECT, folder) is None
     picture = folder / ScanPicture.VIEW
     picture.write_bytes(bytes(PICTURE_PX**2))
     check_inspection()

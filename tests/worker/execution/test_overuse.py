@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_contracts.job_kinds import RECONSTRUCT
+from sawmill_contracts.kinds import RECONSTRUCT
 from sawmill_platform.attempts.protocol import Begun
 from sawmill_platform.confinement.overuse import DEEPEST, MOST_THREADS, SMALL_BYTES, overuse
 from sawmill_platform.contracts.jobs import FailureKind

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_platform.attempts.failures import duration
 from sawmill_platform.attempts.patience import LATE_S, Patience
 from sawmill_platform.contracts import event_kinds
@@ -23,7 +23,7 @@ class Waiting:
     ) -> None:
         self.now, self.busy = 1000.0, busy
         asked = ExecutionSettings(progress_s=1.0, broker_url=None, **settings)
-        kind = job_kinds.CALIBRATE if upload_bytes is None else job_kinds.INGEST
+        kind = kinds.CALIBRATE if upload_bytes is None else kinds.INGEST
         self.patience = Patience(kind, asked, upload_bytes=upload_bytes, monotonic=lambda: self.now)
         if begun:
             self.patience.moved()
@@ -43,7 +43,7 @@ class Waiting:
 
 
 def test_silence_ends_an_attempt_after_its_kinds_time():
-    assert Waiting().until_ended() == declaration_of(job_kinds.CALIBRATE).stall_s
+    assert Waiting().until_ended() == declaration_of(kinds.CALIBRATE).stall_s
 
 
 @pytest.mark.parametrize(

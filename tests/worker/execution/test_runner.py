@@ -19,7 +19,7 @@ from system_calls import at_call, refusing
 from tiers import both_ways, fresh_by_night
 from write_lock import write_lock
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.acting import Actor, acting_as
@@ -221,7 +221,7 @@ def test_a_file_whose_reader_loops_is_not_published_and_stops_no_worker(store, s
 def test_a_scan_that_was_changed_is_not_read_whatever_its_time_says(store, runner, queue):
     scan_id = queue("succeed").subject_id
     assert runner.run_next() is JobState.SUCCEEDED
-    path = store.files.unverified(job_kinds.INGEST, scan_id, "scan.h5")
+    path = store.files.unverified(kinds.INGEST, scan_id, "scan.h5")
     before, content = path.stat(), bytearray(path.read_bytes())
     content[len(content) // 2] ^= 255
     path.write_bytes(content)

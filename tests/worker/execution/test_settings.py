@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from sawmill_platform.attempts.environment import environment_of_attempts, environment_with
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.program import environment_of_attempts, environment_with
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.variables import (
     KNOWN,

@@ -4,7 +4,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from sawmill_platform.attempts.limits import cores
-from sawmill_platform.workers import sharing
+from sawmill_platform.workers import program
 from sawmill_platform.workers.program import attempt_environment
 from sawmill_platform.workers.settings import ExecutionSettings
 
@@ -15,13 +15,13 @@ def asked(workers, threads=None):
 
 @pytest.mark.parametrize(("workers", "threads"), [(1, 8), (2, 4), (3, 2), (8, 1), (20, 1)])
 def test_each_worker_has_its_share_of_the_cores(workers, threads):
-    assert sharing.threads_each(asked(workers), {}, on_cores=8) == threads
+    assert program.threads_each(asked(workers), {}, on_cores=8) == threads
     assert workers * threads <= max(8, workers)
 
 
 def test_what_somebody_asked_for_is_kept():
-    assert sharing.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 6
-    assert sharing.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 3
+    assert program.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 6
+    assert program.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 3
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_what_somebody_asked_for_is_kept():
 def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
     with capture_logs() as log:
-        sharing.say_if_crowded(asked(workers, threads), on_cores=8)
+        program.say_if_crowded(asked(workers, threads), on_cores=8)
     assert [entry["event"] for entry in log] == said
 
 

@@ -11,9 +11,9 @@ import pytest
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
 
-from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.program import environment_with
 from sawmill_platform.workers.supervise import WatchedWorker, WorkerSupervisor
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from missing_parts import skip_without
 
 from sawmill_command import examples
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
@@ -243,7 +243,7 @@ def small_calibration(store, folder):
 
 def read_back(store, calibration_id):
     """The answer as text, but for the times that it took, and the arrays behind it."""
-    path = store.files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+    path = store.files.result(kinds.CALIBRATE, calibration_id, "result.h5")
     record = calibration_file.read_calibration(path)
     return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
 

@@ -11,10 +11,9 @@ import pytest
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.scans.scan import Scan, rows_of_memory
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
-from sawmill_contracts.drift_baselines import KnownBaseline
-from sawmill_contracts.drifts import DriftAsk, DriftResult
+from sawmill_contracts.drifts import DriftAsk, DriftResult, KnownBaseline
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_contracts.scans import ScanSpec
@@ -151,9 +150,9 @@ def asked(store, attempt, finish, ingest, known):
         scan = ingest(store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8)))
         calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
         result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
-        finish(attempt(job_kinds.CALIBRATE), result)
+        finish(attempt(kinds.CALIBRATE), result)
         store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
-        return attempt(job_kinds.DRIFT)
+        return attempt(kinds.DRIFT)
 
     return ask
 
@@ -267,7 +266,7 @@ def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, att
     store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)
     with pytest.raises(JobFailure, match="is cancelled and has no geometry to compare with"):
-        run(attempt(job_kinds.DRIFT))
+        run(attempt(kinds.DRIFT))
 
 
 def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):

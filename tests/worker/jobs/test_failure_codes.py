@@ -39,7 +39,7 @@ def test_the_list_has_the_codes_of_the_sources():
     paths = [path for room in ROOMS for path in (WORKER / room).rglob("*.py")]
     found = {code for path in paths for code in codes_in(path)}
     assert len(found) > 50  # else the search finds nothing
-    # What a job works on may have been deleted before it is handed over (`sawmill_store/subjects/handing_over.py`).
+    # What a job works on may have been deleted before it is handed over (`sawmill_store/subjects/mill_subjects.py`).
     gone = {f"{kind}-deleted" for kind in Reference if kind is not Reference.THETA}
     no_scans = {code for code, _ in NO_SCAN.values()}
     raised = found | {StorageFull.code, StorageUnavailable.code, DamagedResult.code} | gone | no_scans

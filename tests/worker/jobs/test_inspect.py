@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.inspections import PICTURE_PX, InspectionOptions, InspectionResult, ScanPicture
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_vocabulary import DataKind
@@ -23,7 +23,7 @@ def inspected(store, attempt):
     def inspect(content, **options):
         received = store.files.receive([content], max_bytes=10**7)
         store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
-        return InspectionResult.model_validate(run(attempt(job_kinds.INSPECT)))
+        return InspectionResult.model_validate(run(attempt(kinds.INSPECT)))
 
     return inspect
 
@@ -67,7 +67,7 @@ def test_one_view_of_a_stack_or_the_sinogram_of_a_row_is_drawn(store, attempt, r
     counts = np.repeat(np.arange(96).reshape(12, 1, 8), rows, axis=1)
     received = store.files.receive([npz(projections=counts, flats=counts[:2])], max_bytes=10**7)
     store.inspections.accept_file(InspectionOptions(), received)
-    inspecting = attempt(job_kinds.INSPECT)
+    inspecting = attempt(kinds.INSPECT)
     run(inspecting)
     drawn = np.fromfile(inspecting.output / name, np.uint8).reshape(PICTURE_PX, PICTURE_PX)
     assert (drawn[0, 0], drawn[0, -1] < drawn[-1, -1]) == (0, rows == 1)  # all views, or the first one alone

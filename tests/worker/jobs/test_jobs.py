@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from sawmill_calibration import read_scan
-from sawmill_calibration.conversion import to_phantom
-from sawmill_contracts import job_kinds
+from sawmill_calibration.known_geometry import to_phantom
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
@@ -37,7 +37,7 @@ pytestmark = pytest.mark.slow
 def test_an_upload_becomes_the_one_form(upload, attempt):
     stack = np.random.default_rng(4).uniform(0, 1, (6, 2, 128))
     upload(stack, "10:60")
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     result = run(reading)
     assert result["shape"] == {"views": 6, "rows": 2, "detector": 128}
     assert result["angular_range_deg"] == pytest.approx([10.0, 310.0])
@@ -51,7 +51,7 @@ def test_an_upload_becomes_the_one_form(upload, attempt):
 def test_another_detectors_upload_is_refused(upload, attempt):
     upload(np.ones((6, 1, 100)), "0:60")
     with pytest.raises(JobFailure, match=r"100 detector cells .* num_detector_pixels 128") as failure:
-        run(attempt(job_kinds.INGEST))
+        run(attempt(kinds.INGEST))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "other-detector")
 
 
@@ -183,7 +183,7 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     drawn.save(buffer, format="PNG")
     given = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
     store.phantoms.accept_picture(given, store.files.receive([buffer.getvalue()], max_bytes=10**7))
-    drawing = PhantomDrawing.model_validate(run(attempt(job_kinds.TRACE_PHANTOM)))
+    drawing = PhantomDrawing.model_validate(run(attempt(kinds.TRACE_PHANTOM)))
     assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
     difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)
@@ -199,7 +199,7 @@ def test_modules_that_a_file_states_stay_with_its_scan(store, spec, attempt, tmp
         written.note(air_level=None, provenance={})
     received = store.files.receive([(tmp_path / "sent.nxs").read_bytes()], max_bytes=10**7)
     store.scans.accept(ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS), received)
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     run(reading)
     (kept,) = read_stored_scan(reading.output / "scan.h5").detector_modules
     assert (kept.first_cell, kept.gap_mm, kept.kink_rad) == pytest.approx((64, 1.5, 0.01))

@@ -2,10 +2,9 @@
 
 import pytest
 
-from sawmill_contracts import job_kinds
-from sawmill_contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_contracts import kinds
 from sawmill_contracts.geometry import GivenTheta
-from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
 from sawmill_platform.attempts.limits import DATA_BYTES
@@ -31,7 +30,7 @@ def scan(store, spec, attempt, finish):
     accepted = store.scans.accept(asked, store.files.receive([b"unread"], max_bytes=10))
     shape = ScanShape(views=VIEWS, rows=ROWS, detector=CELLS)
     reading = ScanReading(format="npy", shape=shape, angular_range_deg=(0.0, 359.0))
-    finish(attempt(job_kinds.INGEST), reading.model_dump(mode="json"))
+    finish(attempt(kinds.INGEST), reading.model_dump(mode="json"))
     return accepted
 
 
@@ -42,8 +41,8 @@ def test_what_reads_a_file_has_no_needs_of_memory(store, scan, attempt):
     store.scans.accept(
         ScanSpec(scanner_id=scan.scanner_id, data=DataKind.COUNTS), store.files.receive([b"8 TB"], max_bytes=10)
     )
-    assert needs_of(attempt(job_kinds.INGEST)).memory_bytes == 0
-    assert needs_of(attempt(job_kinds.TRACE_PHANTOM)).memory_bytes == 0
+    assert needs_of(attempt(kinds.INGEST)).memory_bytes == 0
+    assert needs_of(attempt(kinds.TRACE_PHANTOM)).memory_bytes == 0
 
 
 def test_a_calibration_needs_all_rows_that_it_averages(scan, calibrating):
@@ -69,4 +68,4 @@ def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(scan, recon
 
 def test_a_plan_needs_its_sinogram(store, scan, attempt):
     store.plans.accept(PlanAsk(scanner_id=scan.scanner_id, theta=THETA, views=3600), given={"phantom_id": "l-shape"})
-    assert 3600 * CELLS * 8 < needs_of(attempt(job_kinds.PLAN)).memory_bytes < 2 * DATA_BYTES
+    assert 3600 * CELLS * 8 < needs_of(attempt(kinds.PLAN)).memory_bytes < 2 * DATA_BYTES

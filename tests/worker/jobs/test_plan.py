@@ -1,6 +1,6 @@
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanAsk, PlanResult
 from sawmill_platform.contracts.attempts import JobFailure
@@ -23,7 +23,7 @@ def asked(store, spec, theta):
 
 def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, store, scanner, theta, turn):
     accepted = asked("l-shape")
-    planning = attempt(job_kinds.PLAN)
+    planning = attempt(kinds.PLAN)
     answer = run(planning)
     result = PlanResult.model_validate(answer)
     expected = plan(FanBeamGeometry(scanner, theta, turn(30)), L_SHAPE, noise=0.01)
@@ -39,7 +39,7 @@ def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, 
     disc = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     asked(store.phantoms.create(disc).id)
     with pytest.raises(JobFailure, match="looks the same from every side") as failure:
-        run(attempt(job_kinds.PLAN))
+        run(attempt(kinds.PLAN))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
 
 
@@ -48,4 +48,4 @@ def test_with_a_phantom_deleted_meanwhile_there_is_nothing_to_hand_over(asked, a
     asked(phantom.id)
     store.phantoms.delete(phantom.id)
     with pytest.raises(NotFound, match="there is no phantom"):
-        attempt(job_kinds.PLAN)
+        attempt(kinds.PLAN)

@@ -13,8 +13,7 @@ import pytest
 
 from sawmill_calibration.scans import prepare as preparing
 from sawmill_calibration.scans.prepare import prepare_scan
-from sawmill_contracts import job_kinds
-from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.scans import PrepareOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import Projections, held
@@ -186,7 +185,7 @@ def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload,
     raw = prepare(exposed, air="off", faulty_cells="keep").stack
     raw[3, 0] = np.nan
     upload(raw, align_rows="profile", air="background")
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     result = run(reading)
     assert result["shape"]["rows"] == ROWS
     assert result["usable_rows"] == [0, ROWS]
@@ -203,7 +202,7 @@ def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
     upload, attempt, exposed, full_disk, total, kind
 ):
     upload(exposed[0])
-    reading = attempt(job_kinds.INGEST)
+    reading = attempt(kinds.INGEST)
     full_disk(100_000, size_bytes=total)
     with pytest.raises(
         JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
@@ -217,7 +216,7 @@ def test_reading_reports_how_far_it_is(upload, attempt, exposed, monkeypatch):
     monkeypatch.setattr(preparing, "_within", lambda _, shape: max(1, 2**19 // (4 * math.prod(shape))))
     upload(exposed[1] - exposed[0], align_rows="profile", air="background")
     with pytest.raises(JobFailure):
-        run(attempt(job_kinds.INGEST, reported))
+        run(attempt(kinds.INGEST, reported))
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
     assert {progress.stage for progress in reported} == {"read", "prepare", "align rows"}
@@ -285,7 +284,7 @@ def test_what_was_declared_with_an_upload_and_contradicts_its_file(
     flats, darks = exposed[1:]
     upload_file({"projections": exposed[0], "flats": flats, "darks": darks}, **({"data": "counts"} | declared))
     with pytest.raises(JobFailure, match=sentence) as refusal:
-        run(attempt(job_kinds.INGEST))
+        run(attempt(kinds.INGEST))
     assert refusal.value.code == code
 
 
@@ -293,7 +292,7 @@ def test_line_integrals_declared_as_counts_have_no_signal(upload_file, attempt, 
     raw = prepare(exposed, air="off", faulty_cells="keep").stack
     upload_file({"projections": raw, "flats": exposed[1], "darks": exposed[2]}, data="counts")
     with pytest.raises(JobFailure, match="samples of the scan are not above the dark field") as refusal:
-        run(attempt(job_kinds.INGEST))
+        run(attempt(kinds.INGEST))
     assert refusal.value.code == "counts"
 
 
@@ -301,7 +300,7 @@ def test_a_log_without_features_along_it_is_refused_by_the_job(upload, attempt, 
     even = np.repeat(prepare(exposed).stack[:, :1], ROWS, axis=1)
     upload(even + 0.01 * np.random.default_rng(64).standard_normal(even.shape), align_rows="profile")
     with pytest.raises(JobFailure, match=r"[Tt]he log varies too little") as failure:
-        run(attempt(job_kinds.INGEST))
+        run(attempt(kinds.INGEST))
     assert failure.value.code == "rows-not-aligned"
 
 
@@ -311,7 +310,7 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
     program = f"""
         import re, numpy
         from pathlib import Path
-        from sawmill_contracts.preparing import PrepareOptions
+        from sawmill_contracts.scans import PrepareOptions
         from sawmill_formats.input.canonical import CanonicalScan
         from sawmill_formats.input.contents import Projections
         from sawmill_calibration.scans.prepare import prepare_scan

@@ -8,10 +8,9 @@ from matplotlib import colormaps
 from PIL import Image
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
 from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import window_of
+from sawmill_worker.pictures.windows import painted, window_of
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 
@@ -163,7 +162,6 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
         [
             "sawmill_worker",
             "sawmill_worker.pictures",
-            "sawmill_worker.pictures.color_maps",
             "sawmill_worker.pictures.images",
             "sawmill_worker.pictures.log_pictures",
             "sawmill_worker.pictures.pages",

@@ -19,7 +19,7 @@ from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import Reader
 from sawmill_worker.pictures.calibration_report import overlay_png, report_panels, report_png
-from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.pictures.report_numbers import calibration_table
 from sawmill_worker.pictures.report_page import About, css_text, report_html
 
 VIEWS, CELLS = 20, 48

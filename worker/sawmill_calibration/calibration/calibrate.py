@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
-from sawmill_calibration.conversion import from_deviation, from_predicted, to_phantom
+from sawmill_calibration.known_geometry import from_deviation, from_predicted, to_phantom
 from sawmill_contracts import calibrations as contracts
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing

@@ -43,8 +43,11 @@ class CalibratedScan:
     def arrays(self, active: CalibratedGeometry | None = None) -> CalibrationArrays:
         """Compute the arrays of the report, with the log of other rows in the new and in the active geometry."""
         # Imported here because an answer without a report needs no reconstruction.
-        from sawmill_calibration.calibration.calibration_files import calibration_arrays  # noqa: PLC0415
-        from sawmill_calibration.calibration.log_comparison import find_log_row, log_images  # noqa: PLC0415
+        from sawmill_calibration.calibration.calibration_files import (  # noqa: PLC0415
+            calibration_arrays,
+            find_log_row,
+            log_images,
+        )
 
         log = find_log_row(self.calibration_input, self.scan.usable_rows, self.scan.read_row)
         images = None if log is None else log_images(log, self.calibration_input, self.outcome.geometry, active)

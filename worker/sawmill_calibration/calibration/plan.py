@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sawmill_calibration.conversion import from_deviation, from_predicted, to_phantom
+from sawmill_calibration.known_geometry import from_deviation, from_predicted, to_phantom
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.plans import PlanOptions, PlanResult

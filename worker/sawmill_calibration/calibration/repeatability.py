@@ -14,7 +14,7 @@ import scipy
 
 from sawmill_calibration.failures import refused
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.repeatability import PairDifference, RepeatabilityResult
+from sawmill_contracts.plans import PairDifference, RepeatabilityResult
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.ray_error import exceeded_ray_error, predicted_ray_error, ray_error, scale_deviation
 

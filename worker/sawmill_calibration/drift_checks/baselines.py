@@ -11,8 +11,7 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.choices import DriftMethod
-from sawmill_contracts.drift_baselines import KnownBaseline
-from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.drifts import DriftResult, KnownBaseline
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
 from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint

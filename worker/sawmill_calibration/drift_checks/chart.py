@@ -13,7 +13,7 @@ from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed
 from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart
 from sawmill_tomography.drift.chart.looks import DriftCheckPoint, pooled_means, stacked
-from sawmill_tomography.drift.chart.matrices import inverse
+from sawmill_tomography.drift.chart.spread import inverse
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_vocabulary import DetectorEstimate
 

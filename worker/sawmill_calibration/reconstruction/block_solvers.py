@@ -12,14 +12,20 @@ from numpy.typing import NDArray
 
 from sawmill_calibration.capacity import check_memory
 from sawmill_calibration.failures import refused
-from sawmill_calibration.reconstruction.metal_reduction import MetalReduction, WithoutMetal
-from sawmill_calibration.reconstruction.method_findings import BlockFindings, CurvePoints, gathered, report_of
+from sawmill_calibration.reconstruction.method_findings import (
+    BlockFindings,
+    CurvePoints,
+    MetalReduction,
+    WithoutMetal,
+    gathered,
+    report_of,
+)
 from sawmill_contracts.reconstructions import MetalReport, MethodReport, ReconstructionOptions
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction import cost
-from sawmill_tomography.reconstruction.choosing import Recommendation
+from sawmill_tomography.reconstruction.choosing import METHODS, Recommendation
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.coarse_outside import CoarseOutside, TwoGrids
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
@@ -31,7 +37,6 @@ from sawmill_tomography.reconstruction.method import (
     FittedMethod,
     Method,
 )
-from sawmill_tomography.reconstruction.methods import METHODS
 from sawmill_tomography.reconstruction.stack import most_concurrent
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.noise import data_misfit, estimated_noise, noise_of_rays

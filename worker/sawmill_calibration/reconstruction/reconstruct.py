@@ -39,9 +39,8 @@ from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_tomography.reconstruction.stack import reconstruct_stack
 from sawmill_tomography.sinograms.air import find_air
-from sawmill_tomography.sinograms.hardening import STEEPEST, straightened
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
-from sawmill_tomography.sinograms.scattered_radiation import without_scatter
+from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
 from sawmill_vocabulary import (
     Handedness,
     HardeningHandling,
@@ -51,8 +50,7 @@ from sawmill_vocabulary import (
     Rotation,
     Theta,
 )
-from sawmill_vocabulary.hardening import BeamHardening
-from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection, BeamHardening
 from sawmill_vocabulary.version import VERSION
 
 # Returns the line integrals (views, stop - start, detector) float32 of the slices start..stop.

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from sawmill_calibration.calibration.result_file import read_saved_calibration
 from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.scans.scan_source import links_offered
+from sawmill_calibration.scans.scan_rows import links_offered
 from sawmill_contracts.inspections import (
     PICTURE_PX,
     FilePart,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sawmill_calibration.capacity import check_disk_for_scan
 from sawmill_calibration.scans.averaged_rays import AveragedRays
 from sawmill_calibration.scans.row_alignment import AlignedRows, Views, align_rows
-from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.scans import PrepareOptions
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.output.scan_writer import RowsPresent, new_scan
 from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sawmill_calibration.failures import input_errors_translated, options_of, refused
-from sawmill_calibration.notebook_html import html_of
-from sawmill_calibration.scans.scan_rows import ScanRows, open_rows, unreported
-from sawmill_calibration.scans.scan_source import ScanSource
-from sawmill_calibration.scans.selection import chosen_rows, chosen_views
+from sawmill_calibration.phantom_drawings import html_of
+from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, chosen_rows, chosen_views, open_rows, unreported
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scans import UnregisteredScanOptions
 from sawmill_formats.input.angles import AngleList, AnglesGiven, parse_angles

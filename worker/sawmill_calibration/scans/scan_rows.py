@@ -1,4 +1,4 @@
-"""The rows of a scan that a calibration, a drift check or a reconstruction works on, read when they are needed."""
+"""Rows of a scan that a calibration, a drift check or a reconstruction works on, read when they are needed."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -14,10 +14,11 @@ from pydantic import ValidationError
 from sawmill_calibration.capacity import memory_available
 from sawmill_calibration.failures import refused
 from sawmill_calibration.scans.prepare import Stack, prepare_scan
-from sawmill_calibration.scans.scan_source import ScanSource, links_offered
-from sawmill_calibration.scans.selection import chosen_rows, chosen_views
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.preparing import PrepareOptions
+from sawmill_contracts.row_ranges import parse_rows
+from sawmill_contracts.scans import PrepareOptions, UnregisteredScanOptions
+from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.own.scan import is_own_scan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
@@ -25,6 +26,56 @@ from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
+
+
+@dataclass(frozen=True)
+class ScanSource:
+    """A scan's file, the options of reading, and the selection of views and rows."""
+
+    path: Path
+    options: UnregisteredScanOptions
+    angles: AnglesGiven | None = None
+    views: int | None = None
+    rows: str | None = None
+
+
+@contextmanager
+def links_offered(*, followed: bool) -> Iterator[None]:
+    """Name the flag that follows links where a file is refused for its links; a refused upload does not name it."""
+    try:
+        yield
+    except UnreadableScan as error:
+        if error.code != "external-storage" or followed:
+            raise
+        raise UnreadableScan(error.code, f"{error}, or read the other files too by --follow-links") from error
+
+
+def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None = None) -> slice:
+    """Parse rows A:B or A:B:STEP, or select all usable (first, after the last); refuse rows that the scan lacks."""
+    first, last = usable or (0, available)
+    if rows is None:
+        return slice(first, last)
+    selected = parse_rows(rows)
+    if selected.stop > available:
+        raise refused("rows-outside", f"rows {rows} were asked for, but the scan has rows 0:{available}")
+    if selected.start < first or selected.stop > last:
+        raise refused(
+            "rows-outside",
+            f"rows {rows} were asked for, but too many views lost some of them: rows {first}:{last} can be used",
+        )
+    return selected
+
+
+def chosen_views(views: int | None, available: int, left_out: Sequence[int] = ()) -> NDArray[np.intp]:
+    """Return indices of every (usable / views)-th usable view, or of all of them; refuse more views than usable."""
+    usable = np.setdiff1d(np.arange(available), left_out)
+    if views is None:
+        return usable
+    if views > usable.size:
+        corrupt = f" of which {len(left_out)} are corrupt" if left_out else ""
+        raise refused("views-too-many", f"{views} views were asked for, but the scan has {available}{corrupt}")
+    return usable[np.arange(views) * usable.size // views]
+
 
 # Share of the free memory for all requested rows; the rest is for results computed from the rows.
 MEMORY_SHARE = 0.9

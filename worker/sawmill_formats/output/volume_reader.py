@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats import nexus as layout
 from sawmill_formats.errors import NotAsWritten, NotStored, check_index
-from sawmill_formats.output import volume_layout as layout
 from sawmill_formats.output.own_hdf5 import (
     PACKED,
     check_members,

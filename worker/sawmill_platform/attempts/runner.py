@@ -38,10 +38,9 @@ from sawmill_platform.errors import (
 from sawmill_platform.files.verified_results import compute_digest
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.job_store import Claim
-from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.jobs.wait_estimate import ANY, Selection
 from sawmill_platform.workers.logs import about_attempt
-from sawmill_platform.workers.naming import process_name
-from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.settings import ExecutionSettings, process_name
 from sawmill_vocabulary import Progress
 
 # Most that a library may have failed to write at once, and so most that a full disk may have free.

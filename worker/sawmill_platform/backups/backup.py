@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 from sawmill_platform.contracts.base import Contract, Time
 from sawmill_platform.errors import BackupRefused, Damaged
 from sawmill_platform.files.whole_files import open_regular
-from sawmill_platform.workers.kernel_lock import HeldByAnother, kernel_lock
+from sawmill_platform.workers.sole_service import HeldByAnother, kernel_lock
 from sawmill_vocabulary import Progress, ProgressCallback
 
 SUMS, MANIFEST, DATABASE, DATA = "SHA256SUMS", "backup.json", "database", "data"

@@ -1,6 +1,9 @@
-"""The base of every contract, and types that many contracts share."""
+"""The base of every contract, types that many share, strict JSON, and fields and routes out of use."""
 
-from datetime import datetime
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
@@ -8,10 +11,13 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     StringConstraints,
+    TypeAdapter,
     ValidationError,
 )
-from pydantic_core import ErrorDetails
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails, from_json, to_json
 
 from sawmill_platform.contracts import patterns
 
@@ -86,3 +92,68 @@ class Stamped(Contract):
 
     id: Identifier = Field(description="The resource's id, which the service gives.", examples=["example"])
     created_at: datetime = Field(description="Time of creation, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+
+
+# Bytes with which .NET and PowerShell begin texts.
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_EXACT = 2**53
+
+
+def read_strictly(contract: TypeAdapter[Any], text: bytes) -> Any:  # noqa: ANN401 - what the contract is of
+    """Read JSON as a contract.
+
+    Raises
+    ------
+    ValidationError
+        The text is no JSON, or not what the contract describes.
+    """
+    text = text.removeprefix(BYTE_ORDER_MARK)
+    with suppress(ValueError):  # the contract refuses what is no JSON
+        text = to_json(_with_whole_numbers(from_json(text)), inf_nan_mode="constants")
+    return contract.validate_json(text, strict=True)
+
+
+def _with_whole_numbers(value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Replace each 20.0 by 20, also in lengths: some programs write every number as a float."""
+    if isinstance(value, dict):
+        return {name: _with_whole_numbers(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_with_whole_numbers(each) for each in value]
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < _EXACT else value
+
+
+@dataclass(frozen=True)
+class OutOfUse:
+    """Mark of a field or a route out of use: deprecated in the OpenAPI document and in answers to requests with it.
+
+    Parameters
+    ----------
+    since
+        The version that took it out of use.
+    day
+        Date of that version, as in 2026-11-22.
+    gone_in
+        The version that refuses the name, later by a minor version at least.
+    instead
+        What to send or request instead, for people.
+    """
+
+    since: str
+    day: str
+    gone_in: str
+    instead: str
+
+    @property
+    def moment(self) -> datetime:
+        """The start of the day, UTC."""
+        return datetime.fromisoformat(self.day).replace(tzinfo=UTC)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Mark the schema as deprecated; pydantic calls this method."""
+        return handler(schema) | {"deprecated": True}
+
+
+def out_of_use(contract: type[BaseModel]) -> Iterator[tuple[str, OutOfUse]]:
+    """Return the names and marks of a contract's fields that are out of use."""
+    for name, field in contract.model_fields.items():
+        yield from ((name, mark) for mark in field.metadata if isinstance(mark, OutOfUse))

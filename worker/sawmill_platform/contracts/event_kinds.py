@@ -5,7 +5,7 @@ from typing import Any, Self
 from pydantic import GetJsonSchemaHandler
 from pydantic_core import CoreSchema
 
-from sawmill_platform.contracts.registered import RegisteredWord
+from sawmill_platform.contracts.jobs import RegisteredWord
 
 
 class EventKind(RegisteredWord):

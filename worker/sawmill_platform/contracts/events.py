@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Time
 from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_vocabulary.texts import GROUP
+from sawmill_vocabulary.messages import GROUP
 
 
 class Event(Contract):

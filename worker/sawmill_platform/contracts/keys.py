@@ -5,8 +5,8 @@ from enum import StrEnum
 from pydantic import ConfigDict, Field, model_validator
 
 from sawmill_platform.contracts.base import Contract, Name, Stamped, Time
-from sawmill_platform.contracts.conditions import Schema, one_of, require
 from sawmill_platform.contracts.given import Given, GivenTime
+from sawmill_platform.contracts.kind_declarations import Schema, one_of, require
 
 
 class Scope(StrEnum):

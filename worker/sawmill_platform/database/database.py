@@ -1,9 +1,15 @@
-"""Transactions and migrations, on SQLite and PostgreSQL alike."""
+"""Transactions and migrations, on SQLite and PostgreSQL alike.
+
+Reserve file next to SQLite's file, given up piece by piece for rows that must be written on a full disk. Only
+cancellations use the reserve: without it, the job that fills the disk could not be stopped.
+"""
 
 import fcntl
+import os
 import re
+import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +19,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.orm import Session
 
 from sawmill_platform.database.clock import Clock, SharedClock, set_if_new
-from sawmill_platform.database.outages import Door, WriterQueue, trouble_translated
-from sawmill_platform.database.spare_room import SpareRoom
+from sawmill_platform.database.engines import Door, WriterQueue, trouble_translated
 from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import StorageMisconfigured, disk_outage_reported
 from sawmill_vocabulary.version import VERSION
@@ -312,3 +317,30 @@ def _migrations() -> Path:
     """Return the folder of the migrations, which is named by the package that completes the tables."""
     folder: Path = Base.metadata.info["migrations"]
     return folder
+
+
+# A cancellation changes some thirty pages of 4 KiB, which the write-ahead log takes.
+PIECE_BYTES = 256 * 2**10
+SPARE_BYTES = 16 * PIECE_BYTES
+
+
+class SpareRoom:
+    """A file without content that uses disk space; processes share it."""
+
+    def __init__(self, database: Path | None) -> None:
+        self._path = None if database is None else Path(f"{database}.spare")
+
+    def fill(self, reserve_bytes: int) -> None:
+        """Restore the file if the disk then still has this number of bytes free; raise `OSError`."""
+        path = self._path
+        if path is None or (path.exists() and path.stat().st_size == SPARE_BYTES):
+            return
+        if shutil.disk_usage(path.parent).free >= reserve_bytes + SPARE_BYTES:
+            with path.open("ab") as file:
+                os.posix_fallocate(file.fileno(), 0, SPARE_BYTES)
+
+    def give_up_piece(self) -> None:
+        """Release a piece for the current transaction; if that fails, the transaction reports the full disk."""
+        if self._path is not None:
+            with suppress(OSError):
+                os.truncate(self._path, max(self._path.stat().st_size - PIECE_BYTES, 0))

@@ -26,9 +26,8 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
+from sawmill_platform.contracts.jobs import JobKind, JobState, Priority, RegisteredWord
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.registered import RegisteredWord
 from sawmill_platform.contracts.uploads import UploadState
 from sawmill_platform.contracts.webhooks import DeliveryState
 
@@ -169,7 +168,7 @@ class JobRow(Resource):
     priority: Mapped[Priority] = mapped_column(default=Priority.WAITED_FOR)
     # Whether the job takes seconds: such jobs have a lane in which none waits for a long one.
     short: Mapped[bool] = mapped_column(default=False)
-    # Groups take turns (`sawmill_platform/jobs/turns.py`); the jobs without a group (empty) are a group as well.
+    # Groups take turns (`jobs/wait_estimate.py`); the jobs without a group (empty) are a group as well.
     group_id: Mapped[str] = mapped_column(String(64), default="")
     # Fences attempts: grows with each claim. Losses are counted apart, and so are outages in a row.
     attempt: Mapped[int] = mapped_column(default=0)
@@ -195,7 +194,7 @@ class JobRow(Resource):
 
 
 class JobTurnRow(Base):
-    """The turn in which a group was served last, by workers of one lane and at one priority (`jobs/turns.py`)."""
+    """The turn in which a group was served last, by workers of one lane and at one priority (`wait_estimate.py`)."""
 
     __tablename__ = "job_turns"
 

@@ -30,11 +30,21 @@ from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow,
 from sawmill_platform.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_platform.files.file_store import FileStore, read_identity
 from sawmill_platform.files.folder_identity import check_identity, database_expects
-from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
-from sawmill_platform.jobs.subjects import Subjects
-from sawmill_platform.jobs.turns import ANY, FIRST_COME, QUEUED, Selection, note_served, places, turns
-from sawmill_platform.jobs.wait_estimate import NOTHING_KNOWN, WaitEstimate, WaitEstimates
+from sawmill_platform.jobs.tallies import Subjects
+from sawmill_platform.jobs.wait_estimate import (
+    ANY,
+    FIRST_COME,
+    NOTHING_KNOWN,
+    QUEUED,
+    Selection,
+    WaitEstimate,
+    WaitEstimates,
+    note_served,
+    places,
+    turns,
+)
 from sawmill_platform.ledger.events import PEAK_MEMORY, announce, record
+from sawmill_platform.workers.settings import LONGEST_WAIT_S, Retries
 from sawmill_vocabulary import Progress
 
 _JITTER = 0.25  # jobs that failed together are not retried together

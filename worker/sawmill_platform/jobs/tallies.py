@@ -1,4 +1,4 @@
-"""Numbers of jobs by state, and of attempts by outcome, for monitoring.
+"""Numbers of jobs and of attempts for monitoring, and what the owner of the kinds of jobs gives to the job store.
 
 Counts come from the rows, so that they are right with any number of workers and outlive every process. Attempts are
 counted by their events, which are only added: an event that was counted is not read again.
@@ -6,19 +6,24 @@ counted by their events, which are only added: an event that was counted is not 
 
 import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, case, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.attempts import AttemptInput
+from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow, seconds_between
+from sawmill_platform.files.file_store import FileStore
+from sawmill_platform.files.named_folders import NamedFolder
 from sawmill_platform.ledger.events import PEAK_MEMORY
 
 # Ends of classes of durations: from a short job on an empty queue to a job over night.
@@ -177,3 +182,28 @@ def _since(then: datetime | None, now: datetime) -> float:
 
 def _together(some: Mapping[Fate, Amount], others: Mapping[Fate, Amount]) -> dict[Fate, Amount]:
     return {fate: some.get(fate, NONE).with_more(others.get(fate, NONE)) for fate in some.keys() | others.keys()}
+
+
+class Recorded(NamedTuple):
+    """A result for the ledger: a sentence for the history, and details for the event, which go to all followers."""
+
+    why: str | None = None
+    detail: Mapping[str, Any] = {}
+
+
+class Subjects(NamedTuple):
+    """Folders in which rows name files, and functions on the rows and files that jobs work on.
+
+    Functions with a session are called within the job store's transaction. `handed_over` returns the input of an
+    attempt, or raises `NotFound` if something was deleted since the request; `record_success` and
+    `record_end_without_result` write a job's end to its subject, by its id; `output_file` returns the file that a job
+    left, unopened, or raises `InvalidOutput`; `read_apart` reads a result of an earlier version, which has no digest,
+    in a separate process, or raises `DamagedResult`.
+    """
+
+    named_folders: Sequence[NamedFolder]
+    handed_over: Callable[[Session, FileStore, JobRow], AttemptInput]
+    record_success: Callable[[Session, JobKind, str, Contract, datetime], Recorded]
+    record_end_without_result: Callable[[Session, JobKind, str, str, datetime], None]
+    output_file: Callable[[JobKind, Path], Path | None]
+    read_apart: Callable[[Path], None]

@@ -1,11 +1,13 @@
-"""Uploads that can be resumed.
+"""Uploads that can be resumed, which become durable together with the row of their subject or not at all.
 
 The bytes that rows count are on the disk; further bytes of a file are ignored.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
@@ -14,10 +16,10 @@ from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadAsk, UploadState
-from sawmill_platform.database.database import Database, lock_files_of
+from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, new_id, refuse_taken
 from sawmill_platform.database.tables import UploadRow
-from sawmill_platform.errors import Conflict, NotFound
+from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.upload_stream import Received
@@ -275,3 +277,37 @@ def read_upload(row: UploadRow) -> Upload:
         used_by=row.used_by,
         expires_at=row.changed_at + UPLOAD_KEPT,
     )
+
+
+@contextmanager
+def kept_upload(
+    files: FileStore, received: Received, kind: JobKind, subject_id: str
+) -> Iterator[Callable[[Session, datetime], None]]:
+    """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
+
+    An upload that can be resumed is used up in the same transaction. After the commit its own name is removed, or with
+    the `leftovers` if the process was killed between the two.
+
+    If the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
+    not touched. After the call, only the commit can fail. A full disk is the database's own answer: there are no rows,
+    and the upload is removed. After a lost connection the commit may have succeeded: then the upload stays at the place
+    that its row names, and is removed with the `leftovers` if there is no row.
+    """
+    named = False
+
+    def keep(session: Session, now: datetime) -> None:
+        nonlocal named
+        lock_files_of(session, subject_id)
+        named = True
+        use_up(session, now, received, kind, subject_id)
+        files.keep_upload(received, kind, subject_id)
+
+    try:
+        yield keep
+    except BaseException as error:
+        files.discard(received)
+        if named and isinstance(error, StorageFull):
+            files.remove_upload(kind, subject_id)
+        raise
+    if received.upload_id is not None:
+        after_commit(partial(files.unfinished(received.upload_id).unlink, missing_ok=True))

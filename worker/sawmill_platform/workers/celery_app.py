@@ -27,14 +27,13 @@ from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
-from sawmill_platform.jobs.turns import Selection
+from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.opening import open_store
-from sawmill_platform.workers.program import WorkerProgram
+from sawmill_platform.workers.program import WorkerProgram, say_if_crowded
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_platform.workers.sharing import say_if_crowded
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"

@@ -15,7 +15,7 @@ import structlog
 from sawmill_platform.errors import StorageError
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
-from sawmill_platform.workers.naming import process_name
+from sawmill_platform.workers.settings import process_name
 
 # A step of the machine's clock counts after this time: one that is corrected at once moves no due time.
 LASTING_S = 60.0

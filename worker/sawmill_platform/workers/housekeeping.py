@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import structlog
 
-from sawmill_platform.attempts.leases import LeaseObserver
+from sawmill_platform.attempts.patience import LeaseObserver
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.workers.logs import going_on
-from sawmill_platform.workers.naming import process_name
-from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.settings import ExecutionSettings, process_name
 
 # Seconds by which a clock may be off without a message: far more than the difference of clocks set over a network.
 TOLERABLE_S = 5.0

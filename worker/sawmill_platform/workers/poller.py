@@ -13,7 +13,7 @@ from sawmill_platform.attempts.process import AttemptNotStarted
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailable
-from sawmill_platform.jobs.turns import ANY, Selection
+from sawmill_platform.jobs.wait_estimate import ANY, Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import configure_logs
 from sawmill_platform.workers.opening import open_store

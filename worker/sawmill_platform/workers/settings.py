@@ -1,12 +1,25 @@
-"""Settings of the execution of jobs."""
+"""Settings of the execution of jobs and rules of retries, for processes that open no database as well."""
 
+import os
+import socket
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from sawmill_platform.jobs.retries import LONGEST_WAIT_S, Retries
+LONGEST_WAIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Retries:
+    """Waits before retries after passing failures. Waits double from one to the next, up to a minute."""
+
+    max_losses: int = 3
+    loss_wait_s: float = 1.0
+    outage_wait_s: float = 5.0
+
 
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]
@@ -150,3 +163,8 @@ class ExecutionSettings(WorkerSettings, JobLimitSettings, LossSettings, RecordSe
             msg = f"lease_s must be at least twice heartbeat_s ({self.heartbeat_s}), not {self.lease_s}"
             raise ValueError(msg)
         return self
+
+
+def process_name() -> str:
+    """Return the host and the process id."""
+    return f"{socket.gethostname()}-{os.getpid()}"

@@ -11,13 +11,12 @@ from typing import Self
 
 import structlog
 
-from sawmill_platform.attempts.environment import environment_with
 from sawmill_platform.confinement.confinement import Surroundings, say_if_unconfined
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import going_on
+from sawmill_platform.workers.program import environment_with, say_if_crowded
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_platform.workers.sharing import say_if_crowded
 
 _LOOK_S = 0.2
 _LANE_LOOK_S = 1.0  # period of checks for a short job that nobody announced, such as one that waited for another job

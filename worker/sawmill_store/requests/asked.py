@@ -21,12 +21,10 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Invalid
-from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.jobs.queueing import queue_job
+from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import OWN_TABLES, Answered, ScanRow, table_of
-from sawmill_store.requests.asked_rows import found_asked, read_asked
-from sawmill_store.requests.references import looked_up
+from sawmill_store.requests.references import found_asked, looked_up, read_asked
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 

@@ -1,20 +1,22 @@
-"""References of a request, looked up in the transaction that accepts the request (`contracts.kinds.Reference`)."""
+"""References of a request: looked up as it is accepted, and kept from being deleted (`contracts.kinds.Reference`)."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.kinds import Reference
+from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_contracts.kinds import Answer, AskedKind, Reference
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.jobs import UNFINISHED, JobState
 from sawmill_platform.database.paging import found, hold
-from sawmill_platform.database.tables import Json
-from sawmill_platform.errors import Conflict
+from sawmill_platform.database.tables import JobRow, Json
+from sawmill_platform.errors import Conflict, NotFound
 from sawmill_store.activations import active_calibration_id
-from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import Answered, CalibrationRow, PhantomRow, ScannerRow, ScanRow, table_of
 
 
 def looked_up(session: Session, references: Iterable[Reference], request: Mapping[str, Any]) -> tuple[Json, list[str]]:
@@ -111,3 +113,47 @@ _LOOK_UP: Mapping[Reference, Callable[[Session, Json], str | None]] = MappingPro
         Reference.THETA: _theta,
     }
 )
+
+
+def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
+    """Find the row with this id."""
+    row = session.get(table_of(declared.kind), identifier)
+    if row is None or row.job.kind is not declared.kind:
+        raise NotFound(declared.noun, identifier)
+    return row
+
+
+def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
+    """Read a row as the answer of the kind, with state and failure of the job."""
+    columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
+    of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
+    return declared.read(columns | of_job)
+
+
+def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:
+    """Yield plural and number of the rows that refer to an id, for each kind that blocks a deletion.
+
+    Parameters
+    ----------
+    reference
+        Column of the id, such as `phantom_id`.
+    """
+    for declared in asked_kinds():
+        table = table_of(declared.kind)
+        if declared.blocks_deletion and reference in table.own_columns():
+            referring = select(func.count()).select_from(table).join(JobRow, table.job_id == JobRow.id)
+            referring = referring.where(JobRow.kind == declared.kind, getattr(table, reference) == identifier)
+            yield declared.kind.plural, session.scalar(referring) or 0
+
+
+def unfinished_job_about(session: Session, scan_id: str) -> str | None:
+    """Return the id of a job that needs a scan and has not ended, if there is one."""
+    column = "scan_id"
+    for table in {table_of(declared.kind): None for declared in asked_kinds()}:
+        if column in table.own_columns():
+            job = select(JobRow.id).join(table, table.job_id == JobRow.id)
+            job = job.where(getattr(table, column) == scan_id, JobRow.state.in_(UNFINISHED))
+            busy = session.scalar(job.limit(1))
+            if busy is not None:
+                return busy
+    return None

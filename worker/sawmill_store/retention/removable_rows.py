@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, or_, select, text, true, union_all, update
 from sqlalchemy.orm import Session
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.retention import RetentionKind
 from sawmill_contracts.scans import ScanState
@@ -118,7 +118,7 @@ def _of_scans(session: Session) -> Iterator[ColumnElement[bool]]:
 
 
 def _of_calibrations(session: Session) -> Iterator[ColumnElement[bool]]:
-    yield _unfinished(CalibrationRow, job_kinds.CALIBRATE)
+    yield _unfinished(CalibrationRow, kinds.CALIBRATE)
     yield exists().where(ActivationRow.calibration_id == CalibrationRow.id)
     referring = (
         exists().where(table.calibration_id == CalibrationRow.id) for table in (ReconstructionRow, DriftRow, AskedRow)
@@ -129,7 +129,7 @@ def _of_calibrations(session: Session) -> Iterator[ColumnElement[bool]]:
 
 
 def _of_drifts(session: Session) -> Iterator[ColumnElement[bool]]:
-    yield _unfinished(DriftRow, job_kinds.DRIFT)
+    yield _unfinished(DriftRow, kinds.DRIFT)
     # A schedule knows by the newest checks which logs were checked: it continues after the newest of these.
     conditions = []
     for scanner_id in _scanners_that_check_drift(session):
@@ -153,7 +153,7 @@ def _unfinished(table: type[Answered], kind: JobKind) -> ColumnElement[bool]:
 
 def _scans_of_unfinished_jobs() -> Select[str]:
     """Select the scans that a job reads or will read, by jobs, of which few have not ended."""
-    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == job_kinds.INGEST)]
+    read = [select(JobRow.subject_id.label("scan_id")).where(_UNFINISHED, JobRow.kind == kinds.INGEST)]
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if "scan_id" in table.own_columns():
             scan_id = table.__table__.c.scan_id
@@ -187,16 +187,16 @@ def _rows(job: JobKind, table: type[Any], protections: Protections | None = None
     return RemovableRows(table, protections or (lambda _: [_unfinished(table, job)]), job=job)
 
 
-_SCANS = _rows(job_kinds.INGEST, ScanRow, _of_scans)
-_INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == job_kinds.INSPECT)
+_SCANS = _rows(kinds.INGEST, ScanRow, _of_scans)
+_INSPECTED = exists().where(JobRow.id == AskedRow.job_id, JobRow.kind == kinds.INSPECT)
 REMOVABLE_ROWS: dict[RetentionKind, RemovableRows] = {
     RetentionKind.LOG_SCANS: replace(_SCANS, which=(ScanRow.phantom_id.is_(None),)),
     # Alarms need the jobs.
     RetentionKind.PHANTOM_SCANS: replace(_SCANS, which=(ScanRow.phantom_id.is_not(None),), jobs_stay=True),
-    RetentionKind.RECONSTRUCTIONS: _rows(job_kinds.RECONSTRUCT, ReconstructionRow),
-    RetentionKind.CALIBRATIONS: _rows(job_kinds.CALIBRATE, CalibrationRow, _of_calibrations),
-    RetentionKind.DRIFTS: _rows(job_kinds.DRIFT, DriftRow, _of_drifts),
-    RetentionKind.INSPECTIONS: replace(_rows(job_kinds.INSPECT, AskedRow), which=(_INSPECTED,)),
+    RetentionKind.RECONSTRUCTIONS: _rows(kinds.RECONSTRUCT, ReconstructionRow),
+    RetentionKind.CALIBRATIONS: _rows(kinds.CALIBRATE, CalibrationRow, _of_calibrations),
+    RetentionKind.DRIFTS: _rows(kinds.DRIFT, DriftRow, _of_drifts),
+    RetentionKind.INSPECTIONS: replace(_rows(kinds.INSPECT, AskedRow), which=(_INSPECTED,)),
     RetentionKind.EVENTS: RemovableRows(EventRow, _of_events, which=(text(REMOVABLE),), batch=2000),
 }
 """What may be removed of each kind; rows of other kinds always stay."""

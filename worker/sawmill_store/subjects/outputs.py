@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import Provenance
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.inspections import PICTURE_PX, InspectionResult, ScanPicture
@@ -38,7 +38,7 @@ def output_file(kind: JobKind, folder: Path) -> Path | None:
     name, _ = _FILES.get(kind, (None, None))
     with os.scandir(folder) as entries:
         found = [entry.name for entry in islice(entries, 2)]
-    if kind == job_kinds.INSPECT and found and found[0] in set(ScanPicture):  # a picture, or nothing
+    if kind == kinds.INSPECT and found and found[0] in set(ScanPicture):  # a picture, or nothing
         name = found[0]
     if found != ([] if name is None else [name]):
         raise InvalidOutput(f"the job left the files {quoted(str(found))}, and {name or 'none'} is due")
@@ -130,8 +130,8 @@ def _scan_of(given: HandedOver) -> tuple[ScanShape, slice]:
 # The one file that a job must write, and its check; jobs of the other kinds write none.
 _FILES: Mapping[JobKind, tuple[str, Callable[[Path, HandedOver, Any], None]]] = MappingProxyType(
     {
-        job_kinds.INGEST: ("scan.h5", _check_scan),
-        job_kinds.CALIBRATE: ("result.h5", _check_calibration),
-        job_kinds.RECONSTRUCT: ("volume.h5", _check_volume),
+        kinds.INGEST: ("scan.h5", _check_scan),
+        kinds.CALIBRATE: ("result.h5", _check_calibration),
+        kinds.RECONSTRUCT: ("volume.h5", _check_volume),
     }
 )

@@ -8,7 +8,6 @@ import numpy as np
 
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
-from sawmill_tomography.calibration.error_bars import error_bars
 from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, EffectFinding, KnownEffect
 from sawmill_tomography.calibration.faults.intensity_averaging import INTENSITY_AVERAGING
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
@@ -16,6 +15,7 @@ from sawmill_tomography.calibration.faults.outliers import OUTLIERS
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
+from sawmill_tomography.calibration.joint_fit.residual_statistics import error_bars
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.lost_views import shown_angles
@@ -25,8 +25,7 @@ from sawmill_tomography.calibration.search.search import SearchCallback, SearchR
 from sawmill_tomography.calibration.source_distance import with_theta
 from sawmill_tomography.calibration.task import CalibrationTask, PoseHypothesis
 from sawmill_tomography.phantoms.built_in import BUILT_IN
-from sawmill_tomography.sinograms.hardening import fit_hardening
-from sawmill_tomography.sinograms.scattered_radiation import fit_scatter_and_hardening
+from sawmill_tomography.sinograms.scattered_radiation import fit_hardening, fit_scatter_and_hardening
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.elimination import reduce, scaled_inverse
+from sawmill_tomography.calibration.covariance import Covariance, reduce, scaled_inverse
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter, GramTerm
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, SourceFrame, to_vector, wrap_angle

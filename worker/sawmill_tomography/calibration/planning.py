@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import frame_deviation, theta_covariance
-from sawmill_tomography.calibration.elimination import reduce
-from sawmill_tomography.calibration.log_radius import counted_radius_mm, refuse_log_beyond_source
+from sawmill_tomography.calibration.covariance import frame_deviation, reduce, theta_covariance
 from sawmill_tomography.calibration.refusals import refuse_round
 from sawmill_tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
+from sawmill_tomography.calibration.sinogram_data import counted_radius_mm, refuse_log_beyond_source
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.geometry.ray_error import RayErrorPrediction, predicted_ray_error
 from sawmill_tomography.phantoms.phantom import Phantom, PhantomError

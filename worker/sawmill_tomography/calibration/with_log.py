@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, choose_theta
-from sawmill_tomography.calibration.covariance import theta_covariance
-from sawmill_tomography.calibration.elimination import scaled_inverse
-from sawmill_tomography.calibration.error_bars import ErrorBars
+from sawmill_tomography.calibration.covariance import scaled_inverse, theta_covariance
 from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.second_witness import BOTH, LogAnswer, LogWitness, compare_witnesses

@@ -6,9 +6,8 @@ import numpy as np
 
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.physics.body import WornBody, stand
+from sawmill_tomography.physics.body import Motion, WornBody, move, stand
 from sawmill_tomography.physics.detector import FIELDS, Converter, Counts, signal, spoil, tube_output
-from sawmill_tomography.physics.motion import Motion, move
 from sawmill_tomography.physics.transmission import transmission
 from sawmill_vocabulary.physics import Physics
 

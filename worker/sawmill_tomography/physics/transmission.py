@@ -9,8 +9,7 @@ from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError,
 from sawmill_tomography.geometry.modules import lines_of
 from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
 from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
-from sawmill_tomography.physics.body import WornBody
-from sawmill_tomography.physics.motion import Motion
+from sawmill_tomography.physics.body import Motion, WornBody
 from sawmill_vocabulary.physics import Physics
 
 # Number of rays of a cell that only averages, and of a cell with blur, a focal spot or an exposure too.

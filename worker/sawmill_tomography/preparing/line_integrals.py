@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.sinograms.bridging import bridge
+from sawmill_tomography.sinograms.present_rows import bridge
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import PreparingMessage
 

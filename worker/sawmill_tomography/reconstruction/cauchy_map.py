@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.estimate import Estimate
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import typical_attenuation
 from sawmill_tomography.reconstruction.iterative.cross_validation import cross_validate, parabola_minimum
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images, OnIteration
 from sawmill_tomography.reconstruction.iterative.edge_preserving import (
@@ -20,7 +21,6 @@ from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     Settings,
     reconstruct_with_prior,
 )
-from sawmill_tomography.reconstruction.iterative.first_image import typical_attenuation
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, weights_of
 from sawmill_tomography.reconstruction.iterative.priors import CauchyPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases, counting_iterations, part_of

@@ -1,4 +1,4 @@
-"""Choice of the method for the data: method="auto"."""
+"""The table of reconstruction methods, and the choice of the method for the data: method="auto"."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, all_round
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction import cost
-from sawmill_tomography.reconstruction.method import FittedMethod
-from sawmill_tomography.reconstruction.methods import METHODS
+from sawmill_tomography.reconstruction.cauchy_map import CauchyMap
+from sawmill_tomography.reconstruction.fbp import FilteredBackProjection
+from sawmill_tomography.reconstruction.method import FittedMethod, Method
+from sawmill_tomography.reconstruction.tikhonov import Tikhonov
+from sawmill_tomography.reconstruction.total_variation import TotalVariation
 from sawmill_tomography.sinograms.noise import estimated_noise
 from sawmill_vocabulary import Preference, ReconstructionMethod
 
@@ -178,3 +181,13 @@ def _words(one: _Candidate, geometry: FanBeamGeometry) -> str:
 
 def _milliseconds(seconds: float) -> str:
     return f"{float(f'{1e3 * seconds:.2g}'):g} ms"
+
+
+METHODS: Mapping[ReconstructionMethod, type[Method]] = MappingProxyType(
+    {
+        ReconstructionMethod.FBP: FilteredBackProjection,
+        ReconstructionMethod.TIKHONOV: Tikhonov,
+        ReconstructionMethod.CAUCHY_MAP: CauchyMap,
+        ReconstructionMethod.TOTAL_VARIATION: TotalVariation,
+    }
+)

@@ -1,4 +1,4 @@
-"""Filtered back-projection with the exact fan-beam weights for any shift and tilt, at any explicit angles."""
+"""Filtered back-projection at any explicit angles, with the exact fan-beam weights for any shift and tilt."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numba import get_num_threads
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
 from sawmill_tomography.geometry.modules import FlatDetector
@@ -15,11 +16,82 @@ from sawmill_tomography.projection.projector import Image, Projector, aligned
 from sawmill_tomography.reconstruction import _fbp_numba as kernels
 from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.estimate import Estimate
-from sawmill_tomography.reconstruction.filters import RowFilter
 from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.sinograms.noise import misfit_cause
 from sawmill_vocabulary import FilterName, Weighting
 from sawmill_vocabulary.image_messages import ImageMessage
+
+
+def _window(name: FilterName, f: FloatArray) -> FloatArray:
+    """Return the window at frequencies f relative to the cut-off, zero beyond it."""
+    passed = np.abs(f) <= 1.0
+    match name:
+        case FilterName.RAM_LAK:
+            value = np.ones_like(f)
+        case FilterName.SHEPP_LOGAN:
+            value = np.sinc(0.5 * f)
+        case FilterName.COSINE:
+            value = np.cos(0.5 * np.pi * f)
+        case FilterName.HAMMING:
+            value = 0.54 + 0.46 * np.cos(np.pi * f)
+        case FilterName.HANN:
+            value = 0.5 + 0.5 * np.cos(np.pi * f)
+    return np.where(passed, value, 0.0)
+
+
+def ramp_response(
+    cells: int, pitch_mm: float, name: FilterName, frequency_scaling: float, *, aperture_mm: float = 0.0
+) -> tuple[FloatArray, int]:
+    """Return the frequency response of the windowed ramp for rfft, and the padded length.
+
+    `aperture_mm` is the width on the detector over which the result is averaged: a pixel's shadow.
+
+    The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not samples of |f|, so that
+    the mean of the image is right. The response contains the cell width of the convolution integral.
+    """
+    if not 0.0 < frequency_scaling <= 1.0:
+        raise GeometryError(f"frequency_scaling must be above 0 and at most 1, not {frequency_scaling}")
+    length = scipy.fft.next_fast_len(2 * cells - 1, real=True)
+    offset = np.minimum(np.arange(length), length - np.arange(length))
+    kernel = np.zeros(length)
+    kernel[0] = 0.25 / pitch_mm**2
+    odd = offset % 2 == 1
+    kernel[odd] = -1.0 / (np.pi * offset[odd] * pitch_mm) ** 2
+    ramp = scipy.fft.rfft(kernel).real * pitch_mm
+    relative = np.arange(ramp.size) * 2.0 / length / frequency_scaling
+    mean = np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm))
+    return ramp * _window(name, relative) * mean, length
+
+
+@dataclass(frozen=True, eq=False)
+class RowFilter:
+    """A filter of rows: a weight for each cell, then the windowed ramp over the row."""
+
+    weight: NDArray[np.float32]  # (cells,) float32
+    response: NDArray[np.float32]  # (length // 2 + 1,) float32: response by `ramp_response`
+    length: int  # length of a row padded with zeros
+
+    @classmethod
+    def of(
+        cls,
+        weight: FloatArray,
+        pitch_mm: float,
+        name: FilterName,
+        frequency_scaling: float,
+        *,
+        aperture_mm: float = 0.0,
+    ) -> "RowFilter":
+        """Make the filter by `ramp_response`."""
+        response, length = ramp_response(weight.size, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
+        return cls(weight.astype(np.float32), response.astype(np.float32), length)
+
+    def __call__(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Filter each row (..., cells) float32, in its unit per mm."""
+        spectrum = scipy.fft.rfft(rows * self.weight, self.length)
+        spectrum *= self.response
+        filtered = np.asarray(scipy.fft.irfft(spectrum, self.length, overwrite_x=True), np.float32)
+        return filtered[..., : self.weight.size]
+
 
 Block = Image
 

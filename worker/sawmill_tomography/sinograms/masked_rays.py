@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.sinograms.bridging import runs_of
+from sawmill_tomography.sinograms.present_rows import runs_of
 
 # Rays used on either side of a gap: this share of its width, and no fewer than this number.
 BESIDE, FEWEST_BESIDE = 0.25, 4

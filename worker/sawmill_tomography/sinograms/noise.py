@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.sinograms.air import find_air
-from sawmill_tomography.sinograms.hardening import STEEPEST, measured_and_slope
-from sawmill_tomography.sinograms.scattered_radiation import with_scatter
+from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, measured_and_slope, with_scatter
 from sawmill_tomography.statistics import few_with_most, noise_of_differences
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.messages import Reason, numbered

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.sinograms.bridging import bridge, bridged_samples
-from sawmill_tomography.sinograms.faulty_cells import faulty_cells
+from sawmill_tomography.sinograms.air import faulty_cells
+from sawmill_tomography.sinograms.present_rows import bridge, bridged_samples
 from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 

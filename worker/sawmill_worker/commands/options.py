@@ -13,7 +13,7 @@ from sawmill_contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.commands.from_contract import Flags, option
 
 if TYPE_CHECKING:
-    from sawmill_calibration.scans.scan_source import ScanSource
+    from sawmill_calibration.scans.scan_rows import ScanSource
     from sawmill_formats.input.angles import AnglesGiven
 
 # Flags of the scanner's constants, with the published scanner (arXiv 2206.14444) as the default.
@@ -42,7 +42,7 @@ class ScanOptions(UnregisteredScanOptions):
 
 def scan_source(path: Path, options: ScanOptions, *, views: int | None, rows: str | None) -> "ScanSource":
     """Return the scan of a file and its flags."""
-    from sawmill_calibration.scans.scan_source import ScanSource
+    from sawmill_calibration.scans.scan_rows import ScanSource
 
     return ScanSource(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
 

@@ -9,12 +9,11 @@ from rich.table import Table
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
-from sawmill_contracts.plans import PlanResult
+from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
-from sawmill_contracts.repeatability import RepeatabilityResult
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
-from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.pictures.report_numbers import calibration_table
 
 
 def print_calibration(result: CalibrationResult) -> None:

@@ -15,9 +15,8 @@ from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_vocabulary import DataKind, DetectorModule
-from sawmill_worker.jobs.attempt import MillAttempt
+from sawmill_worker.jobs.attempt import MillAttempt, of_averaged_rows
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
-from sawmill_worker.jobs.needs import of_averaged_rows
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

@@ -15,8 +15,7 @@ from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_vocabulary import DataKind, RowAlignment
-from sawmill_worker.jobs.attempt import MillAttempt
-from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE
+from sawmill_worker.jobs.attempt import FILE_BYTES, FILE_SHARE, MillAttempt
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

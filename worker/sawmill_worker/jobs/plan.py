@@ -5,9 +5,8 @@ from typing import Any
 from sawmill_calibration.calibration.plan import run_plan
 from sawmill_contracts.plans import Plan
 from sawmill_platform.attempts.work import Needs
-from sawmill_worker.jobs.attempt import MillAttempt
+from sawmill_worker.jobs.attempt import PROCESS_BYTES, SINOGRAMS, MillAttempt
 from sawmill_worker.jobs.calibrate import drawing_of
-from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS
 
 
 def run(attempt: MillAttempt) -> dict[str, Any]:

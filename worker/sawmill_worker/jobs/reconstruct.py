@@ -10,7 +10,7 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_calibration.scans.selection import chosen_rows
+from sawmill_calibration.scans.scan_rows import chosen_rows
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_contracts.scans import ScanShape
@@ -24,10 +24,9 @@ from sawmill_tomography.reconstruction.iterative.coarse_outside import WORTH_WHI
 from sawmill_tomography.reconstruction.object_extent import seen_radius_mm
 from sawmill_tomography.warm_up import load_iterative_methods
 from sawmill_vocabulary import Handedness, Rotation
-from sawmill_worker.jobs.attempt import MillAttempt
+from sawmill_worker.jobs.attempt import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, MillAttempt
 from sawmill_worker.jobs.calibrate import shape_of, stored_rows, usable_calibration, usable_scan
 from sawmill_worker.jobs.checkpoints import AttemptKeeper
-from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES
 
 # Arrays in single precision for each slice of a fitted method: the data, residuals and trial steps.
 LINES_A_SLICE = 40

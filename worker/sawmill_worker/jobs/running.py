@@ -18,7 +18,7 @@ import scipy.special  # noqa: F401
 import tifffile  # noqa: F401
 
 from sawmill_calibration.failures import input_errors_translated
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import KINDS
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
@@ -78,7 +78,7 @@ def check(attempt: MillAttempt, answer: dict[str, Any]) -> None:
 
 def make_ready(attempt: MillAttempt) -> None:
     """Compile kernels that `run` needs beyond `warm_up`: afterwards the process may not write to the kernel cache."""
-    if attempt.job.kind is job_kinds.RECONSTRUCT:
+    if attempt.job.kind is kinds.RECONSTRUCT:
         reconstruct.make_ready(attempt)
     only_read()
 

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import encoded
-from sawmill_worker.pictures.windows import Window, by_stripes, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, by_stripes, painted, to_unit, window_of
 
 THUMBNAIL_PX = 160
 Float32 = NDArray[np.float32]

@@ -19,9 +19,7 @@ from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Pro
 from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
-from sawmill_vocabulary.messages import ENGLISH, Reader
-from sawmill_vocabulary.texts import N_
-from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_vocabulary.messages import ENGLISH, N_, Reader
 from sawmill_worker.pictures.panels import (
     draw_frame_pairs,
     draw_log,
@@ -31,6 +29,7 @@ from sawmill_worker.pictures.panels import (
     draw_theta_and_twin,
     encoded,
 )
+from sawmill_worker.pictures.report_numbers import calibration_table
 from sawmill_worker.pictures.windows import LOG_WINDOW, Window, window_of
 
 WIDTH_IN = 14.0

@@ -12,7 +12,6 @@ from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import shaded
 from sawmill_worker.pictures.pages import (
     Layout,
     draw_bottom_axis,
@@ -26,7 +25,7 @@ from sawmill_worker.pictures.pages import (
     page_of,
 )
 from sawmill_worker.pictures.round_numbers import round_length
-from sawmill_worker.pictures.windows import Window, by_stripes, labelled_views, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, by_stripes, labelled_views, shaded, to_unit, window_of
 
 SMALLEST_SIDE_PX = 512
 # A JPEG of 512 x 512 pixels with noise takes 50 kB; a PNG takes 170 kB and 20 times as long to encode.

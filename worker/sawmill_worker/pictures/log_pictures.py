@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import shaded
 from sawmill_worker.pictures.pages import (
     INK,
     PAPER,
@@ -27,7 +26,7 @@ from sawmill_worker.pictures.pages import (
     page_of,
 )
 from sawmill_worker.pictures.round_numbers import ticks
-from sawmill_worker.pictures.windows import Window, window_of
+from sawmill_worker.pictures.windows import Window, shaded, window_of
 
 TILE_PX = 256
 # Space above each tile for its label, and between two tiles, pixels.

@@ -15,9 +15,8 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.color_maps import painted, shaded
 from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import Window, stripes
+from sawmill_worker.pictures.windows import Window, painted, shaded, stripes
 
 INK = "#141414"
 PAPER = "#ffffff"

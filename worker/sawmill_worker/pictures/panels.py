@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from sawmill_contracts.calibrations import FoundGeometry
 from sawmill_vocabulary import Theta
-from sawmill_vocabulary.messages import ENGLISH, Reader
-from sawmill_vocabulary.texts import N_
+from sawmill_vocabulary.messages import ENGLISH, N_, Reader
 from sawmill_worker.pictures.round_numbers import round_length
 from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, window_of
 

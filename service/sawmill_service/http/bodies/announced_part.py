@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from starlette.datastructures import Headers
 
 from sawmill_platform.contracts.uploads import Upload
-from sawmill_service.http.bodies.structured_fields import boolean_in, integer_in
+from sawmill_service.http.bodies.body_sums import boolean_in, integer_in
 from sawmill_service.http.problems import Refused
 
 Value = TypeVar("Value")

@@ -1,14 +1,15 @@
-"""`Content-Digest` (RFC 9530): a body that was damaged in transit is refused."""
+"""`Content-Digest` (RFC 9530), by which a damaged body is refused, and structured fields (RFC 9651)."""
 
 import hashlib
 import hmac
+import re
+from base64 import b64decode
 from collections.abc import Mapping
 from typing import Protocol
 
 from starlette.datastructures import Headers
 from starlette.types import Message, Receive
 
-from sawmill_service.http.bodies.structured_fields import bytes_in, dictionary_in
 from sawmill_service.http.problems import Refused
 
 # Algorithms that still protect against deliberate changes (RFC 9530, section 5); other algorithms are ignored.
@@ -87,3 +88,52 @@ def _digest(name: str, value: str) -> bytes:
 def _bad_digest(header: str) -> Refused:
     example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:"
     return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {header[:100]!r}")
+
+
+_KEY = r"[a-z*][a-z0-9_.*-]*"
+_BARE = (
+    r"(?:-?\d{1,12}\.\d{1,3}|-?\d{1,15}|@-?\d{1,15}|\?[01]"
+    r"|%?\"(?:[ !#-\[\]-~]|\\[\"\\])*\"|:[A-Za-z0-9+/=]*:|[A-Za-z*][!#$%&'*+.^_`|~:/0-9A-Za-z-]*)"
+)
+# No field that this service reads has parameters; unknown ones are ignored (section 1.1).
+_PARAMETERS = rf"(?:;[ ]*{_KEY}(?:={_BARE})?)*"
+_ITEM = re.compile(rf"[ ]*({_BARE}){_PARAMETERS}[ ]*", re.ASCII)
+_MEMBER = re.compile(rf"[ \t]*({_KEY})(?:=({_BARE}))?{_PARAMETERS}[ \t]*(,|$)", re.ASCII)
+
+
+def integer_in(text: str) -> int | None:
+    """Read an item that is an integer (section 3.3.1)."""
+    bare = _bare_in(text)
+    return int(bare) if bare is not None and re.fullmatch(r"-?\d+", bare, re.ASCII) else None
+
+
+def boolean_in(text: str) -> bool | None:
+    """Read an item that is a boolean (section 3.3.6): `?1` or `?0`."""
+    return {"?1": True, "?0": False}.get(_bare_in(text) or "")
+
+
+def bytes_in(text: str) -> bytes | None:
+    """Read an item that is a sequence of bytes (section 3.3.5), as in `:aGVsbG8=:`."""
+    bare = _bare_in(text) or ""
+    try:
+        return b64decode(bare[1:-1], validate=True) if bare.startswith(":") else None
+    except ValueError:
+        return None
+
+
+def dictionary_in(text: str) -> dict[str, str] | None:
+    """Read a dictionary of items (section 3.2), each as it is written; the last item of a name counts."""
+    members, at = dict[str, str](), 0
+    if not text.strip(" \t"):
+        return members
+    while (member := _MEMBER.match(text, at)) is not None:
+        members[member[1]] = member[2] or "?1"
+        at = member.end()
+        if not member[3]:
+            return members
+    return None
+
+
+def _bare_in(text: str) -> str | None:
+    item = _ITEM.fullmatch(text)
+    return None if item is None else item[1]

@@ -11,7 +11,7 @@ import structlog
 from fastapi import Response
 from pydantic import BaseModel
 
-from sawmill_platform.contracts.old_names import OutOfUse, out_of_use
+from sawmill_platform.contracts.base import OutOfUse, out_of_use
 from sawmill_service.access import Caller
 from sawmill_service.dependencies import TheCaller
 from sawmill_service.http.document.refusals import Responses

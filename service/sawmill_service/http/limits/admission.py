@@ -10,8 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.http.bodies.unread_bodies import has_body
 from sawmill_service.http.gate import SAFE_METHODS
-from sawmill_service.http.limits.callers import who
-from sawmill_service.http.limits.rates import Rates, too_many
+from sawmill_service.http.limits.rates import Rates, too_many, who
 from sawmill_service.http.problems import Refused, refusal_response
 from sawmill_service.http.route_rules import NoKey, no_key
 from sawmill_service.settings import ServiceSettings

@@ -17,8 +17,7 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.files.verified_results import compute_digest, regular_status
 from sawmill_platform.keys import sessions
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.conditional import CACHING, check_conditions, spans_of
-from sawmill_service.http.responses.digests import Digests, repr_digest, tag_of
+from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
 
 class Png(Response):

@@ -12,11 +12,10 @@ from fastapi.responses import FileResponse, StreamingResponse
 from starlette.requests import ClientDisconnect
 from starlette.types import Message, Receive, Scope, Send
 
-from sawmill_service.http.limits.callers import who
 from sawmill_service.http.limits.memory_budget import MemoryBudget
+from sawmill_service.http.limits.rates import who
 from sawmill_service.http.responses.answers import Png, describing, file, name_of, one_part
-from sawmill_service.http.responses.conditional import check_conditions
-from sawmill_service.http.responses.digests import Digests, key_of, tag_of
+from sawmill_service.http.responses.conditional import Digests, check_conditions, key_of, tag_of
 from sawmill_service.http.responses.waiting import until_gone
 
 # Bytes that are sent at a time; a client that takes none of them within `client_silence_s` has gone.

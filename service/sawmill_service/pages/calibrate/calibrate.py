@@ -14,7 +14,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
-from sawmill_contracts import job_kinds, mill_events
+from sawmill_contracts import kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
@@ -24,16 +24,21 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
-from sawmill_service.drawing import shown_log
-from sawmill_service.finished import scan_if_kept
+from sawmill_service.drawing import scan_if_kept, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS, complaint
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_questions import LAST_SCANS, questions_of, usable_phantoms
-from sawmill_service.pages.calibrate.calibrate_words import changes_of, parameters_of, stages
+from sawmill_service.pages.calibrate.calibrate_words import (
+    CALIBRATE,
+    TheWizardAddress,
+    WizardAddress,
+    changes_of,
+    parameters_of,
+    stages,
+)
 from sawmill_service.pages.calibrate.report import stored_arrays
-from sawmill_service.pages.calibrate.wizard_address import CALIBRATE, TheWizardAddress, WizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
@@ -73,7 +78,7 @@ def scan_picture(inspection_id: Identifier, name: ScanPicture, request: Request,
     """Return the picture of the scan in a file that was inspected."""
     from sawmill_worker.pictures.arrays import grey_png  # noqa: PLC0415 - no other step needs it
 
-    grey = files.result(job_kinds.INSPECT, inspection_id, name).read_bytes()
+    grey = files.result(kinds.INSPECT, inspection_id, name).read_bytes()
     return picture(request, grey, lambda: grey_png(grey, PICTURE_PX))
 
 
@@ -162,7 +167,7 @@ def _asked(
     status: int = 422,
 ) -> HTMLResponse:
     """Show the questions with the answers as they were given, and what is wrong with these."""
-    folder = store.files.results(job_kinds.INSPECT, inspection.id)
+    folder = store.files.results(kinds.INSPECT, inspection.id)
     return page.answer(
         "calibrate_questions.html",
         status=status,
@@ -294,6 +299,6 @@ def _again(files: TheFiles, where: WizardAddress, scan: Scan | None) -> str | No
     """Return the address that asks about the same file or its scan again; None where neither is possible."""
     if scan is None:
         return None
-    if where.inspection is not None and files.upload(job_kinds.INSPECT, where.inspection).exists():
+    if where.inspection is not None and files.upload(kinds.INSPECT, where.inspection).exists():
         return where.path(calibration=None, scan=scan.id, scanner=None)
     return None if scan.state is ScanState.REFUSED else WizardAddress(scan=scan.id).path()

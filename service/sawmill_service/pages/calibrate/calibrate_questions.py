@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from sawmill_contracts.inspections import FilePart, InspectedReading, Inspection, InspectionResult
 from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_mill.scanner_fit import Misfit, misfit
-from sawmill_service.pages.frame.formats import natural_order
+from sawmill_mill.calibration_differences import Misfit, misfit
+from sawmill_service.pages.frame.languages import natural_order
 from sawmill_store.phantoms import Phantoms
 from sawmill_store.scans import Scans
 from sawmill_store.store import Store

@@ -1,10 +1,15 @@
-"""Words of `/calibrate`: the stages and the changes."""
+"""Words of `/calibrate` for stages and changes, and the address of a step, which other pages carry along."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
+from urllib.parse import urlencode
+
+from fastapi import Depends, Query
 
 from sawmill_contracts.calibrations import Comparison, FoundGeometry
+from sawmill_platform.contracts.base import Identifier
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame
 
@@ -75,3 +80,32 @@ PARAMETERS = {
     "cor_column_mm": marked("Centre of rotation on the detector (u_c)"),
     "tilt_rad": marked("Tilt of the detector (tau)"),
 }
+
+
+CALIBRATE = "/calibrate"
+# A longer list of angles is left out of an address, and typed again.
+LONGEST_ANSWER = 2000
+
+_Id = Annotated[Identifier | None, Query()]
+_Answer = Annotated[str | None, Query(max_length=LONGEST_ANSWER)]
+
+
+@dataclass(frozen=True)
+class WizardAddress:
+    """Parameters in the page's address; `phantom`, `data` and `angles` are answers that were given already."""
+
+    scanner: _Id = None
+    inspection: _Id = None
+    calibration: _Id = None
+    scan: _Id = None
+    phantom: _Id = None
+    data: _Answer = None
+    angles: _Answer = None
+
+    def path(self, page: str = CALIBRATE, **changes: str | None) -> str:
+        """Return the address with some parameters changed, of the wizard or of a page that leads back to it."""
+        names = {name: value for name, value in (vars(self) | changes).items() if value}
+        return f"{page}?{urlencode(names)}" if names else page
+
+
+TheWizardAddress = Annotated[WizardAddress, Depends()]

@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo
 from fastapi import Query, Request, Response
 from fastapi.responses import HTMLResponse
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationHeader, CalibrationSucceeded
 from sawmill_contracts.history import HistoryKind
 from sawmill_formats.errors import damage_reported
@@ -19,12 +19,10 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
-from sawmill_service.drawing import DRAWING, FIGURE_BYTES
-from sawmill_service.finished import scan_if_kept
+from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.formats import known_zone
-from sawmill_service.pages.frame.languages import Language
+from sawmill_service.pages.frame.languages import Language, known_zone
 from sawmill_service.pages.frame.page_frame import formats_of
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with
@@ -101,7 +99,7 @@ def stored_arrays(files: TheFiles, calibration_id: str) -> "CalibrationArrays | 
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
     try:
-        path = files.result(job_kinds.CALIBRATE, calibration_id, "result.h5")
+        path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
         return None
     arrays = calibration_file.read_calibration(path).arrays

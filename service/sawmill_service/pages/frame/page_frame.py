@@ -1,25 +1,27 @@
-"""Common part of all pages: the language, the caller, and the templates with both."""
+"""Common part of all pages: the language and the colours of a browser, the caller, the header and the templates."""
 
+import re
 from functools import cache, partial
 from typing import Annotated
 
-from fastapi import Depends, Request
-from fastapi.responses import HTMLResponse
+from fastapi import Depends, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment
 
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.problem_types import problem_types
+from sawmill_service.http.route_rules import NoKey, Router
 from sawmill_service.http.session_cookie import SessionCookie
-from sawmill_service.pages.frame.formats import Formats
 from sawmill_service.pages.frame.languages import (
     ENGLISH,
     LANGUAGES,
+    Formats,
     locale_of,
+    marked,
     preferred_language,
     texts,
 )
-from sawmill_service.pages.frame.navigation import NAVIGATION
 from sawmill_service.pages.frame.verdicts import shown_questions
 from sawmill_vocabulary.messages import Reason
 from sawmill_worker.templating import templates_of
@@ -104,3 +106,40 @@ def templates(language: str = ENGLISH) -> Environment:
     environment.globals["verdict_questions"] = shown_questions(text, formats)
     environment.globals["in_words"] = partial(Reason.in_words, reader=formats.reader)
     return environment
+
+
+NAVIGATION = (
+    ("/", marked("Today")),
+    ("/calibrate", marked("Calibrate")),
+    ("/logs", marked("Logs")),
+    ("/scans", marked("Scans")),
+    ("/phantoms", marked("Phantoms")),
+    ("/jobs", marked("Jobs")),
+    ("/system", marked("System")),
+)
+
+
+def local_path(path: str) -> str:
+    r"""Return the path if it is one of this service, else Today's: `//` and `/\` may lead to another site."""
+    return path if re.fullmatch(r"(?![^?]*//)/[!-\[\]-~]*", path) else "/"
+
+
+LOOK = "/look"
+YEAR_S = 365 * 86400
+
+router = Router(include_in_schema=False)
+
+
+@router.get(LOOK, needs=NoKey.LOGIN)
+def look(
+    request: Request,
+    language: Annotated[str, Query()] = "",
+    theme: Annotated[str, Query()] = "",
+    onward: Annotated[str, Query(alias="next")] = "/",
+) -> RedirectResponse:
+    """Keep the language and the theme that are known, and return to the page."""
+    answer = RedirectResponse(local_path(onward), status_code=303)
+    for name, value, known in [(LANGUAGE_COOKIE, language, LANGUAGES), (THEME_COOKIE, theme, THEMES)]:
+        if value in known:
+            answer.set_cookie(name, value, max_age=YEAR_S, secure=request.url.scheme == "https", samesite="lax")
+    return answer

@@ -8,8 +8,7 @@ from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.anything_moved import AnythingMoved
 from sawmill_mill.two_questions import Answer, TwoQuestions
-from sawmill_service.pages.frame.formats import Formats
-from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.languages import Formats, marked
 
 _WORDS = {
     Answer.YES: ("good", marked("Yes")),

@@ -6,7 +6,7 @@ from datetime import date, timedelta
 from babel.dates import format_timedelta
 
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement, StoredPhantom
-from sawmill_service.pages.frame.formats import Formats
+from sawmill_service.pages.frame.languages import Formats
 from sawmill_service.pages.frame.page_frame import PageFrame
 
 # Time from the first warning to the expiry: enough to find the caliper.

@@ -1,6 +1,8 @@
 """Pages of phantoms: the list, how well sizes are known, a form for a new phantom, and the plan of a calibration."""
 
 import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Annotated, NamedTuple
 
@@ -10,23 +12,26 @@ from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
+from sawmill_contracts.plans import Plan
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_platform.contracts.base import Contract, Identifier
+from sawmill_mill.two_questions import TwoQuestions
+from sawmill_platform.contracts.base import Contract, Identifier, read_strictly
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.strict_json import read_strictly
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_service.dependencies import ThePhantoms, ThePlans, TheScanners, TheSettings
 from sawmill_service.http.problems import complaint
 from sawmill_service.http.responses.answers import Paging, Svg, file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress
+from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
-from sawmill_service.pages.phantoms.phantom_plans import plan_views
+from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
 from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
+from sawmill_store.scanners import Scanners
+from sawmill_store.store import Plans
 from sawmill_vocabulary import Shape
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 
@@ -138,7 +143,7 @@ def outline(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> 
 def uploaded_picture(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
     """Return the picture from which the outline was traced."""
     phantoms.picture(phantom_id)
-    return file(request, phantoms.files.upload(job_kinds.TRACE_PHANTOM, phantom_id), "image/png")
+    return file(request, phantoms.files.upload(kinds.TRACE_PHANTOM, phantom_id), "image/png")
 
 
 @router.post(PHANTOMS + "/{phantom_id}/delete", needs=Scope.ADMIN)
@@ -196,7 +201,7 @@ def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown |
     if phantom.job_id is None:
         return None
     uploaded: PhantomPicture = phantoms.picture(phantom.id)
-    path = phantoms.files.upload(job_kinds.TRACE_PHANTOM, phantom.id)
+    path = phantoms.files.upload(kinds.TRACE_PHANTOM, phantom.id)
     with path.open("rb") as stream:
         head = stream.read(_PNG_HEAD.size)
     if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):
@@ -214,3 +219,41 @@ def _complaint(error: ValidationError) -> str:
 
 def _today() -> date:
     return datetime.now().astimezone().date()
+
+
+SHOWN = 3
+
+
+@dataclass(frozen=True)
+class PlanView:
+    """A plan as its page shows it.
+
+    Attributes
+    ----------
+    scanner : StoredScanner or None
+        None: the scanner was deleted since.
+    questions : list of ShownQuestion
+        Empty while there is no answer, or no scanner with tolerances for a comparison.
+    """
+
+    plan: Plan
+    scanner: StoredScanner | None
+    questions: list[ShownQuestion]
+
+
+def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
+    """Yield the newest plans with a phantom, judged by the present tolerances."""
+    for plan in plans.page(phantom_id=phantom_id, limit=SHOWN).items:
+        scanner = _scanner(scanners, plan.scanner_id)
+        questions: list[ShownQuestion] = []
+        if plan.result is not None and scanner is not None:
+            promised = TwoQuestions.of_plan(plan.result, scanner.tolerances)
+            questions = shown_pair(promised, page.text, page.formats)
+        yield PlanView(plan, scanner, questions)
+
+
+def _scanner(scanners: Scanners, scanner_id: str) -> StoredScanner | None:
+    try:
+        return scanners.get(scanner_id)
+    except NotFound:
+        return None

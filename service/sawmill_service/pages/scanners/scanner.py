@@ -27,7 +27,7 @@ from sawmill_service.dependencies import (
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.calibrate.wizard_address import TheWizardAddress, WizardAddress
+from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress, WizardAddress
 from sawmill_service.pages.charts import DEVIATIONS, Span, drift_chart, is_calibration
 from sawmill_service.pages.frame.languages import locale_of, marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage

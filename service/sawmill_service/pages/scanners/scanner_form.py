@@ -14,8 +14,7 @@ from pydantic_core import ErrorDetails
 from sawmill_contracts.inspections import InspectedReading
 from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
 from sawmill_contracts.watched_folders import WatchedFolder
-from sawmill_service.pages.frame.formats import plain_number
-from sawmill_service.pages.frame.languages import marked
+from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_vocabulary import DataKind
 
 

@@ -18,7 +18,7 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.charts import Span, Sparkline, sparkline
-from sawmill_service.pages.frame.formats import natural_order
+from sawmill_service.pages.frame.languages import natural_order
 from sawmill_service.pages.frame.page_frame import (
     PageFrame,
     ThePage,

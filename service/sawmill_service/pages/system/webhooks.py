@@ -10,8 +10,8 @@ from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.couriers import send_test
 from sawmill_service.webhooks.destinations import AllowedDestinations
-from sawmill_service.webhooks.testing import send_test
 
 WEBHOOKS = "/system/webhooks"
 STATES = {

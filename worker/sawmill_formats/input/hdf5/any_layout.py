@@ -16,11 +16,9 @@ from sawmill_formats.input.arrays import Bounds, LinkedFiles
 from sawmill_formats.input.contents import FileAngles, FileContents, Projections, in_order
 from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
 from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
-from sawmill_formats.input.hdf5.fields import read_angles
+from sawmill_formats.input.hdf5.fields import all_views, packing_remarks, read_angles, scaling_of, stated_order
 from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
-from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
-from sawmill_formats.input.hdf5.projections import all_views, stated_order
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS, check_matlab_class

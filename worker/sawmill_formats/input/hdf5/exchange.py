@@ -5,10 +5,16 @@ import h5py
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions
 from sawmill_formats.input.contents import FileContents
-from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
+from sawmill_formats.input.hdf5.fields import (
+    all_views,
+    packing_remarks,
+    read_angles,
+    read_pitch,
+    read_unpacked,
+    stated_order,
+    with_fields_beside,
+)
 from sawmill_formats.input.hdf5.guard import find, numbers
-from sawmill_formats.input.hdf5.packed_values import packing_remarks, read_unpacked
-from sawmill_formats.input.hdf5.projections import all_views, stated_order
 from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.wanted import Wanted
 

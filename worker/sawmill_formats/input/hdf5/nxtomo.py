@@ -1,20 +1,51 @@
-"""HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
+"""HDF5 in the NXtomo layout: images with an image key and an angle for each, and a line detector's modules."""
 
 from dataclasses import replace
+from itertools import islice
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats.detector_modules import (
+    CLASS,
+    MOST_MODULES,
+    OFFSET,
+    ORIGIN,
+    SIZE,
+    STEP,
+    ModulesUnusable,
+    PlacedModule,
+    Vector,
+    modules_after_first,
+    translation,
+)
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
 from sawmill_formats.input.contents import FileAngles, FileContents
-from sawmill_formats.input.hdf5.fields import read_angles, read_pitch, with_fields_beside
-from sawmill_formats.input.hdf5.guard import Node, check_members, children, name_of, numbers, read_images, read_values
-from sawmill_formats.input.hdf5.modules import read_modules
-from sawmill_formats.input.hdf5.packed_values import packing_remarks, scaling_of
-from sawmill_formats.input.hdf5.projections import chosen_views, stated_order
-from sawmill_formats.input.hdf5.texts import read_text
+from sawmill_formats.input.field_names import to_mm
+from sawmill_formats.input.hdf5.fields import (
+    chosen_views,
+    packing_remarks,
+    read_angles,
+    read_pitch,
+    scaling_of,
+    stated_order,
+    with_fields_beside,
+)
+from sawmill_formats.input.hdf5.guard import (
+    Node,
+    check_members,
+    children,
+    find,
+    members,
+    name_of,
+    numbers,
+    read_images,
+    read_values,
+    text_of,
+)
+from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
 from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
     ALIGNMENT,
@@ -23,6 +54,7 @@ from sawmill_formats.nxtomo import (
     DARK,
     DATA,
     DEFINITION,
+    DETECTOR,
     FLAT,
     IMAGE_KEY,
     IMAGE_KEY_CONTROL,
@@ -30,6 +62,7 @@ from sawmill_formats.nxtomo import (
     PROJECTION,
     ROW_PITCH,
 )
+from sawmill_vocabulary import DetectorModule
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
@@ -124,3 +157,50 @@ def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bo
         max_bytes=bounds.piece,
     )
     return scaling_of(dataset).apply(read_images(dataset, images)) if len(images) else None
+
+
+def read_modules(
+    entry: h5py.Group, cells: int, pitch_mm: float | None, bounds: Bounds
+) -> tuple[tuple[DetectorModule, ...], tuple[Reason, ...]]:
+    """Read the modules after the first, and the remark why they were ignored."""
+    detector = find(entry, DETECTOR, bounds.linked)
+    if not isinstance(detector, h5py.Group):
+        return (), ()
+    # Of links elsewhere none is followed here: the detector's group may have any, to what is not read.
+    hard = (text_of(key) for key, kind in members(detector) if kind == h5py.h5l.TYPE_HARD)
+    nodes = (find(detector, name, bounds.linked) for name in hard)
+    modules = (node for node in nodes if isinstance(node, h5py.Group) and attribute_text(node, "NX_class") == CLASS)
+    groups = list(islice(modules, MOST_MODULES + 1))
+    if not groups:
+        return (), ()
+    try:
+        return modules_after_first([_placed(group, bounds) for group in groups], cells, pitch_mm), ()
+    except ModulesUnusable as why:
+        return (), (ReadingMessage.MODULES_IGNORED(path=DETECTOR, why=str(why)),)
+
+
+def _placed(group: h5py.Group, bounds: Bounds) -> PlacedModule:
+    # Of the cells of a module, of the axes of an image, the last one is along the line.
+    first, cells = (float(_numbers_at(group, name, bounds)[1][-1]) for name in (ORIGIN, SIZE))
+    if not (first.is_integer() and cells.is_integer() and first >= 0.0 and cells >= 1.0):
+        raise ModulesUnusable(f"one begins at cell {first:g} and has {cells:g} cells")
+    return PlacedModule(int(first), int(cells), *(_translation(group, name, bounds) for name in (OFFSET, STEP)))
+
+
+def _numbers_at(group: h5py.Group, name: str, bounds: Bounds) -> tuple[h5py.Dataset, NDArray[np.float64]]:
+    dataset = numbers(group, name, bounds.whole)
+    if dataset is None or not 1 <= dataset.size <= 3:
+        raise ModulesUnusable(f"one has no {name} of one to three numbers")
+    values = read_values(dataset, np.float64).reshape(-1)
+    if not np.isfinite(values).all():
+        raise ModulesUnusable(f"the {name} of one is no finite number")
+    return dataset, values
+
+
+def _translation(group: h5py.Group, name: str, bounds: Bounds) -> Vector:
+    """Read a length along its vector, mm."""
+    dataset, values = _numbers_at(group, name, bounds)
+    length_mm = to_mm(float(values[0]), attribute_text(dataset, "units") or "")
+    if length_mm is None:
+        raise ModulesUnusable(f"the {name} of one is no length with a unit, along a vector")
+    return translation(length_mm, attribute(dataset, "vector"), name)

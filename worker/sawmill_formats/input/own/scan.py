@@ -7,16 +7,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from sawmill_formats import nxtomo
+from sawmill_formats import nexus, nxtomo
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds
+from sawmill_formats.input.field_names import LARGEST_PITCH_MM, LEAST_PITCH_MM
 from sawmill_formats.input.hdf5.guard import find, numbers, read_values
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
 from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
-from sawmill_formats.input.units import LARGEST_PITCH_MM, LEAST_PITCH_MM
 from sawmill_formats.nexus import CHUNK_BYTES
-from sawmill_formats.output import volume_layout
 from sawmill_formats.output.calibration_file import ANSWER
 from sawmill_formats.output.scan_layout import (
     AIR_LEVEL,
@@ -100,7 +99,7 @@ def own_kind(path: Path) -> OwnKind | None:
     if is_own_scan(path):
         return OwnKind.SCAN
     with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
-        if read_text(file, f"{volume_layout.ENTRY}/definition") == volume_layout.DEFINITION:
+        if read_text(file, f"{nexus.ENTRY}/definition") == nexus.DEFINITION:
             return OwnKind.VOLUME
         if isinstance(find(file, ANSWER), h5py.Dataset):
             return OwnKind.CALIBRATION

@@ -1,7 +1,15 @@
-"""Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
+"""Multi-page TIFF files: one view a page, or the sinogram of a single row as one page.
+
+The chain of pages of a TIFF, followed and added up before the library uses it. Layout: Adobe, "TIFF Revision 6.0",
+section 2; BigTIFF's layout differs in the widths of numbers.
+
+Meaning of the numbers of a TIFF's page: tags and descriptions that change the values or flip the image. Layout:
+Adobe, "TIFF Revision 6.0", section 8. ImageJ's description states a function of the stored numbers.
+"""
 
 import math
 import re
+import struct
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -16,12 +24,12 @@ from sawmill_formats.input.arrays import (
     HARMLESS_BYTES,
     LARGEST_RATIO,
     Bounds,
+    Scaling,
+    as_float32,
     check_number_type,
     check_size,
 )
 from sawmill_formats.input.contents import FileContents, Projections, held
-from sawmill_formats.input.tiff.page_chain import check_chain
-from sawmill_formats.input.tiff.page_values import LONGEST_DESCRIPTION, PageValues, page_values
 from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
@@ -29,6 +37,91 @@ from sawmill_vocabulary.reading_messages import ReadingMessage
 
 if TYPE_CHECKING:
     import tifffile
+
+
+BITS_PER_SAMPLE, PHOTOMETRIC, ORIENTATION = 258, 262, 274
+MIN_IS_WHITE, STRAIGHT_LINE = 0, "0"
+COLOURS = {3: "a palette", 32803: "a colour filter"}
+# Orientations that begin at the right, and at the bottom; above 4 rows are stored as columns.
+FROM_RIGHT, FROM_BOTTOM, LARGEST_ORIENTATION = {2, 3}, {3, 4}, 4
+LONGEST_DESCRIPTION = 4096
+
+
+@dataclass(frozen=True)
+class PageValues:
+    """Steps from the stored numbers of a page to the image that it means, and remarks on them."""
+
+    scaling: Scaling
+    orientation: int
+    remarks: tuple[Reason, ...]
+
+    def image(self, stored: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the image (rows, detector) float32 that the stored numbers mean; they may be changed."""
+        along_rows, along_cells = (-1 if self.orientation in of else 1 for of in (FROM_BOTTOM, FROM_RIGHT))
+        return as_float32(self.scaling.apply(stored))[::along_rows, ::along_cells]
+
+
+def page_values(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> PageValues:
+    """Read what tags and the first page's description state: `wrong-type`, `unsupported-storage`."""
+    first, number_type = page.parent.pages.first, np.dtype(page.dtype)
+    tags: tifffile.TiffTags = getattr(page, "tags", first.tags)
+    photometric, orientation = tags.valueof(PHOTOMETRIC, 1), max(1, tags.valueof(ORIENTATION, 1))
+    if photometric in COLOURS:
+        raise UnreadableScan(
+            "wrong-type",
+            f"{where} has {COLOURS[photometric]} (PhotometricInterpretation {photometric}); export grey values",
+        )
+    if orientation > LARGEST_ORIENTATION:
+        raise UnreadableScan(
+            "unsupported-storage",
+            f"{where} has the Orientation {orientation}: its rows are stored as columns; export it with Orientation 1",
+        )
+    remarks: list[Reason] = []
+    factor, added = 1.0, 0.0
+    if photometric == MIN_IS_WHITE and number_type.kind == "u":
+        factor, added = -1.0, 2.0 ** int(tags.valueof(BITS_PER_SAMPLE)) - 1.0
+        remarks.append(ReadingMessage.WHITE_IS_ZERO(largest=int(added)))
+    elif photometric == MIN_IS_WHITE:
+        remarks.append(ReadingMessage.WHITE_IS_ZERO_UNUSED())
+    if orientation > 1:
+        remarks.append(ReadingMessage.ORIENTATION(orientation=orientation))
+    stated = Scaling()
+    if first.is_imagej and number_type.kind in "iu":
+        stated = _function_of_imagej(where, first.description[:LONGEST_DESCRIPTION])
+    scaling = Scaling(stated.scale * factor, stated.scale * added + stated.offset)
+    return PageValues(scaling, orientation, (*remarks, *stated.remarks()))
+
+
+def _function_of_imagej(where: str, description: str) -> Scaling:
+    function = dict(re.findall(r"^(cf|c0|c1)=(.*)$", description, re.MULTILINE))
+    curve = function.setdefault("cf", STRAIGHT_LINE)
+    if curve != STRAIGHT_LINE:
+        raise UnreadableScan(
+            "unsupported-storage",
+            f"{where} has the calibration function {quoted(curve)!r} of ImageJ (cf), which is no straight line; export "
+            "the calibrated values as 32-bit floating-point numbers",
+        )
+    return stated_scaling(where, "ImageJ (c1, c0)", function.get("c1", "1"), function.get("c0", "0"))
+
+
+def stated_scaling(where: str, names: str, scale: str, offset: str, *, inverse: bool = False) -> Scaling:
+    """Return scale x number + offset, or the inverse of this, as a file's texts state it: `unsupported-storage`."""
+    scaling = Scaling.of(names, _number(scale), _number(offset), inverse=inverse)
+    if scaling is None:
+        raise UnreadableScan(
+            "unsupported-storage",
+            f"{where}: scale and offset of the stored numbers, by {names}, are {quoted(scale)!r} and "
+            f"{quoted(offset)!r}; export the values as 32-bit floating-point numbers",
+        )
+    return scaling
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
 
 UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
@@ -234,3 +327,54 @@ def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -
         if not packing.harmless(stored):
             page.parent.filehandle.seek(offset)
             check_unpacks(what, packing, page.parent.filehandle.read(stored), declared)
+
+
+MOST_PAGES = 100_000
+# Bytes of one value, by its type's number.
+VALUE_BYTES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.float64)
+
+
+def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
+    """Refuse pages that are too many, incomplete or share data: `wrong-shape`, `truncated-file`, `too-large`."""
+    layout, stream = tiff.tiff, tiff.filehandle
+    width = layout.offsetsize
+    tag = np.dtype([("what", "u2"), ("type", "u2"), ("count", f"u{width}"), ("at", f"V{width}")])
+    at, pages, claimed = tiff.pages[0].offset, 0, 0.0
+    while at:
+        pages += 1
+        if pages > MOST_PAGES:
+            raise UnreadableScan(
+                "wrong-shape", f"{name} has more than {MOST_PAGES} pages; a scan has one for each view"
+            )
+        stream.seek(at)
+        # The library stops without an error where the chain leads beyond the end of a truncated file.
+        (tags,) = struct.unpack(layout.tagnoformat, _whole(stream, layout.tagnosize, name))
+        claimed += tags * tag.itemsize
+        _check_claimed(claimed, size_bytes, pages, name)
+        stored = np.frombuffer(_whole(stream, tags * tag.itemsize, name), tag.newbyteorder(layout.byteorder))
+        claimed += _values_bytes(stored, width)
+        _check_claimed(claimed, size_bytes, pages, name)
+        (at,) = struct.unpack(layout.offsetformat, _whole(stream, width, name))
+
+
+def _values_bytes(tags: NDArray[np.void], inside_bytes: int) -> float:
+    """Return the number of bytes that tags claim for values stored outside of the tags."""
+    types = np.minimum(tags["type"], len(VALUE_BYTES) - 1)
+    sizes = VALUE_BYTES[types] * tags["count"]
+    return float(sizes[sizes > inside_bytes].sum())
+
+
+def _whole(stream: "tifffile.FileHandle", length: int, name: str) -> bytes:
+    data: bytes = stream.read(length)
+    if len(data) < length:
+        raise UnreadableScan("truncated-file", f"{name} ends before its last page; export it again")
+    return data
+
+
+def _check_claimed(claimed: float, size_bytes: int, pages: int, name: str) -> None:
+    if claimed > size_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"the tags of pages 0 to {pages - 1} of {name} claim {claimed:.0f} bytes of its {size_bytes}: it is "
+            "damaged or they share their values; export it again",
+        )

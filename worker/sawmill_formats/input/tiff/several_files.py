@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.arrays import Bounds, check_size
+from sawmill_formats.input.arrays import Bounds, Scaling, check_size
 from sawmill_formats.input.contents import FileContents, Projections
 from sawmill_formats.input.image_names import listed, sorted_images
-from sawmill_formats.input.scaling import Scaling
-from sawmill_formats.input.tiff.page_values import stated_scaling
-from sawmill_formats.input.tiff.pages import TiffPages
+from sawmill_formats.input.tiff.pages import TiffPages, stated_scaling
 from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.joint_fit.fitted import Fitted
+from sawmill_tomography.calibration.joint_fit.readings import Fitted
 from sawmill_tomography.calibration.joint_fit.scan_model import Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.geometry.geometry import FloatArray

@@ -16,7 +16,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.reconstruction.metal_finder import (
+from sawmill_tomography.reconstruction.metal import (
     LEAST_NOISE,
     LEAST_WOOD_MM,
     MetalFinder,

@@ -11,15 +11,9 @@ from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.angle_jitter import angle_scatter
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, MotionKind, hidden_motions
-from sawmill_tomography.calibration.faults.inconsistent_views import (
-    inconsistent_views,
-    views_differ,
-    without_views,
-)
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import (
     FEWEST_CELLS,
@@ -29,13 +23,23 @@ from sawmill_tomography.calibration.faults.modules import (
     effect_of,
     with_modules,
 )
-from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
+from sawmill_tomography.calibration.faults.outliers import (
+    inconsistent_views,
+    views_differ,
+    without_views,
+)
+from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.fitted import Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.patch_densities import Variation
-from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, other_motions, other_reading
+from sawmill_tomography.calibration.joint_fit.readings import (
+    MOTIONS,
+    Fitted,
+    first_cells_of,
+    is_module,
+    other_motions,
+    other_reading,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -47,6 +51,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule

@@ -10,12 +10,11 @@ from sawmill_tomography.calibration.faults.effects import DEFORMATION
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
-from sawmill_tomography.calibration.joint_fit.fitted import Fitted
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
-from sawmill_tomography.calibration.joint_fit.patch_densities import Variation
-from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, OtherReading
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, Fitted, OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
 from sawmill_vocabulary import DetectorModule, TrueAxis

@@ -12,10 +12,9 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.elimination import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
-from sawmill_tomography.calibration.joint_fit.patch_densities import Variation, variation
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ALWAYS_DIFFERENTIATED,
@@ -24,6 +23,7 @@ from sawmill_tomography.calibration.joint_fit.scan_model import (
     ScanModel,
     Term,
 )
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import robust_deviation

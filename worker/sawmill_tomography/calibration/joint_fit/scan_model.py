@@ -16,9 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.joint_fit.rounded_corners import with_rounded_corners
-from sawmill_tomography.calibration.joint_fit.skins import skin
-from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
+from sawmill_tomography.calibration.joint_fit.wood_patches import skin, with_rounded_corners, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sawmill_tomography.calibration.elimination import pseudo_inverse
+from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, is_kink
 from sawmill_tomography.geometry.geometry import FloatArray

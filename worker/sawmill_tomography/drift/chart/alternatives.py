@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.matrices import inverse, sandwich, scaled, squared_length, times
 from sawmill_tomography.drift.chart.segments import Segment, moved
-from sawmill_tomography.drift.chart.spread import LookSpread
+from sawmill_tomography.drift.chart.spread import LookSpread, inverse, sandwich, scaled, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A trend lasts for at least this number of groups; a shorter change is a step, also one within a group.

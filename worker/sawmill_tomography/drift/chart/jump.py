@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sawmill_tomography.drift.chart.looks import FEWEST_BASELINE_LOOKS, OUTLYING, DriftCheckPoint, pooled_means, stacked
-from sawmill_tomography.drift.chart.matrices import inverse, scaled, squared_length, times
 from sawmill_tomography.drift.chart.segments import Segment
-from sawmill_tomography.drift.chart.spread import LookSpread
+from sawmill_tomography.drift.chart.spread import LookSpread, inverse, scaled, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.drift.chart.matrices import inverse, squared_length, times
+from sawmill_tomography.drift.chart.spread import inverse, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.matrices import times
+from sawmill_tomography.drift.chart.spread import times
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # Segments of each size, in groups: 1, 2, 4 and so on. A change point is at most 1/16 of its age away from a segment's

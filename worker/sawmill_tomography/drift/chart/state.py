@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, DriftChart
-from sawmill_tomography.drift.chart.history import History
+from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, DriftChart, History
 from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, PooledDriftCheckPoint
 from sawmill_tomography.drift.chart.segments import Segment
 from sawmill_tomography.drift.chart.spread import LookSpread

@@ -15,9 +15,9 @@ from sawmill_tomography.drift.log_screening import fan_for_images, one_thread
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.reconstruction.metal import image_of_other_rays
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
-from sawmill_tomography.reconstruction.other_rays import image_of_other_rays
-from sawmill_tomography.sinograms.bridging import Run, bridged_samples, runs_of
+from sawmill_tomography.sinograms.present_rows import Run, bridged_samples, runs_of
 
 # The constants of this file were measured with benchmarks/production_logs.py.
 # Pixels of the image, and their largest number along a side.

@@ -25,8 +25,7 @@ from sawmill_tomography.drift.change import DetectorFit, DriftError, better_sens
 from sawmill_tomography.drift.levelled_rays import LevelledRays, levelled_rays
 from sawmill_tomography.drift.log_screening import LogScreening, screen_log
 from sawmill_tomography.drift.view_pairs.behind_metal import RaysBehindMetal, rays_behind_metal
-from sawmill_tomography.drift.view_pairs.pair_sums import PairSums
-from sawmill_tomography.drift.view_pairs.scan_motions import MotionSizes, ScanMotions, motion_sizes
+from sawmill_tomography.drift.view_pairs.pair_sums import MotionSizes, PairSums, ScanMotions, motion_sizes
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 

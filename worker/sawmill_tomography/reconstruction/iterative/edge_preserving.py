@@ -16,9 +16,12 @@ from numpy.typing import ArrayLike
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.estimate import Estimate
-from sawmill_tomography.reconstruction.iterative.coarse_to_fine import descend_by_levels
+from sawmill_tomography.reconstruction.iterative.coarse_to_fine import (
+    descend_by_levels,
+    mean_along_rays,
+    typical_attenuation,
+)
 from sawmill_tomography.reconstruction.iterative.descent import Floats, Images
-from sawmill_tomography.reconstruction.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.iterative.penalised import (
     CONTINUATION_ITERATIONS,
     Objective,
