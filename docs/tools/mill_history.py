@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command import examples
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -154,15 +154,15 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
     clock.now += timedelta(minutes=1)
     if not phantom:
         store.drifts.accept(DriftAsk(scan_id=scan_id))
-        do_waiting_job(store, job_kinds.DRIFT)
+        do_waiting_job(store, kinds.DRIFT)
         return
     asked = store.calibrations.accept(CalibrationAsk(scan_id=scan_id))
-    do_waiting_job(store, job_kinds.CALIBRATE)
+    do_waiting_job(store, kinds.CALIBRATE)
     if first:
         store.calibrations.activate(asked.id, "the first calibration")
     if shown:
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}"))
-        do_waiting_job(store, job_kinds.RECONSTRUCT)
+        do_waiting_job(store, kinds.RECONSTRUCT)
 
 
 def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phantom: bool) -> str:
@@ -175,5 +175,5 @@ def _uploaded(store: Store, scanner_id: str, content: bytes, day: date, *, phant
         phantom_rows=f"0:{PHANTOM_ROWS}" if phantom else None,
     )
     scan_id = store.scans.accept(spec, store.files.receive(io.BytesIO(content), max_bytes=2**30)).id
-    do_waiting_job(store, job_kinds.INGEST)
+    do_waiting_job(store, kinds.INGEST)
     return scan_id

@@ -20,6 +20,7 @@ from asgi import asynchronous, scope_of
 from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.geometry import ScannerConstants
@@ -304,7 +305,7 @@ def seed(store: Store, worker: FakeWorker) -> None:
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     for webhook_id in ("example", "example-spare"):
         store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
-    done = {"kind": job_kinds.CALIBRATE, "state": JobState.SUCCEEDED, "subject_id": "example"}
+    done = {"kind": kinds.CALIBRATE, "state": JobState.SUCCEEDED, "subject_id": "example"}
     with store.database.write() as session:
         session.add(JobRow(id="example", created_at=store.database.now(), **done))
     examples = store.files.folder / "examples"

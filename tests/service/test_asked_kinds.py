@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 
 PLANS = "/v1/phantoms/l-shape/plans"
 LINKS = ("volume", "first_slice", "mosaic", "side")
@@ -54,7 +54,7 @@ def test_it_is_accepted_waited_for_and_answered(seeded, worker, woken, kind, pat
 def test_its_answer_has_the_job_s_result(seeded, store):
     plan = seeded.post(PLANS, json={"scanner_id": "example"}).json()
     assert plan["options"]["noise"] == 0.02
-    assert store.jobs.get(plan["job_id"]).kind is job_kinds.PLAN
+    assert store.jobs.get(plan["job_id"]).kind is kinds.PLAN
     calibration = seeded.get("/v1/calibrations/example").json()
     assert (calibration["verdict"], calibration["source_frame"]["source_distance_mm"]) == ("pass", 917.1)
     assert seeded.get("/v1/drifts/example").json()["result"]["within_tolerance"] is True

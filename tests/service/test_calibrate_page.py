@@ -7,6 +7,7 @@ from html import unescape
 import pytest
 from results import SCANNER_FORM
 
+from sawmill_contracts import kinds
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.scanners import ScannerAsk

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sawmill_contracts import job_kinds
+from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import DECLARATION as RECONSTRUCTION
 from sawmill_contracts.reconstructions import ReconstructionAsked
 
@@ -103,7 +103,7 @@ def test_a_file_that_is_refused_leaves_nothing(seeded, store, woken, path, conte
     assert (answer.status_code, answer.json()["code"]) == (status, code)
     assert (list((store.files.folder / "incoming").iterdir()), woken) == ([], [])
     assert sorted((store.files.folder / "uploads").rglob("*")) == before
-    assert store.files.upload(job_kinds.INSPECT, "example").read_bytes() == b"original"
+    assert store.files.upload(kinds.INSPECT, "example").read_bytes() == b"original"
 
 
 @pytest.mark.parametrize(("path", "status", "code"), READ)

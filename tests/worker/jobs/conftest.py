@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from results import answer_of
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
+from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
@@ -91,7 +92,7 @@ def ingest(attempt: Callable[..., MillAttempt], finish: Callable[[MillAttempt, d
     """Read the newest upload, and give it back."""
 
     def read(scan: Scan) -> Scan:
-        reading = attempt(job_kinds.INGEST)
+        reading = attempt(kinds.INGEST)
         finish(reading, run(reading))
         return scan
 
@@ -112,7 +113,7 @@ def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[.
 
     def ask(scan: Scan, reported: list[Progress] | None = None, **options: Any) -> MillAttempt:
         store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **options))
-        return attempt(job_kinds.CALIBRATE, reported)
+        return attempt(kinds.CALIBRATE, reported)
 
     return ask
 
@@ -123,7 +124,7 @@ def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callabl
 
     def ask(scan: Scan, **options: Any) -> MillAttempt:
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, **options))
-        return attempt(job_kinds.RECONSTRUCT)
+        return attempt(kinds.RECONSTRUCT)
 
     return ask
 

@@ -13,6 +13,7 @@ import pytest
 
 from sawmill_calibration.scans import prepare as preparing
 from sawmill_calibration.scans.prepare import prepare_scan
+from sawmill_contracts import kinds
 from sawmill_contracts.scans import PrepareOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
