@@ -21,19 +21,7 @@ BUSY_SHARE, LEAST_SHARE = 0.5, 0.1
 
 
 class Patience:
-    """Time limits of one attempt.
-
-    Parameters
-    ----------
-    kind
-        Kind of the job, which declares the limits.
-    settings
-        Limits that override the limits of all kinds.
-    upload_bytes
-        Size of the uploaded file that the job reads; null: it reads none.
-    monotonic
-        Clock that returns seconds; for tests.
-    """
+    """Time limits of one attempt."""
 
     def __init__(
         self,
@@ -97,13 +85,6 @@ class ObservedTime:
 
     An observer that was itself stopped, or whose machine slept, has seen nothing in that time: no look counts for more
     than `longest_s`.
-
-    Parameters
-    ----------
-    longest_s
-        Most that one look may count for.
-    monotonic
-        Clock that returns seconds; for tests.
     """
 
     def __init__(self, longest_s: float, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -131,19 +112,7 @@ class _Silence:
 
 
 class LeaseObserver:
-    """Observer of running attempts, which compares each look with the looks before; a restarted attempt counts from 0.
-
-    Parameters
-    ----------
-    lease_s
-        Silence after which a lease has run out.
-    cancel_s
-        Silence after which an attempt is taken not to receive its cancellation.
-    look_s
-        Time between two calls of `silent`.
-    monotonic
-        Clock that returns seconds; for tests.
-    """
+    """Observer of running attempts that compares each look with those before; a restarted attempt counts from 0."""
 
     def __init__(
         self, lease_s: float, cancel_s: float, look_s: float, *, monotonic: Callable[[], float] = time.monotonic

@@ -37,19 +37,6 @@ def overuse(
 
     The files of the result together may have the size that one file may have, and so may the checkpoints that have not
     been taken yet.
-
-    Parameters
-    ----------
-    process_id
-        Id of the attempt, which has one process; null: the id is not known any more.
-    output
-        Folder of the attempt.
-    kind
-        Kind of the job.
-    reserve_bytes
-        Bytes that should stay free on the disk.
-    most_threads
-        Number of threads that an attempt may have.
     """
     threads = _threads(process_id)
     if len(threads) > most_threads:

@@ -52,17 +52,7 @@ class AsSent:
 
 
 class Arriving:
-    """A new file.
-
-    Parameters
-    ----------
-    path
-        Path at which there is no file yet.
-    max_bytes
-        The largest upload allowed.
-    reserve_bytes
-        Bytes that must stay free on the disk.
-    """
+    """A new file."""
 
     def __init__(self, path: Path, *, max_bytes: int, reserve_bytes: int = 0) -> None:
         self._path = path

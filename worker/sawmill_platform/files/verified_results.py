@@ -32,20 +32,7 @@ class _Verification:
 
 
 class VerifiedResults:
-    """Verification of the results of jobs, at their first use in this process; threads may share it.
-
-    Parameters
-    ----------
-    noted
-        Function from a result's path to the digest in the row of the job; None: the row has none.
-    read_apart
-        Function that reads a result of an earlier version, which has no digest, in a separate process; raises
-        `DamagedResult`.
-    note
-        Function that writes the digest of such a result to the row of the job.
-    most_files
-        Files whose verification is kept in mind; each takes some 500 bytes.
-    """
+    """Verification of the results of jobs, at their first use in this process; threads may share it."""
 
     def __init__(
         self,

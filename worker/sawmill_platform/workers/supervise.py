@@ -124,13 +124,6 @@ class WatchedWorker:
     A socket is the process's standard input: bytes to the process announce jobs, one byte from it reports that it can
     run jobs.
 
-    Parameters
-    ----------
-    command, environment
-        Command of the process, and its environment variables.
-    monotonic
-        Clock of the waits, seconds.
-
     Attributes
     ----------
     process : subprocess.Popen or None

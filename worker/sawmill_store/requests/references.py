@@ -131,13 +131,7 @@ def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
 
 
 def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:
-    """Yield plural and number of the rows that refer to an id, for each kind that blocks a deletion.
-
-    Parameters
-    ----------
-    reference
-        Column of the id, such as `phantom_id`.
-    """
+    """Yield plural and number of the rows that refer to an id, for each kind that blocks a deletion."""
     for declared in asked_kinds():
         table = table_of(declared.kind)
         if declared.blocks_deletion and reference in table.own_columns():

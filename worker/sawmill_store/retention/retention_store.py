@@ -157,13 +157,6 @@ class RetentionKeeper:
     One of several processes works at a time. A kill between rows and files leaves files that no row names, which
     `Leftovers` removes. Rows chosen for removal are locked and checked again: a job or another use since the choice
     keeps a row.
-
-    Parameters
-    ----------
-    database, files
-        Database and data folder.
-    now_s
-        The keeper's clock, seconds, which never goes back.
     """
 
     def __init__(self, database: Database, files: FileStore, *, now_s: Callable[[], float] = time.monotonic) -> None:

@@ -45,17 +45,7 @@ class FirstBytes:
 
 
 class SentContent:
-    """Reader that unpacks and checks the bytes of one body.
-
-    Parameters
-    ----------
-    headers
-        Headers of the request.
-    packed
-        Whether the bytes may be packed by gzip.
-    begins
-        Whether the bytes are the first ones of the file.
-    """
+    """Reader that unpacks and checks the bytes of one body."""
 
     def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
         media_type = headers.get("content-type", "").partition(";")[0].strip().lower()

@@ -19,11 +19,6 @@ class UnreadBodies:
 
     A client that sends its whole body before it reads gets the answer. After an answer that ends the connection itself,
     the rest of the body is not read.
-
-    Parameters
-    ----------
-    most_bytes, longest_s
-        Bytes that are discarded, and the time for that in s, before the connection ends.
     """
 
     def __init__(self, app: ASGIApp, *, most_bytes: int = 2**26, longest_s: float = 30.0) -> None:

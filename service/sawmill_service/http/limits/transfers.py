@@ -14,13 +14,7 @@ from sawmill_platform.errors import Busy
 
 
 class Transfer:
-    """A part of an upload that is being received.
-
-    Attributes
-    ----------
-    over : asyncio.Event
-        Set once the received bytes are counted.
-    """
+    """A part of an upload that is being received."""
 
     def __init__(self, upload_id: str) -> None:
         self.over = asyncio.Event()
