@@ -69,7 +69,7 @@ class Installation:
                 return
 
     def units(self) -> dict[str, str]:
-        """Return the text of each unit by the name of its file."""
+        """Return the text of each unit by the file's name."""
         in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
         if STATE in self.data.parents:
             folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"

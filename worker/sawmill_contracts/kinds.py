@@ -1,4 +1,4 @@
-"""Kinds of jobs that somebody asks for: what each declares of its requests, answers and references.
+"""Kinds of jobs that somebody asks for: each declares requests, answers and references.
 
 A kind has a name and the plural of what it works on, by which everything else is found:
 

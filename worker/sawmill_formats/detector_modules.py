@@ -22,7 +22,7 @@ CLASS, ORIGIN, SIZE, OFFSET, STEP = (
     "fast_pixel_direction",
 )
 MOST_MODULES, LARGEST_GAP_MM, LARGEST_KINK_RAD = 64, 1000.0, 0.5
-# A module's first cell is off the line of its neighbour by at most this, and its last cell off the plane of the beam.
+# A module's first cell is off the neighbour's line by at most this, and the last cell off the plane of the beam.
 LARGEST_STEP_MM = 0.05
 # Relative difference of two equal distances.
 SAME = 1e-4

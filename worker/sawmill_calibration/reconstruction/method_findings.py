@@ -21,7 +21,7 @@ from sawmill_vocabulary.image_messages import ImageMessage
 
 @dataclass
 class MetalCount:
-    """Number of slices with metal, of its line integrals and of all in them, and of slices used as they are."""
+    """Number of slices with metal, of line integrals through metal and of all in them, and of slices used as is."""
 
     slices: int = 0
     samples: int = 0
@@ -55,7 +55,7 @@ class BlockFindings:
             self.remarks.append(sentence)
 
     def add(self, estimate: Estimate) -> None:
-        """Add an estimate's quality and the parameters of its slices."""
+        """Add an estimate's quality and the parameters of the slices."""
         if estimate.noise is not None:
             self.noise.append(float(estimate.noise))
         if estimate.misfit is not None:

@@ -70,7 +70,7 @@ class Views:
             del block, image  # before the next block is read
 
     def blocks(self) -> Iterator[tuple[Stack, int]]:
-        """Yield blocks (views, rows, cells), each with the number of its first view."""
+        """Yield blocks (views, rows, cells), each with the number of the first view."""
         chunk = self.data.chunks[0]
         step = max(1, self.at_a_time // chunk) * chunk
         for first in range(0, len(self.data), step):

@@ -195,7 +195,7 @@ class Scan:
 
 
 def rows_in_file(scan: Scan, rows: str) -> str:
-    """Convert rows A:B that count within a scan to rows of its file."""
+    """Convert rows A:B that count within a scan to rows of the file."""
     numbers = range(*scan.rows, scan.row_step)[chosen_rows(rows, scan.line_integrals.shape[1])]
     return f"{numbers.start}:{numbers.stop}"
 

@@ -10,7 +10,7 @@ from sawmill_service.pages.help.documents import HELP, Document, Section, all_do
 
 _MOST_HITS, _MOST_WORDS = 30, 8
 _BEFORE, _AFTER = 80, 160  # letters of an excerpt around the first word
-# A word of a title says more about a section than one of its heading, and that more than one of its text. Words that
+# A word of a title says more about a section than one in the heading, and that more than one in the text. Words that
 # stand there together, as in `queue-full`, say more than the same words apart.
 _OF_TITLE, _OF_HEADING, _OF_PHRASE, _MOST_OF_TEXT = 20, 10, 10, 5
 # A reader who searches for words wants to do something; codes and settings are looked up.
