@@ -41,13 +41,13 @@ class Defect(NamedTuple):
 
 DEFECTS = (
     Defect(
-        "turns.py",
+        "wait_estimate.py",
         "order_by(groups.c.priority, last_turn, groups.c.oldest",
         "order_by(groups.c.priority, groups.c.oldest",
         "test_turns.py",
     ),
     Defect(
-        "leases.py",
+        "patience.py",
         "silence.seconds >= self._lease_s or",
         "silence.seconds >= 2.0 * self._lease_s or",
         "test_leases.py",
@@ -78,7 +78,7 @@ DEFECTS = (
         "if self.upload.sha256 == sha256[::-1]:",
         "store/test_uploads.py",
     ),
-    Defect("page_values.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
+    Defect("tiff/pages.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(
         "nxtomo.py",
         "flats=_fields(dataset, keys, FLAT, bounds)",
@@ -98,7 +98,7 @@ DEFECTS = (
         "quarters = self.quarter_turn * np.arange(turns)",
         "test_projector.py",
     ),
-    Defect("filters.py", "kernel[0] = 0.25 / pitch_mm**2", "kernel[0] = 0.26 / pitch_mm**2", "test_fbp.py"),
+    Defect("fbp.py", "kernel[0] = 0.25 / pitch_mm**2", "kernel[0] = 0.26 / pitch_mm**2", "test_fbp.py"),
     Defect(
         "descent.py",
         "earlier - values[active] < tolerance *",
@@ -111,7 +111,7 @@ DEFECTS = (
         "return self._mapped(-1.0, 1.0, 0.0, 0.0)",
         "tomography/test_phantom.py",
     ),
-    Defect("ambiguous_poses.py", "PEAKS = 4", "PEAKS = 0", "test_ambiguity.py"),
+    Defect("search/search.py", "PEAKS = 4", "PEAKS = 0", "test_ambiguity.py"),
     Defect(
         "normal_equations.py", "[:, :, own] + precision * np.eye(len(own))", "[:, :, own]", "test_normal_equations.py"
     ),
@@ -129,7 +129,7 @@ DEFECTS = (
         "return activated.order_by(ActivationRow.number).limit(1)",
         "test_history.py",
     ),
-    Defect("drift_checks.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
+    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
     Defect(
         "calibrations.py",
         'needs=Scope.ACTIVATE,\n    summary="Make a calibration the active one"',

@@ -113,7 +113,8 @@ class PostgresServer(PostgresDatabases):
         """End it: SIGINT as a restart does, SIGKILL as a loss of power."""
         assert self.process is not None
         if number is signal.SIGKILL:
-            os.killpg(self.process.pid, number)
+            for member in (self.process.pid, *_children(self.process.pid)):  # each leads a group of its own
+                os.kill(member, number)
         else:
             self.process.send_signal(number)
         self.process.wait()

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sawmill_contracts import kinds as job_kinds  # noqa: F401 - registers the kinds
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_worker.commands.command_line import Command
 
