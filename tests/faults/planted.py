@@ -70,13 +70,13 @@ DEFECTS = (
         "outbox.py",
         "row.enabled, row.paused, row.next_attempt_at = False, True, None",
         "row.paused, row.next_attempt_at = True, None",
-        "test_outbox.py",
+        "test_webhook_delivery.py",
     ),
     Defect(
         "upload_parts.py",
         "if self.upload.sha256 not in {None, sha256}:",
         "if self.upload.sha256 == sha256[::-1]:",
-        "store/test_uploads.py",
+        "test_resumable_uploads.py",
     ),
     Defect("tiff/pages.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(
@@ -103,7 +103,7 @@ DEFECTS = (
         "descent.py",
         "earlier - values[active] < tolerance *",
         "earlier - values[active] < 1e3 * tolerance *",
-        "test_descent.py",
+        "test_coarse_to_fine.py",
     ),
     Defect(
         "phantom.py",
