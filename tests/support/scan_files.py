@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -10,9 +11,19 @@ import pytest
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.reading import reading_scan
+from sawmill_formats.output.scan_reader import open_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 
 VIEWS, ROWS, CELLS = 6, 3, 8
+
+
+def read_stored_scan(path, rows=slice(None), views=None):
+    """A scan of ours, or part of it, with what the open file knows of the whole."""
+    with open_scan(path) as scan:
+        read = {"line_integrals": scan.rows(rows, views), "deviations": scan.deviations_of(rows, views)}
+        read["angles_rad"] = scan.angles_rad if views is None else scan.angles_rad[views]
+        read["air_level"] = None if scan.air_level is None else scan.air_level[rows, :]
+        return SimpleNamespace(**vars(scan) | read)
 
 
 @pytest.fixture

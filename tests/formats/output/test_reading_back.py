@@ -4,10 +4,10 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from scan_files import new_volume
+from scan_files import new_volume, read_stored_scan
 
 from sawmill_formats.errors import OutOfRange, UnreadableScan
-from sawmill_formats.output.scan_reader import open_scan, read_stored_scan, sinogram
+from sawmill_formats.output.scan_reader import open_scan, sinogram
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_reader import check_volume, side_view, volume_slice, volume_slices
 from sawmill_platform.errors import DamagedResult

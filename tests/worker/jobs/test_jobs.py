@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from PIL import Image
+from scan_files import read_stored_scan
 
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
@@ -17,7 +18,6 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.scans import ScanSpec
 from sawmill_formats.output import calibration_file
-from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_formats.output.scan_writer import new_scan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind

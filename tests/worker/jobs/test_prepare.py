@@ -10,6 +10,7 @@ from uuid import uuid4
 import h5py
 import numpy as np
 import pytest
+from scan_files import read_stored_scan
 
 from sawmill_calibration.scans import prepare as preparing
 from sawmill_calibration.scans.prepare import prepare_scan
@@ -18,7 +19,6 @@ from sawmill_contracts.scans import PrepareOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.contents import Projections, held
-from sawmill_formats.output.scan_reader import read_stored_scan
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.geometry.geometry import FanBeamGeometry

@@ -1,4 +1,4 @@
-"""Reading of the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
+"""Reading of the scans of `scan_writer`: some rows and views, or one sinogram."""
 
 import math
 from collections.abc import Iterator
@@ -57,26 +57,6 @@ from sawmill_formats.output.scan_layout import (
 from sawmill_vocabulary import DetectorModule
 
 Shape = tuple[int, int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class StoredScan:
-    """A scan, or the requested rows and views of a scan."""
-
-    # (views, rows, detector) float32, dimensionless: NaN in every cell of the rows that a view lacks
-    line_integrals: NDArray[np.float32]
-    angles_rad: NDArray[np.float64]  # (views,)
-    # (rows, detector) float32, counts, or None: mean flat less mean dark field; None where the scan was given as line
-    # integrals
-    air_level: NDArray[np.float32] | None
-    detector_pitch_mm: float
-    row_pitch_mm: float | None
-    # (views, rows, detector) float32, or None: standard deviations of the line integrals, where the scan came with them
-    # or rays were masked; 0: not known
-    deviations: NDArray[np.float32] | None = None
-    # Modules of the detector after the first, where the scan came with them
-    detector_modules: tuple[DetectorModule, ...] = ()
-    saturated_share: float = 0.0  # share of the cells that are saturated; 0 where it is not known
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,22 +196,6 @@ def _rows_present(
     if not 0 <= first < last <= shape[1]:
         raise NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
     return present[()].astype(bool), (first, last)
-
-
-def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
-    """Read a file of `new_scan`, or part of it."""
-    selected = rows or slice(None)
-    with open_scan(path) as scan:
-        return StoredScan(
-            line_integrals=scan.rows(selected, views),
-            angles_rad=scan.angles_rad if views is None else scan.angles_rad[views],
-            air_level=None if scan.air_level is None else scan.air_level[selected, :],
-            detector_pitch_mm=scan.detector_pitch_mm,
-            row_pitch_mm=scan.row_pitch_mm,
-            deviations=scan.deviations_of(selected, views),
-            detector_modules=scan.detector_modules,
-            saturated_share=scan.saturated_share,
-        )
 
 
 @dataclass(frozen=True)
