@@ -5,7 +5,7 @@ pattern; an effect that chance does not explain joins the fit. An effect that is
 bias to the covariance.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate, chain, pairwise
 
@@ -112,11 +112,17 @@ def fit_jointly(
     return fitter.result()
 
 
+FitJointly = Callable[[AdjustedFit, Collection[Adjustment], OnStep], JointFit]
+
+
 def fit_consistent_views(
-    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
+    prepared: AdjustedFit,
+    without: Collection[Adjustment] = (),
+    on_step: OnStep = ignore_progress,
+    fit: FitJointly = fit_jointly,
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
-    joint = fit_jointly(prepared, without, on_step)
+    joint = fit(prepared, without, on_step)
     left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         inconsistent = (
@@ -126,7 +132,7 @@ def fit_consistent_views(
         if remaining is None:
             break
         left_out |= inconsistent
-        joint = fit_jointly(remaining, without, on_step)
+        joint = fit(remaining, without, on_step)
     if not left_out.any():
         return prepared, joint
     remaining = replace(
