@@ -43,8 +43,8 @@ BETTER = 0.1
 # At most this number of groups join in one round: what several explain together is only known to first order.
 MOST_JOINING = 3
 MOST_SLIPS = 3
-# Alternatives with a smaller probability are left out.
-LEAST_PROBABILITY = 1e-4
+# Number of draws from the sizes that are not the likeliest.
+DRAWS = 2048
 # The kink that moves cells about as much as a gap of 1 mm.
 KINK_RAD_PER_MM = math.radians(0.7)
 
@@ -395,21 +395,19 @@ class MixtureFitter(JointFitter):
 
     def _mixture(self, grams: ViewGrams) -> HiddenMotions | None:
         """Return what other sizes of one group would change: of a group that is not fitted, or 0 of one that is."""
-        posterior = self._with_places(grams)
-        cases = [case for group in self._averaged(posterior) for case in self._cases(posterior, group)]
-        if not cases:
+        posterior, rng = self._with_places(grams), np.random.default_rng(0)
+        errors, real = np.zeros((DRAWS, len(posterior.used))), np.zeros(DRAWS, bool)
+        for group in self._averaged(posterior):
+            evidence, biases, roots = zip(*self._cases(posterior, group), strict=True)
+            weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
+            drawn = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(DRAWS)) - 1
+            for number, (bias, root) in enumerate(zip(biases, roots, strict=True)):
+                here = drawn == number
+                errors[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
+                real |= here
+        if not real.any():
             return None
-        evidence, biases, roots = zip(*cases, strict=True)
-        largest = max(0.0, *evidence)
-        weights = np.exp(np.array(evidence) - largest)
-        probabilities = weights / (weights.sum() + math.exp(-largest))
-        kept = np.flatnonzero(probabilities > LEAST_PROBABILITY)
-        if not kept.size:
-            return None
-        spreads = np.zeros((kept.size, len(posterior.used), max(root.shape[1] for root in roots)))
-        for row, place in enumerate(kept):
-            spreads[row, :, : roots[place].shape[1]] = roots[place]
-        return HiddenMotions(probabilities[kept], np.stack([biases[place] for place in kept]), spreads)
+        return HiddenMotions(np.full(int(real.sum()), 1.0 / DRAWS), errors[real], np.zeros((int(real.sum()), len(posterior.used), 1)))
 
     def _with_places(self, grams: ViewGrams) -> Posterior:
         """Return the last posterior next to slips at some views."""
