@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import scaled_inverse
-from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD
+from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.slip import (
@@ -29,7 +29,7 @@ from sawmill_tomography.calibration.fit import OnStep, ignore_progress
 from sawmill_tomography.calibration.joint_fit.fitter import JOINING, MODULE_TRIALS, ROUNDS, JointFitter
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.readings import Fitted, first_cells_of, is_module
+from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, Fitted, first_cells_of, is_module
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term, is_kink, is_of_module
 from sawmill_tomography.calibration.joint_fit.selection import ON_DETECTOR, STRUCTURES, EffectTester
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
@@ -43,6 +43,19 @@ BETTER = 0.1
 # At most this number of groups join in one round: what several explain together is only known to first order.
 MOST_JOINING = 3
 MOST_SLIPS = 3
+# A set of motions has at most this number of groups that join at once; this number of sets is left by one group each,
+# and the fit goes over to another set at most OTHER_SETS times.
+MOST_MOTIONS, STARTS, OTHER_SETS = 6, 3, 3
+# Motions are looked at where the evidence of one is larger than this (logarithm).
+SUSPECTED = -2.0
+# Sets of motions with a smaller probability are left out.
+LEAST_PROBABILITY = 1e-3
+# A slip may be this number of views away from where it was found.
+NEAR_VIEWS = (-3, -2, -1, 1, 2, 3)
+# Motions that begin at a view or go on from the first to the last; the others turn with the table.
+STEPS = frozenset({Adjustment.SLIP, Adjustment.CREEP})
+# A climb ends after this number of changes.
+CHANGES = 30
 # Number of draws from the sizes that are not the likeliest.
 DRAWS = 2048
 # The kink that moves cells about as much as a gap of 1 mm.
@@ -117,6 +130,10 @@ class Group:
             ON_DETECTOR if is_module(one) else STRUCTURES,
         )
 
+    def at(self, evidence: FloatArray, size: float) -> float:
+        """Return the evidence of a size between two of the sizes."""
+        return float(np.interp(math.log(size), np.log(self.sizes), evidence))
+
     def evidence(self, information: FloatArray, score: FloatArray) -> FloatArray:
         """Return the logarithm of odds times likelihood of each size against 0, from what others leave of the group."""
         values, vectors = np.linalg.eigh(information)
@@ -167,7 +184,8 @@ class Posterior:
         return sensitivity
 
     @cached_property
-    def _left(self) -> tuple[FloatArray, FloatArray]:
+    def left_of_all(self) -> tuple[FloatArray, FloatArray]:
+        """Information and score that the fitted columns leave of all columns."""
         cross = self.system.normal[self.used]
         left = self.system.normal - cross.T @ self.sensitivity
         return left / self.variance, (self.zero - cross.T @ self.mean) / self.variance
@@ -177,11 +195,23 @@ class Posterior:
         unit, both = group.unit, np.outer(group.unit, group.unit)
         if group not in self.sizes:
             own = np.array(group.one.places)
-            return self._left[0][np.ix_(own, own)] * both, self._left[1][own] * unit
+            return self.left_of_all[0][np.ix_(own, own)] * both, self.left_of_all[1][own] * unit
         own = np.array([self.used.index(place) for place in group.one.places])
         whole = np.linalg.pinv(self.covariance[np.ix_(own, own)] / both, rcond=1e-12, hermitian=True)
         information = whole - np.eye(len(own)) / self.sizes[group] ** 2
         return information, whole @ (self.mean[own] / unit)
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Logarithm of prior times marginal likelihood of the sizes, against that of another set of groups."""
+        normal = self.system.normal[np.ix_(self.used, self.used)] / self.variance
+        scale = unit_scale(normal)
+        both = normal * np.outer(scale, scale) + np.diag(self.precision * scale**2)
+        _, log_determinant = np.linalg.slogdet(both + 1e-12 * np.eye(len(both)))
+        own = np.log(self.precision[len(self.base) :]) + 2.0 * np.log(scale[len(self.base) :])
+        prior = sum(group.log_odds - math.log(SIZES) for group in self.sizes)
+        explained = float(self.zero[self.used] @ self.mean) / self.variance
+        return 0.5 * (explained - float(log_determinant) + float(own.sum())) + prior
 
     def resized(self, group: Group, size: float) -> "Posterior":
         """Return the posterior with another size of a group."""
@@ -198,8 +228,9 @@ class Posterior:
 class MixtureFitter(JointFitter):
     """The joint fit by the likeliest sizes of all groups."""
 
-    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
+    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], *, of_sets: bool) -> None:
         super().__init__(prepared, without, EFFECTS)
+        self.of_sets, self.views = of_sets, len(prepared.data.sinogram)
         self.size_of: dict[Fitted, float] = {}
         self.scatter: dict[Fitted, float] = {}
         for one in self.fitted:
@@ -242,7 +273,7 @@ class MixtureFitter(JointFitter):
         penalised = self._penalised(posterior)
         small = is_small(self.model, penalised, posterior.used, change, self.variance)
         self.model, share = stepped(self.model, *system.with_patches(change), grams, may_rise=BY_ANGLES)
-        for one in (*self.fitted, *dropped):
+        for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
         self.model = self._with_fitted_modules()
         self.last = penalised, tried, posterior.used, change, [], grams
@@ -304,39 +335,62 @@ class MixtureFitter(JointFitter):
         self.structured = max(system.structured - (system.power - remaining), UNTRUSTED * system.structured)
         fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
         posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
-        most = MOST_JOINING if self.rounds <= JOINING else 0
-        barred: set[Group] = set()
-        for _ in range(30):
-            best = None
-            for group in groups:
-                evidence = self._evidence(posterior, group)
-                now = posterior.sizes.get(group, 0.0)
-                current = 0.0 if not now else float(np.interp(math.log(now), np.log(group.sizes), evidence))
+        return self._climbed(posterior, groups, MOST_JOINING if self.rounds <= JOINING else 0), groups
+
+    def _climbed(
+        self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()
+    ) -> Posterior:
+        """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
+        out = set(barred)
+        for _ in range(CHANGES):
+            left = [group for group in groups if group not in posterior.sizes and group not in out] if most else []
+            changes = [(0.0, None, 0.0)]
+            for group, evidence in zip(left, self._evidences(posterior, left), strict=True):
                 place = int(evidence.argmax())
-                size, gained = float(group.sizes[place]), float(evidence[place]) - current
-                if now and -current > gained:
-                    size, gained = 0.0, -current
-                if not now and (not most or group in barred):
-                    continue
-                if gained > (BETTER if best is None else best[0]):
-                    best = gained, group, size
-            if best is None:
-                break
-            gained, group, size = best
-            if group not in posterior.sizes:
-                self.scatter[group.one] = _scatter(posterior, group)
+                changes.append((float(evidence[place]), group, float(group.sizes[place])))
+            for group, now in posterior.sizes.items():
                 evidence = self._evidence(posterior, group)
-                then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
-                own = np.array([then.used.index(place) for place in group.one.places])
-                if evidence.max() <= BETTER or not group.one.effect.possible(self.model, then.mean[own]):
-                    barred.add(group)
-                    continue
-                posterior, most = then, most - 1
-            else:
+                current, place = group.at(evidence, now), int(evidence.argmax())
+                changes.append((float(evidence[place]) - current, group, float(group.sizes[place])))
+                changes.append((-current, group, 0.0))
+            gained, group, size = max(changes, key=lambda change: change[0])
+            if group is None or gained <= BETTER:
+                break
+            if group in posterior.sizes:
                 posterior = posterior.resized(group, size)
                 if not size:
-                    barred.add(group)
-        return posterior, groups
+                    out.add(group)
+                continue
+            self.scatter[group.one] = _scatter(posterior, group)
+            evidence = self._evidence(posterior, group)
+            then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
+            own = [then.used.index(place) for place in group.one.places]
+            if evidence.max() > BETTER and group.one.effect.possible(self.model, then.mean[own]):
+                posterior, most = then, most - 1
+            else:
+                out.add(group)
+        return posterior
+
+    def _evidences(self, posterior: Posterior, groups: Sequence[Group]) -> list[FloatArray]:
+        """Return the evidence of groups that are not fitted, as `_evidence` does."""
+        found: dict[Group, FloatArray] = {}
+        for width in {len(group.unit) for group in groups}:
+            alike = [group for group in groups if len(group.unit) == width]
+            places, units = np.array([group.one.places for group in alike]), np.stack([each.unit for each in alike])
+            scatter = np.array([self.scatter.get(group.one, 1.0) for group in alike])
+            shares = np.array([group.shares for group in alike])
+            tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / shares)
+            information, score = posterior.left_of_all
+            values, vectors = np.linalg.eigh(
+                information[places[:, :, None], places[:, None]] * units[:, :, None] * units[:, None]
+            )
+            square = ((score[places] * units)[:, None] @ vectors)[:, 0] ** 2
+            values, square = np.maximum(values, 0.0) * tempered[:, None], square * tempered[:, None] ** 2
+            s = np.stack([group.sizes for group in alike])[:, :, None] ** 2
+            likelihood = 0.5 * (s * square[:, None] / (1.0 + s * values[:, None]) - np.log1p(s * values[:, None]))
+            odds = np.array([group.log_odds for group in alike]) - math.log(SIZES)
+            found |= dict(zip(alike, odds[:, None] + likelihood.sum(axis=-1), strict=True))
+        return [found[group] for group in groups]
 
     def _evidence(self, posterior: Posterior, group: Group) -> FloatArray:
         """Return a group's evidence against the largest of three variances."""
@@ -395,28 +449,119 @@ class MixtureFitter(JointFitter):
 
     def _mixture(self, grams: ViewGrams) -> HiddenMotions | None:
         """Return what other sizes of one group would change: of a group that is not fitted, or 0 of one that is."""
-        posterior, rng = self._with_places(grams), np.random.default_rng(0)
-        errors, real = np.zeros((DRAWS, len(posterior.used))), np.zeros(DRAWS, bool)
-        for group in self._averaged(posterior):
-            evidence, biases, roots = zip(*self._cases(posterior, group), strict=True)
-            weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
-            drawn = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(DRAWS)) - 1
-            for number, (bias, root) in enumerate(zip(biases, roots, strict=True)):
-                here = drawn == number
-                errors[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
-                real |= here
+        sets, rng = self._sets(grams), np.random.default_rng(0)
+        (first, _), count = sets[0], len(sets[0][0].used)
+        errors, real = np.zeros((DRAWS, count)), np.zeros(DRAWS, bool)
+        of_set = np.searchsorted(np.cumsum([probability for _, probability in sets]), rng.random(DRAWS))
+        for number, (posterior, _) in enumerate(sets):
+            drawn = np.flatnonzero(of_set == number)
+            if not drawn.size:
+                continue
+            own, there = np.zeros((drawn.size, len(posterior.used))), np.zeros(drawn.size, bool)
+            for group in self._averaged(posterior):
+                evidence, biases, roots = zip(*self._cases(posterior, group), strict=True)
+                weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
+                size = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(drawn.size)) - 1
+                for case, (bias, root) in enumerate(zip(biases, roots, strict=True)):
+                    here = size == case
+                    own[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
+                    there |= here
+            if posterior is first:
+                errors[drawn], real[drawn] = own, there
+                continue
+            real[drawn] = True
+            places = [place for place in first.used if place in posterior.used]
+            one, other = ([each.used.index(place) for place in places] for each in (first, posterior))
+            errors[drawn] -= first.mean
+            wider = posterior.covariance[np.ix_(other, other)] - first.covariance[np.ix_(one, one)]
+            scale = np.sqrt(np.diag(first.covariance))[one]
+            values, vectors = np.linalg.eigh(wider / np.outer(scale, scale))
+            root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+            own = own[:, other] + posterior.mean[other]
+            errors[np.ix_(drawn, one)] += own + rng.standard_normal(own.shape) @ root.T
         if not real.any():
             return None
-        return HiddenMotions(np.full(int(real.sum()), 1.0 / DRAWS), errors[real], np.zeros((int(real.sum()), len(posterior.used), 1)))
+        count = int(real.sum())
+        return HiddenMotions(np.full(count, 1.0 / DRAWS), errors[real], np.zeros((count, errors.shape[1], 1)))
+
+    def _sets(self, grams: ViewGrams) -> list[tuple[Posterior, float]]:
+        """Return the likely sets of motions with their probabilities, the set that is fitted first."""
+        current = self._with_places(grams)
+        sets = self._explored(current) if self.of_sets else [current]
+        own = set(current.sizes)
+        sets = [current, *(each for each in sets if set(each.sizes) != own)]
+        weights = np.array([self._tempered(each).log_likelihood for each in sets])
+        weights = np.exp(weights - weights.max())
+        weights /= weights.sum()
+        kept = [n for n, weight in enumerate(weights) if n == 0 or weight > LEAST_PROBABILITY]
+        return [(sets[n], float(weights[n] / weights[kept].sum())) for n in kept]
+
+    def _tempered(self, posterior: Posterior) -> Posterior:
+        """Return the posterior with the variance by which sets are compared, the same for all."""
+        return replace(posterior, variance=max(posterior.variance, self.structured / STRUCTURES))
+
+    def _explored(self, current: Posterior) -> list[Posterior]:
+        """Return sets of motions: from several starts, and next to the best of these."""
+        groups = [*self.groups, *self.placed]
+        motions = [group for group in groups if group.one.effect.adjustment in MOTIONS]
+        if not any(group in current.sizes for group in motions) and not any(
+            evidence.max() > SUSPECTED for evidence in self._evidences(current, motions)
+        ):
+            return [current]
+        still = current
+        for group in motions:
+            still = still.resized(group, 0.0)
+        steps = [group for group in motions if group.one.effect.adjustment in STEPS]
+        turns = [group for group in motions if group not in steps]
+        found: dict[frozenset[Group], Posterior] = {}
+
+        def climb(start: Posterior, barred: Collection[Group] = ()) -> Posterior:
+            end = self._climbed(start, groups, MOST_MOTIONS, barred)
+            return found.setdefault(frozenset(end.sizes), end)
+
+        ends = [
+            climb(current),
+            climb(still),
+            climb(self._climbed(still, steps, MOST_MOTIONS)),
+            climb(self._climbed(still, turns, MOST_MOTIONS)),
+        ]
+        looked: set[frozenset[Group]] = set()
+        for _ in range(STARTS):
+            left = [each for each in found.values() if frozenset(each.sizes) not in looked]
+            if not left:
+                break
+            best = max(left, key=lambda each: self._tempered(each).log_likelihood)
+            looked.add(frozenset(best.sizes))
+            for group in [one for one in best.sizes if one in motions]:
+                climb(best.resized(group, 0.0), [group])
+        del ends
+        return list(found.values())
+
+    def likelier_set(self) -> bool:
+        """Go over to a set of motions that is likelier than the fitted one, if there is one; return whether."""
+        current = self._with_places(self.last[-1])
+        sets = self._explored(current)
+        best = max(sets, key=lambda each: self._tempered(each).log_likelihood)
+        gained = self._tempered(best).log_likelihood - self._tempered(current).log_likelihood
+        if set(best.sizes) == set(current.sizes) or gained <= BETTER:
+            return False
+        self._adopt(best, self.last[1])
+        self.rounds = 0
+        return True
 
     def _with_places(self, grams: ViewGrams) -> Posterior:
         """Return the last posterior next to slips at some views."""
         last, columns = self.posterior, list(self.posterior.system.columns)
         views = places_of_slips(len(grams.scores)) if Adjustment.SLIP not in self.without else []
         self.placed = []
-        for view in views:
+        known = {one.effect.reason(self.model, np.ones(len(one.columns))).values["view"] for one in self._slips}
+        count = len(grams.scores)
+        near = [view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count]
+        for view in sorted({*views, *near}):
             for effect in (slip_at(view), jump_at(view)):
-                one = Fitted(effect, effect.columns(self.model), float(len(views)))
+                if any(self._same(effect, other) for other in self._slips):
+                    continue
+                one = Fitted(effect, effect.columns(self.model), float(len(views) if view in views else count))
                 one.places = list(range(len(columns), len(columns) + len(one.columns)))
                 columns += one.columns
                 self.placed.append(Group.of(one, self.model))
@@ -431,22 +576,33 @@ class MixtureFitter(JointFitter):
         zero = system.score + system.normal @ before
         return replace(last, system=system, zero=zero)
 
+    @property
+    def _slips(self) -> list[Fitted]:
+        return [group.one for group in self.groups if group.one.effect.adjustment is Adjustment.SLIP]
+
+    def _same(self, effect: Effect, other: Fitted) -> bool:
+        columns = effect.columns(self.model)
+        if len(columns) != len(other.columns):
+            return False
+        return all(
+            np.array_equal(a[1], b[1])
+            for one, two in zip(columns, other.columns, strict=True)
+            for a, b in zip(one.parts, two.parts, strict=True)
+        )
+
     def _averaged(self, posterior: Posterior) -> Iterator[Group]:
-        fresh = {one for one in self.posterior.sizes}
         for group in self.groups:
-            if is_module(group.one) and group not in fresh:
-                continue
-            if group.one.effect.adjustment is Adjustment.SLIP and group not in fresh:
-                continue
-            yield group
-        yield from self.placed
+            searched = is_module(group.one) or group.one.effect.adjustment is Adjustment.SLIP
+            if group in posterior.sizes or not searched:
+                yield group
+        yield from (group for group in self.placed if group in posterior.sizes or group.one.trials < self.views)
 
     def _cases(self, posterior: Posterior, group: Group) -> Iterator[tuple[float, FloatArray, FloatArray]]:
         """Yield evidence, bias and root of the covariance that other sizes of a group add to the fitted columns."""
         evidence = self._evidence(posterior, group)
         information, score = posterior.left(group)
         if group in posterior.sizes:
-            current = float(np.interp(math.log(posterior.sizes[group]), np.log(group.sizes), evidence))
+            current = group.at(evidence, posterior.sizes[group])
             own = np.array([posterior.used.index(place) for place in group.one.places])
             within = posterior.covariance[np.ix_(own, own)]
             bias = -posterior.covariance[:, own] @ np.linalg.pinv(within, hermitian=True) @ posterior.mean[own]
@@ -471,13 +627,27 @@ def _scatter(posterior: Posterior, group: Group) -> float:
 def fit_mixture(
     prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> JointFit:
-    """Fit geometry and groups from the plain fit; groups in `without` are left out."""
-    fitter = MixtureFitter(prepared, frozenset(without))
+    """Fit geometry and groups from the plain fit, from one start; groups in `without` are left out."""
+    return _fitted(MixtureFitter(prepared, frozenset(without), of_sets=False), on_step)
+
+
+def fit_sets(
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
+) -> JointFit:
+    """Fit geometry and groups from the plain fit, with sets of motions from several starts."""
+    return _fitted(MixtureFitter(prepared, frozenset(without), of_sets=True), on_step)
+
+
+def _fitted(fitter: MixtureFitter, on_step: OnStep) -> JointFit:
     fitter.fit(on_step)
     if fitter.shows(OF_WOOD):
         fitter.widened()
         fitter.fit(on_step)
-    if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
+    if Adjustment.WOOD_DENSITY not in fitter.without and fitter.shows_varying_density():
         fitter.widened(patches=True)
+        fitter.fit(on_step)
+    for _ in range(OTHER_SETS if fitter.of_sets else 0):
+        if not fitter.likelier_set():
+            break
         fitter.fit(on_step)
     return fitter.result()
