@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
-from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
+from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect, in_the_laboratory, of_position, progress
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.slip import (
@@ -35,6 +35,7 @@ from sawmill_tomography.calibration.joint_fit.selection import ON_DETECTOR, STRU
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 # Number of sizes, log-uniform between a group's lowest and highest.
 SIZES = 8
@@ -45,15 +46,21 @@ MOST_JOINING = 3
 MOST_SLIPS = 3
 # A set of motions has at most this number of groups that join at once; this number of sets is left by one group each,
 # and the fit goes over to another set at most OTHER_SETS times.
-MOST_MOTIONS, STARTS, OTHER_SETS = 6, 3, 3
+MOST_MOTIONS, LEFT, OTHER_SETS = 6, 3, 3
 # Motions are looked at where the evidence of one is larger than this (logarithm).
 SUSPECTED = -2.0
 # Sets of motions with a smaller probability are left out.
 LEAST_PROBABILITY = 1e-3
 # A slip may be this number of views away from where it was found.
 NEAR_VIEWS = (-3, -2, -1, 1, 2, 3)
-# Motions that begin at a view or go on from the first to the last; the others turn with the table.
-STEPS = frozenset({Adjustment.SLIP, Adjustment.CREEP})
+# Motions of which one kind is looked at first, and their numbers of columns: slips of the phantom, jumps of the scanner,
+# motions that go on from the first view to the last, and motions that turn with the table.
+STARTS = (
+    ({Adjustment.SLIP}, {3}),
+    ({Adjustment.SLIP}, {2}),
+    ({Adjustment.CREEP, Adjustment.PACE}, {1, 2}),
+    ({Adjustment.WOBBLE, Adjustment.ENCODER}, {4}),
+)
 # A climb ends after this number of changes.
 CHANGES = 30
 # Number of draws from the sizes that are not the likeliest.
@@ -92,6 +99,34 @@ PRIORS: dict[Adjustment, Prior] = {
     Adjustment.SURFACE_DENSITY: Prior(0.01, 0.4),
     Adjustment.MODULES: Prior(0.05, 5.0),
 }
+
+
+# Times, as shares of the scan, in which phantom or scanner come to rest.
+REST = (0.1, 0.2, 0.4)
+
+
+def _coming_to_rest(time: float) -> tuple[Effect, Effect]:
+    """Return the effects of a phantom, and of a scanner, that come to rest in this share of the scan."""
+
+    def shape(model: ScanModel) -> FloatArray:
+        gone = np.exp(-(progress(model) + 0.5) / time)
+        return gone - gone.mean()
+
+    return (
+        Effect(
+            Adjustment.CREEP,
+            lambda model: of_position([shape(model)]),
+            lambda _, sizes: EffectMessage.PHANTOM_CREEP(creep_mm=math.hypot(*sizes)),
+        ),
+        Effect(
+            Adjustment.CREEP,
+            lambda model: in_the_laboratory(model, [shape(model)]),
+            lambda _, sizes: EffectMessage.SCANNER_CREEP(scanner_creep_mm=math.hypot(*sizes)),
+        ),
+    )
+
+
+RESTING = tuple(effect for time in REST for effect in _coming_to_rest(time))
 
 
 def unit_of(column: Column, model: ScanModel) -> float:
@@ -229,7 +264,8 @@ class MixtureFitter(JointFitter):
     """The joint fit by the likeliest sizes of all groups."""
 
     def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], *, of_sets: bool) -> None:
-        super().__init__(prepared, without, EFFECTS)
+        super().__init__(prepared, without, (*EFFECTS, *RESTING))
+        self.of_wood = False
         self.of_sets, self.views = of_sets, len(prepared.data.sinogram)
         self.size_of: dict[Fitted, float] = {}
         self.scatter: dict[Fitted, float] = {}
@@ -511,22 +547,22 @@ class MixtureFitter(JointFitter):
         still = current
         for group in motions:
             still = still.resized(group, 0.0)
-        steps = [group for group in motions if group.one.effect.adjustment in STEPS]
-        turns = [group for group in motions if group not in steps]
+        starts = [
+            [group for group in motions if group.one.effect.adjustment in kinds and len(group.one.columns) in widths]
+            for kinds, widths in STARTS
+        ]
         found: dict[frozenset[Group], Posterior] = {}
 
         def climb(start: Posterior, barred: Collection[Group] = ()) -> Posterior:
             end = self._climbed(start, groups, MOST_MOTIONS, barred)
             return found.setdefault(frozenset(end.sizes), end)
 
-        ends = [
-            climb(current),
-            climb(still),
-            climb(self._climbed(still, steps, MOST_MOTIONS)),
-            climb(self._climbed(still, turns, MOST_MOTIONS)),
-        ]
+        climb(current)
+        climb(still)
+        for start in starts:
+            climb(self._climbed(still, start, MOST_MOTIONS))
         looked: set[frozenset[Group]] = set()
-        for _ in range(STARTS):
+        for _ in range(LEFT):
             left = [each for each in found.values() if frozenset(each.sizes) not in looked]
             if not left:
                 break
@@ -534,7 +570,6 @@ class MixtureFitter(JointFitter):
             looked.add(frozenset(best.sizes))
             for group in [one for one in best.sizes if one in motions]:
                 climb(best.resized(group, 0.0), [group])
-        del ends
         return list(found.values())
 
     def likelier_set(self) -> bool:
@@ -556,7 +591,8 @@ class MixtureFitter(JointFitter):
         self.placed = []
         known = {one.effect.reason(self.model, np.ones(len(one.columns))).values["view"] for one in self._slips}
         count = len(grams.scores)
-        near = [view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count]
+        pursued = self._pursued(grams) if self.of_sets else []
+        near = pursued + [view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count]
         for view in sorted({*views, *near}):
             for effect in (slip_at(view), jump_at(view)):
                 if any(self._same(effect, other) for other in self._slips):
@@ -575,6 +611,37 @@ class MixtureFitter(JointFitter):
         before[last.base] = 0.0
         zero = system.score + system.normal @ before
         return replace(last, system=system, zero=zero)
+
+    def _pursued(self, grams: ViewGrams) -> list[int]:
+        """Return the views of several slips that together explain most where nothing else moves."""
+        columns = list(self.posterior.system.columns)
+        at = np.zeros(len(columns))
+        for group in self.groups:
+            at[group.one.places] = group.one.sizes
+        moving = {place for group in self.groups if group.one.effect.adjustment in MOTIONS for place in group.one.places}
+        last = set(self.posterior.used)
+        kept = [place for place in range(len(columns)) if place in last and place not in moving]
+        steps = [slip_at(view).columns(self.model) for view in range(len(grams.scores))]
+        views: list[int] = []
+
+        def likeliest(others: Sequence[int]) -> int | None:
+            some = [columns[place] for place in kept] + [column for view in others for column in steps[view]]
+            moved_columns = [columns[place] for place in sorted(moving) if at[place]]
+            by = at[[place for place in sorted(moving) if at[place]]]
+            of_all, scores = grams.of_columns([*some, *moved_columns])
+            count = len(some)
+            return likeliest_slip(some, of_all[:, :count, :count], scores[:, :count] + of_all[:, :count, count:] @ by)
+
+        for _ in range(MOST_SLIPS):
+            view = likeliest(views)
+            if view is None or view in views:
+                break
+            views.append(view)
+        for number in range(len(views) if len(views) > 1 else 0):
+            view = likeliest([*views[:number], *views[number + 1 :]])
+            if view is not None and view not in views:
+                views[number] = view
+        return views
 
     @property
     def _slips(self) -> list[Fitted]:
