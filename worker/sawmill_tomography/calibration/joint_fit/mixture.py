@@ -264,8 +264,10 @@ class MixtureFitter(JointFitter):
     """The joint fit by the likeliest sizes of all groups."""
 
     def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment], *, of_sets: bool) -> None:
-        super().__init__(prepared, without, (*EFFECTS, *RESTING))
-        self.of_wood = False
+        super().__init__(prepared, without, EFFECTS)
+        for one in self._of_effects(RESTING):
+            one.trials = float(len(REST))
+            self.waiting.append(one)
         self.of_sets, self.views = of_sets, len(prepared.data.sinogram)
         self.size_of: dict[Fitted, float] = {}
         self.scatter: dict[Fitted, float] = {}
