@@ -18,6 +18,7 @@ from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect, in_the_laboratory, of_position, progress
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
+from sawmill_tomography.calibration.faults.modules import with_modules
 from sawmill_tomography.calibration.faults.slip import (
     angle_scatter,
     jump_at,
@@ -34,7 +35,7 @@ from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term,
 from sawmill_tomography.calibration.joint_fit.selection import ON_DETECTOR, STRUCTURES, EffectTester
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 # Number of sizes, log-uniform between a group's lowest and highest.
@@ -337,6 +338,17 @@ class MixtureFitter(JointFitter):
                 self.size_of[one] = math.sqrt(PRIORS[Adjustment.MODULES].low * PRIORS[Adjustment.MODULES].high)
 
     def _ends(self, system: System, change: FloatArray) -> bool:
+        impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        for one in impossible:
+            self.model = moved(self.model, one.columns, -one.sizes)
+            self.fitted.remove(one)
+            self.size_of.pop(one)
+            if not is_module(one):
+                self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
+        self.unneeded |= first_cells_of(impossible)
+        self.model = self._with_fitted_modules()
+        if impossible:
+            return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
             self.angle_variance = angle_scatter(system, change, self.variance)
             if self.angle_variance > 0.0:
@@ -373,7 +385,18 @@ class MixtureFitter(JointFitter):
         self.structured = max(system.structured - (system.power - remaining), UNTRUSTED * system.structured)
         fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
         posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
-        return self._climbed(posterior, groups, MOST_JOINING if self.rounds <= JOINING else 0), groups
+        most = MOST_JOINING if self.rounds <= JOINING else 0
+        best = self._climbed(posterior, groups, most)
+        modules = [group for group in groups if is_module(group.one)]
+        if most and self.of_sets and any(group not in best.sizes for group in modules):
+            still = posterior
+            for group in [one for one in posterior.sizes if one.one.effect.adjustment in MOTIONS]:
+                still = still.resized(group, 0.0)
+            other = self._climbed(still, modules, len(modules))
+            other = self._climbed(other, groups, most) if set(other.sizes) != set(still.sizes) else other
+            if self._tempered(other).log_likelihood > self._tempered(best).log_likelihood + BETTER:
+                best = other
+        return best, groups
 
     def _climbed(
         self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()
@@ -403,7 +426,9 @@ class MixtureFitter(JointFitter):
             evidence = self._evidence(posterior, group)
             then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
             own = [then.used.index(place) for place in group.one.places]
-            if evidence.max() > BETTER and group.one.effect.possible(self.model, then.mean[own]):
+            # The gap and kink of one of several modules are often not possible before the others have joined.
+            may = is_module(group.one) or group.one.effect.possible(self.model, then.mean[own])
+            if evidence.max() > BETTER and may:
                 posterior, most = then, most - 1
             else:
                 out.add(group)
@@ -583,6 +608,9 @@ class MixtureFitter(JointFitter):
         if set(best.sizes) == set(current.sizes) or gained <= BETTER:
             return False
         self._adopt(best, self.last[1])
+        here = {module.first_cell for module in self.model.data.cells.modules}
+        further = [DetectorModule(cell) for cell in sorted(first_cells_of(self.fitted) - here)]
+        self.model = with_modules(self.model, (*self.model.data.cells.modules, *further))
         self.rounds = 0
         return True
 
