@@ -64,6 +64,8 @@ STARTS = (
 )
 # A climb ends after this number of changes.
 CHANGES = 30
+# In fewer views modules are only hidden ones: what few views leave looks like one.
+FEWEST_VIEWS = 12
 # Number of draws from the sizes that are not the likeliest.
 DRAWS = 2048
 # The kink that moves cells about as much as a gap of 1 mm.
@@ -98,7 +100,7 @@ PRIORS: dict[Adjustment, Prior] = {
     Adjustment.SLIP: Prior(0.02, 0.6),
     Adjustment.BOW: Prior(0.03, 1.5),
     Adjustment.SURFACE_DENSITY: Prior(0.01, 0.4),
-    Adjustment.MODULES: Prior(0.05, 5.0),
+    Adjustment.MODULES: Prior(0.05, 5.0, odds=0.01),
 }
 
 
@@ -325,6 +327,9 @@ class MixtureFitter(JointFitter):
             return False
         self.converged = self._ends(system, change) and not self._moved_modules(grams, penalised, posterior.used)
         return self.converged
+
+    def _further_modules(self, grams: ViewGrams, system: System, used: list[int]) -> list[Fitted]:
+        return super()._further_modules(grams, system, used) if self.views >= FEWEST_VIEWS else []
 
     def _moved_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         moved_borders = self._moved_borders(grams, system, used)
