@@ -37,6 +37,11 @@ WORDS: Mapping[str, str] = {
     "twice": N_("twice"),
     "three times": N_("three times"),
     "four times": N_("four times"),
+    "half a time": N_("half a time"),
+    "1.5 times": N_("1.5 times"),
+    "2.5 times": N_("2.5 times"),
+    "five times": N_("five times"),
+    "six times": N_("six times"),
 }
 _PLACE = re.compile(r"%\((?P<name>\w+)\)(?P<sign>\+?)(?:\.(?P<digits>\d))?(?P<kind>[sdfg])|%%")
 

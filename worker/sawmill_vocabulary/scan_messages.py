@@ -72,6 +72,16 @@ class EffectMessage(Message):
         N_("Source, turntable or detector creep by %(scanner_creep_mm).2g mm over the scan."),
         N_("Let the scanner warm up, look at what carries source and detector, and repeat the scan."),
     )
+    PHANTOM_SETTLES = (
+        "phantom-settles",
+        N_("The phantom comes to rest during the scan, after %(settled_mm).2g mm."),
+        N_("Fasten the phantom on the turntable, and repeat the scan."),
+    )
+    WARMS_UP = (
+        "scanner-warms-up",
+        N_("Source, turntable or detector come to rest during the scan, after %(scanner_creep_mm).2g mm."),
+        N_("Let the scanner warm up, look at what carries source and detector, and repeat the scan."),
+    )
     ENCODER_LOW = (
         "encoder-once-and-twice",
         N_(

@@ -8,6 +8,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
+from sawmill_tomography.calibration.faults.effects import DEFORMATION
 from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, EffectFinding, KnownEffect
 from sawmill_tomography.calibration.faults.intensity_averaging import INTENSITY_AVERAGING
 from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
@@ -116,7 +117,7 @@ def conclude(
 
 def _aspect_half(task: CalibrationTask, joint: JointFit) -> float:
     """Return half the difference between the phantom's directions, of which the right one is not known; 0 if known."""
-    if task.true_axis is not None and joint.other_reading is None:
+    if task.true_axis is not None and not joint.motion_sets.may_be(DEFORMATION):
         return 0.0
     return 0.5 * abs(joint.aspect)
 

@@ -8,7 +8,7 @@ import numpy as np
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
-from sawmill_tomography.calibration.joint_fit.fitter import FitJointly, fit_consistent_views, fit_jointly
+from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
 from sawmill_tomography.calibration.refusals import refuse_other_scanner
@@ -27,10 +27,7 @@ class SourceDistance:
 
 
 def with_theta(
-    task: CalibrationTask,
-    prepared: AdjustedFit,
-    on_step: OnStep = ignore_progress,
-    fit: FitJointly = fit_jointly,
+    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit, ResidualStatistics, SourceDistance]:
     """Fit freely, or with R = r_S where the free fit has no theta (docs/look-up/conventions.md#theta).
 
@@ -38,7 +35,7 @@ def with_theta(
     scanner's R may be larger than r_S, or r_S itself be wrong, and R and SDD then have errors together. The scan
     determines the ratio of R and SDD far better than either distance, so R's row stays in the covariance.
     """
-    prepared, free = fit_consistent_views(prepared, task.without, on_step, fit)
+    prepared, free = fit_consistent_views(prepared, task.without, on_step)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
     refuse_other_scanner(task.scanner, frame.source_distance_mm)
     statistics = residual_statistics(free)
@@ -47,16 +44,16 @@ def with_theta(
     ratio = r_s / frame.source_distance_mm
     start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
     position = (float(free.model.x[FitParameter.T_X]), float(free.model.x[FitParameter.T_Y]))
-    again = refine(
+    fit = refine(
         prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True, on_step=on_step
     )
-    if again is None:
+    if fit is None:
         raise CalibrationError(
             "no-geometry",
             f"the scan asks for a source at {frame.source_distance_mm:.4g} mm, nearer than source_to_cor_mm "
             f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
         )
-    held = fit(replace(prepared, fit=again), task.without, on_step)
+    held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
     distance = SourceDistance(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, statistics)
     )

@@ -96,14 +96,12 @@ def _error_bars(
     of_theta = theta_covariance(scanner, frame, theta, values)
     of_rays = alone.ray_covariance.copy()
     of_rays[FRAME, FRAME] = values
-    motions = alone.hidden_motions
+    motions = alone.mixture
     if motions is not None and not np.array_equal(values, alone.covariance.values):
-        # The log takes as much off the error by a motion of the phantom as off the phantom's other errors.
-        means, roots, instead_of = motions.means.copy(), motions.roots.copy(), motions.instead_of.copy()
-        kept = values @ scaled_inverse(alone.covariance.values)
-        means[:, FRAME], roots[:, FRAME] = means[:, FRAME] @ kept.T, kept @ roots[:, FRAME]
-        instead_of[:, FRAME] = instead_of[:, FRAME] @ kept.T
-        motions = replace(motions, means=means, roots=roots, instead_of=instead_of)
+        # The log takes as much off the error by what else may be real as off the phantom's other errors.
+        errors = motions.errors.copy()
+        errors[:, FRAME] = errors[:, FRAME] @ (values @ scaled_inverse(alone.covariance.values)).T
+        motions = replace(motions, errors=errors)
     predicted = predicted_ray_error(
         scanner, frame, of_rays, alone.hidden_modules, motions, radius_mm=calibration.radius_mm
     )

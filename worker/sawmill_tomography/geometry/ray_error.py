@@ -225,12 +225,10 @@ class RayAlternatives:
 
 @dataclass(frozen=True, eq=False)
 class RayErrorMixture:
-    """Errors of which at most one is real, each normally distributed: motions that a scan does not show."""
+    """Draws of further errors, by all that may be real instead of what was fitted."""
 
-    means: FloatArray  # (n, 5 + 2 modules)
-    roots: FloatArray  # (n, 5 + 2 modules, unknowns)
-    probabilities: FloatArray  # (n,)
-    instead_of: FloatArray  # (m, 5 + 2 modules)
+    errors: FloatArray  # (n, 5 + 2 modules)
+    draws: int  # number of draws, of which the remaining ones have no further error
 
 
 def predicted_ray_error(
@@ -244,8 +242,8 @@ def predicted_ray_error(
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
-    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives`, and of the
-    `mixture`, at most one is real; they count in the limits only.
+    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives` at most one is
+    real; they and the `mixture` count in the limits only.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
@@ -278,18 +276,11 @@ def _drawn_errors(
     form: FloatArray, covariance: FloatArray, mixture: RayErrorMixture | None, rng: np.random.Generator
 ) -> FloatArray:
     """Draw errors of the parameters, (draws, n)."""
-    normal = rng.standard_normal((DRAWS, len(covariance)))
-    errors: FloatArray = normal @ _weights(form, covariance)[1].T
-    if mixture is None:
-        return errors
-    drawn = np.searchsorted(np.cumsum(mixture.probabilities), rng.random(DRAWS))
-    real = np.flatnonzero(drawn < len(mixture.means))
-    if len(mixture.instead_of):
-        others = covariance - mixture.instead_of.T @ mixture.instead_of
-        errors[real] = normal[real] @ _weights(form, others)[1].T
-    roots = mixture.roots[drawn[real]]
-    errors[real] += mixture.means[drawn[real]]
-    errors[real] += np.einsum("dij,dj->di", roots, rng.standard_normal(roots.shape[::2]))
+    errors: FloatArray = rng.standard_normal((DRAWS, len(covariance))) @ _weights(form, covariance)[1].T
+    if mixture is not None:
+        drawn = rng.integers(mixture.draws, size=DRAWS)
+        real = drawn < len(mixture.errors)
+        errors[real] += mixture.errors[drawn[real]]
     return errors
 
 

@@ -1,7 +1,7 @@
 """Effects that may be fitted with the geometry: one table of what each adds to the model, reports and advises.
 
-An effect is fitted where the scan shows it (`selection.py`). The effect of a slip, which depends on the view, is in
-`slip.py`.
+An effect is fitted where its posterior says so (`joint_fit/groups.py`). The effect of a slip, which depends on the
+view, is in `slip.py`.
 
 Poses that change from view to view: shapes of the motion of turntable and phantom.
 """
@@ -26,7 +26,21 @@ DEEPEST = 0.98
 FEWEST_VIEWS = 60
 # A skin whose density differs by a larger share is something else.
 LARGEST_SKIN = 0.5
-_TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
+_TIMES = {
+    0.5: "half a time",
+    1: "once",
+    1.5: "1.5 times",
+    2: "twice",
+    2.5: "2.5 times",
+    3: "three times",
+    4: "four times",
+    5: "five times",
+    6: "six times",
+}
+# Numbers of times a turn of wobbles that are rarer than once to four times: of a bearing's cage, and of its balls.
+RARE_ORDERS = (0.5, 1.5, 2.5, 5, 6)
+# Shares of the scan in which phantom or scanner come to rest.
+REST = (0.1, 0.2, 0.4)
 
 
 @dataclass(frozen=True)
@@ -37,6 +51,7 @@ class Effect:
     columns: Callable[[ScanModel], tuple[Column, ...]]  # unknowns of the effect for a model
     reason: Callable[[ScanModel, FloatArray], Reason]
     possible: Callable[[ScanModel, FloatArray], bool] = lambda _, __: True
+    trials: float = 1.0  # number of effects of this kind, of which one at most is real
 
 
 def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[Column, ...]]:
@@ -89,11 +104,35 @@ def _encoder(message: EffectMessage, orders: tuple[int, int]) -> Effect:
     )
 
 
-def _wobble(order: int) -> Effect:
+def _wobble(order: float, trials: float = 1.0) -> Effect:
     return Effect(
         Adjustment.WOBBLE,
-        lambda model: in_the_laboratory(model, harmonics(model, order)),
+        lambda model: in_the_laboratory(model, [wave - wave.mean() for wave in harmonics(model, order)]),
         lambda _, sizes: EffectMessage.WOBBLE(times=_TIMES[order], wobble_mm=largest_move(sizes)),
+        trials=trials,
+    )
+
+
+def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
+    """Return the effects of a phantom, and of a scanner, that come to rest in this share of the scan."""
+
+    def shape(model: ScanModel) -> FloatArray:
+        gone: FloatArray = np.exp(-(progress(model) + 0.5) / share)
+        return gone - gone.mean()
+
+    return (
+        Effect(
+            Adjustment.CREEP,
+            lambda model: of_position([shape(model)]),
+            lambda _, sizes: EffectMessage.PHANTOM_SETTLES(settled_mm=math.hypot(*sizes)),
+            trials=float(len(REST)),
+        ),
+        Effect(
+            Adjustment.CREEP,
+            lambda model: in_the_laboratory(model, [shape(model)]),
+            lambda _, sizes: EffectMessage.WARMS_UP(scanner_creep_mm=math.hypot(*sizes)),
+            trials=float(len(REST)),
+        ),
     )
 
 
@@ -116,7 +155,7 @@ PACE = Effect(
     _pace,
 )
 # The turntable's axis wobbles, as with a worn bearing.
-WOBBLES = tuple(_wobble(order) for order in _TIMES)
+WOBBLES = tuple(_wobble(order) for order in (1, 2, 3, 4))
 
 EFFECTS: tuple[Effect, ...] = (
     # The measured line integral is p + c p^2 + d p^3.
@@ -183,6 +222,8 @@ EFFECTS: tuple[Effect, ...] = (
     _encoder(EffectMessage.ENCODER_LOW, (1, 2)),
     _encoder(EffectMessage.ENCODER_HIGH, (3, 4)),
     *WOBBLES,
+    *(_wobble(order, 2.0 * len(RARE_ORDERS)) for order in RARE_ORDERS),
+    *(effect for share in REST for effect in _coming_to_rest(share)),
 )
 
 
@@ -216,9 +257,6 @@ OF_WOOD: tuple[Effect, ...] = (
     ),
     *map(_skin, SKIN_DEPTHS_MM),
 )
-# A body that comes nearer to the source twice a turn casts the shadow of one that is longer in one direction. Only the
-# lengths of the rays in the body differ, and a gain of each view hides that.
-ALIKE = (DEFORMATION, WOBBLES[1])
 
 
 def progress(model: ScanModel) -> FloatArray:
@@ -226,9 +264,9 @@ def progress(model: ScanModel) -> FloatArray:
     return np.linspace(-0.5, 0.5, len(model.data.angles_rad))
 
 
-def harmonics(model: ScanModel, order: int) -> tuple[FloatArray, FloatArray]:
-    """Compute cosine and sine of a multiple of the views' angles, (views,) each."""
-    angles = order * model.data.angles_rad
+def harmonics(model: ScanModel, order: float) -> tuple[FloatArray, FloatArray]:
+    """Compute cosine and sine of a multiple of the turn since the first view, (views,) each."""
+    angles = order * (model.data.angles_rad - model.data.angles_rad[0])
     return np.cos(angles), np.sin(angles)
 
 

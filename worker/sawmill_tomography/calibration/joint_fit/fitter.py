@@ -1,11 +1,11 @@
 """The geometry and every effect that the scan shows, fitted together by generalised least squares.
 
-The fit takes Gauss-Newton steps from the plain fit. At each point every effect of `faults.effects` is tested by its own
-pattern; an effect that chance does not explain joins the fit. An effect that is beyond chance but not fitted adds a
-bias to the covariance.
+The fit takes Gauss-Newton steps from the plain fit. At each point the likeliest groups of columns, and their sizes, are
+those that are fitted (`groups.py`); the ends of several climbs are the sets of motions that may be real
+(`motion_sets.py`).
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import accumulate, chain, pairwise
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions, MotionKind, hidden_motions
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import (
     FEWEST_CELLS,
@@ -28,29 +27,32 @@ from sawmill_tomography.calibration.faults.outliers import (
     views_differ,
     without_views,
 )
-from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, places_of_slips, slip_at
+from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
-from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.readings import (
-    MOTIONS,
+from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
+from sawmill_tomography.calibration.joint_fit.groups import (
+    ON_DETECTOR,
+    PRIORS,
+    STRUCTURES,
     Fitted,
+    Group,
+    Posterior,
     first_cells_of,
     is_module,
-    other_motions,
-    other_reading,
+    is_motion,
 )
+from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
+from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
     FITTED,
-    ON_DETECTOR,
-    STRUCTURES,
     EffectTest,
     EffectTester,
     chance_limit,
 )
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -59,20 +61,23 @@ from sawmill_vocabulary.scan_messages import AdjustmentMessage
 
 ROUNDS = 12
 VIEW_ROUNDS = 3
-# Effects join in the first JOINING rounds, at most MOST_AT_ONCE in each: what several effects explain together is only
-# known to first order.
-JOINING, MOST_AT_ONCE = 6, 2
+# Groups join in the first JOINING rounds, at most MOST_JOINING in each: what several explain together is only known to
+# first order.
+JOINING, MOST_JOINING = 6, 3
+# A fit goes over to another set of motions at most this often, and once where the patches of the wood are fitted.
+OTHER_SETS = 2
+# In fewer views modules are only hidden ones: what few views leave looks like one.
+FEWEST_VIEWS = 12
 # A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
 # this many standard deviations, squared.
 TOLERABLE = 25.0
-MOST_SLIPS = 2
+# The variance of a sample counts as at least this, for a scan without noise.
+LEAST_VARIANCE = 1e-30
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
 # Densities of the wood's patches are fitted where they explain more than this share of the structured residual.
 LEAST_EXPLAINED = 0.5
-# The largest number of effects that join together.
-MOST_TOGETHER = 6
 # Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
 # of a tenth of a cell in the middle of the shadow makes up 0.0008.
 LEAST_OF_MODULES = 2e-4
@@ -97,32 +102,28 @@ def fit_jointly(
 ) -> JointFit:
     """Fit geometry and effects from the plain fit; effects in `without` are tested, and not fitted.
 
-    Where effects of real wood are beyond chance next to this fit, the fit is repeated with them from the start: other
-    effects may have joined in their place. So it is where the wood's density varies from place to place, with a density
-    of each patch.
+    Effects of real wood, and a density of each of its patches, are looked at where they are beyond chance.
     """
-    fitter = JointFitter(prepared, frozenset(without), EFFECTS)
+    fitter = JointFitter(prepared, frozenset(without))
     fitter.fit(on_step)
+    fitter.go_over(on_step, 1)
     if fitter.shows(OF_WOOD):
-        fitter = JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD))
+        fitter.widen()
         fitter.fit(on_step)
     if Adjustment.WOOD_DENSITY not in without and fitter.shows_varying_density():
-        fitter = JointFitter(prepared, frozenset(without), (*EFFECTS, *OF_WOOD), of_patches=True)
+        fitter.widen(patches=True)
         fitter.fit(on_step)
+    fitter.go_over(on_step, 1 if fitter.of_patches else OTHER_SETS)
     return fitter.result()
-
-
-FitJointly = Callable[[AdjustedFit, Collection[Adjustment], OnStep], JointFit]
 
 
 def fit_consistent_views(
     prepared: AdjustedFit,
     without: Collection[Adjustment] = (),
     on_step: OnStep = ignore_progress,
-    fit: FitJointly = fit_jointly,
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
-    joint = fit(prepared, without, on_step)
+    joint = fit_jointly(prepared, without, on_step)
     left_out = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         inconsistent = (
@@ -132,7 +133,7 @@ def fit_consistent_views(
         if remaining is None:
             break
         left_out |= inconsistent
-        joint = fit(remaining, without, on_step)
+        joint = fit_jointly(remaining, without, on_step)
     if not left_out.any():
         return prepared, joint
     remaining = replace(
@@ -145,14 +146,7 @@ def fit_consistent_views(
 class JointFitter:
     """The current model, the effects in the model and the effects that may still join."""
 
-    def __init__(
-        self,
-        prepared: AdjustedFit,
-        without: frozenset[Adjustment],
-        effects: Sequence[Effect],
-        *,
-        of_patches: bool = False,
-    ) -> None:
+    def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
         self.without = without
         self.model = ScanModel(
@@ -166,10 +160,9 @@ class JointFitter:
         )
         held = {Term(p) for p in start.covariance.held}
         self.base = [Column.of(term) for term in Term if term <= Term.OFFSET and term not in held]
-        self.waiting = self._of_effects(effects)
-        self.of_wood = effects is not EFFECTS
+        self.waiting = self._of_effects(EFFECTS)
         self.variation: Variation | None = None
-        self.of_patches = of_patches
+        self.of_wood = self.of_patches = False
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
@@ -180,6 +173,9 @@ class JointFitter:
             self.fitted.append(Fitted(known.effect, known.effect.columns(self.model)))
             self.fitted[-1].sizes = known.sizes
             self.waiting = [one for one in self.waiting if one.effect.columns is not known.effect.columns]
+        # The sizes of the fitted groups' priors, and how much more than noise the scores of effects scatter.
+        self.size_of = {one: PRIORS[one.effect.adjustment].high for one in self.fitted}
+        self.scatter: dict[Fitted, float] = {}
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.correlation = 0.0
@@ -187,7 +183,7 @@ class JointFitter:
 
     def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
         return [
-            Fitted(effect, columns, declined=effect.adjustment in self.without)
+            Fitted(effect, columns, effect.trials, declined=effect.adjustment in self.without)
             for effect in effects
             if (columns := effect.columns(self.model))
         ]
@@ -214,8 +210,8 @@ class JointFitter:
 
     def shows_varying_density(self) -> bool:
         """Return whether some of the views show, next to a fit that has ended, that the wood's density varies."""
-        system, _, used, *_ = self.last
-        if system.structured / STRUCTURES <= system.variance(used):
+        system, posterior, *_ = self.last
+        if system.structured / STRUCTURES <= system.variance(posterior.used):
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
@@ -235,8 +231,34 @@ class JointFitter:
         fitted = (column.every(self._screening_step) for one in self.fitted for column in one.columns)
         return [*self._project_out(grams), *fitted]
 
+    def widen(self, *, patches: bool = False) -> None:
+        """Go on with the effects of wood, or with the densities of its patches too."""
+        if not self.of_wood:
+            self.waiting += self._of_effects(OF_WOOD)
+            self.of_wood = True
+        self.of_patches = self.of_patches or patches
+        self.rounds = 0
+
+    def go_over(self, on_step: OnStep, most: int) -> None:
+        """Go on from a set of motions that is likelier than the fitted one, at most this often."""
+        for _ in range(most):
+            likelier = self._motion_sets().likelier
+            if likelier is None:
+                return
+            self._adopt(likelier)
+            here = {module.first_cell for module in self.model.data.cells.modules}
+            further = [DetectorModule(cell) for cell in sorted(first_cells_of(self.fitted) - here)]
+            self.model = with_modules(self.model, (*self.model.data.cells.modules, *further))
+            self.rounds = 0
+            self.fit(on_step)
+
+    def _motion_sets(self) -> MotionSets:
+        _, posterior, change, grams = self.last
+        climb = Climb(self.model, self.climb.structured, self.scatter)
+        return MotionSets(FitPoint(climb, grams, posterior, self.groups, change, self.without))
+
     def round(self) -> bool:
-        """Let significant effects join, and take one step; return whether the fit has ended."""
+        """Let the likeliest groups join or go, and take one step; return whether the fit has ended."""
         self.rounds += 1
         grams, free = self._linearised()
         system, tried, used = self._system(grams, free)
@@ -248,58 +270,101 @@ class JointFitter:
             self.waiting += further
             grams, free = self._linearised()
             system, tried, used = self._system(grams, free)
-        joined, tests = self._join(system, tried, used)
-        if not joined:
-            joined = self._join_together(system, tried, used)
-            tests = _tests(system, tried, used, joined) if joined else tests
-        if further:
-            self.waiting = [one for one in self.waiting if one not in further]
-            self.model = self._with_fitted_modules()
-        change = _best_change(system, used)
-        remaining = max(system.power - float(change @ system.score), 0.0)
-        self.variance = remaining / max(system.samples - len(used), 1.0)
-        small = is_small(self.model, system, used, change, self.variance)
-        may_rise = BY_ANGLES if small or self.angle_variance > 0.0 or self.of_patches else ROUNDING
-        self.model, share = stepped(self.model, *system.with_patches(change), grams, may_rise=may_rise)
-        for one in self.fitted:
+        before = list(self.fitted)
+        posterior, groups = self._chosen(system, tried, len(free))
+        change, sizes = posterior.change(), np.zeros(len(system.columns))
+        for one in (*before, *tried):
+            sizes[one.places] = one.sizes
+        change = change - sizes
+        self._adopt(posterior, tried)
+        dropped = [one for one in before if one not in self.fitted]
+        self.unneeded |= first_cells_of(dropped) - self.known_modules
+        left = max(system.power - 2.0 * float(change @ system.score) + float(change @ system.normal @ change), 0.0)
+        degrees = len(posterior.used) - float(posterior.precision @ np.diag(posterior.covariance))
+        self.variance = left / max(system.samples - degrees, 1.0)
+        penalised = posterior.penalised
+        small = is_small(self.model, penalised, posterior.used, change, self.variance)
+        self.model, share = stepped(self.model, *system.with_patches(change), grams, may_rise=BY_ANGLES)
+        for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
-        self.last = system, tried, used, change, tests, grams
-        self.converged = off_by(system, used, change) <= TOLERABLE * self.variance
+        self.model = self._with_fitted_modules()
+        self.last = penalised, posterior, change, grams
+        self.groups = groups
+        self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
+        same = set(before) == set(self.fitted)
         if share == 0.0:
             return True
-        if share < 1.0 or joined or not small:
+        if share < 1.0 or not small or not same:
             return False
-        self.converged = self._settled(system, used, change) and not self._moved_borders(grams, system, used)
+        self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
+
+    def _chosen(self, system: System, tried: Sequence[Fitted], free: int) -> tuple[Posterior, list[Group]]:
+        """Return the posterior of the likeliest sizes, from those of the round before: the best change at a time."""
+        groups = [Group.of(one, self.model) for one in (*self.fitted, *tried) if not one.declined]
+        sizes = np.zeros(len(system.columns))
+        for one in (*self.fitted, *tried):
+            sizes[one.places] = one.sizes
+        everything = [*range(free), *(place for group in groups for place in group.one.places)]
+        remaining = system.remaining(everything)
+        noise = max(remaining / max(system.samples - len(everything), 1.0), LEAST_VARIANCE)
+        structured = max(system.structured - (system.power - remaining), UNTRUSTED * system.structured)
+        fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
+        posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
+        self.climb = climb = Climb(self.model, structured, self.scatter)
+        most = MOST_JOINING if self.rounds <= JOINING else 0
+        best = climb.to(posterior, groups, most)
+        modules = [group for group in groups if is_module(group.one)]
+        if most and any(group not in best.sizes for group in modules):
+            still = posterior
+            for group in [one for one in posterior.sizes if is_motion(one.one)]:
+                still = still.resized(group, 0.0)
+            other = climb.to(still, modules, len(modules))
+            other = climb.to(other, groups, most) if set(other.sizes) != set(still.sizes) else other
+            if climb.weighed(other) > climb.weighed(best) + BETTER:
+                best = other
+        return best, groups
+
+    def _adopt(self, posterior: Posterior, tried: Sequence[Fitted] = ()) -> None:
+        """Take the groups of a posterior as those that are fitted; one that leaves waits."""
+        self.size_of = {group.one: size for group, size in posterior.sizes.items()}
+        now = [group.one for group in posterior.sizes]
+        kept, dropped = ([one for one in self.fitted if (one in now) is fitted] for fitted in (True, False))
+        changed = [one for one in (*now, *dropped) if one not in kept and _is_slip(one)]
+        # The other effect of a slip's view stays among those that may join.
+        others = [one for one in tried if _is_slip(one)] if changed else []
+        self.fitted = [*kept, *(one for one in now if one not in kept)]
+        waiting = [one for one in dict.fromkeys([*self.waiting, *others, *dropped]) if one not in self.fitted]
+        self.waiting = [one for one in waiting if first_cells_of([one]) <= self.known_modules]
 
     def result(self) -> JointFit:
         """Return the end point of the fit."""
-        system, tried, used, change, tests, grams = self.last
-        allowed = [one for one in tried if one.effect.adjustment not in self.without]
-        other = other_reading(system, used, self.fitted, allowed)
-        beyond_chance = tuple(
-            (one, test)
-            for one, test in tests
-            if (other is None or one is not other.other) and not is_module(one) and test.is_beyond_chance(one.trials)
-        )
+        system, posterior, change, grams = self.last
         return JointFit(
             self._with_fitted_modules(),
             tuple(self.fitted),
             system,
-            used,
+            posterior.used,
             change,
             self.variance,
-            beyond_chance,
-            other,
-            tuple(other_motions(system, used, self.fitted, [one for one in allowed if one in self.waiting])),
+            tuple(self._shown_but_declined(system, posterior.used)),
+            self._motion_sets(),
             self.angle_variance,
             self.variation if self.variation is not None and _varies(self.variation) else None,
-            tuple(self._hidden_modules(grams, system, used)),
-            self._hidden_motions(grams, system, tests, used),
-            self._arc_radius_mm(grams, system, used),
+            tuple(self._hidden_modules(grams, system, posterior.used)),
+            self._arc_radius_mm(grams, system, posterior.used),
             converged=self.converged,
             rounds=self.rounds,
         )
+
+    def _shown_but_declined(self, system: System, used: list[int]) -> Iterator[tuple[Fitted, EffectTest]]:
+        """Yield the effects that the scan shows, and that the user switched off."""
+        tester = EffectTester(system, used)
+        for one in self.waiting:
+            if one.effect.adjustment in self.without and one.places:
+                test = tester.tested(one.places)
+                if test.is_fitted(one.trials):
+                    yield one, test
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
@@ -326,28 +391,24 @@ class JointFitter:
         return self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
-        """Return the normal equations of all columns, the effects to be tested, and the indices of the fitted columns.
+        """Return the normal equations of all columns, the effects that may join, and the indices of the fitted columns.
 
-        The likeliest slip is among the effects to be tested.
+        The likeliest slip is among the effects that may join.
         """
         tried = list(self.waiting)
         base = [*free, *(column for one in self.fitted for column in one.columns)]
-        used = list(range(len(base)))
-        slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
         if self.of_patches:
             self.variation = grams.vary_densities(base)
-        view = likeliest_slip(base, *grams.of_columns(base)) if slips < MOST_SLIPS else None
+        more = sum(map(_is_slip, self.fitted)) < MOST_SLIPS and Adjustment.SLIP not in self.without
+        view = likeliest_slip(base, *grams.of_columns(base)) if more else None
         if view is not None:
-            trials, declined = float(len(grams.scores)), Adjustment.SLIP in self.without
-            tried += [
-                Fitted(effect, effect.columns(self.model), trials, declined=declined)
-                for effect in (slip_at(view), jump_at(view))
-            ]
+            effects = (slip_at(view), jump_at(view))
+            tried += [Fitted(effect, effect.columns(self.model), float(len(grams.scores))) for effect in effects]
         system = grams.system([*base, *(column for one in tried for column in one.columns)])
         first = len(free)
         for one in (*self.fitted, *tried):
             one.places = list(range(first, first := first + len(one.columns)))
-        return system, tried, used
+        return system, tried, list(range(len(base)))
 
     def _of_module(self, module: DetectorModule, trials: float) -> Fitted:
         effect = effect_of(module, self.model.data.cells.width_mm)
@@ -375,7 +436,8 @@ class JointFitter:
         """Put the likeliest further modules of the detector into the model, and return their effects."""
         cells = self.model.data.cells
         most = MOST_MODULES - len(cells.modules)
-        if Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
+        few = len(self.model.data.angles_rad) < FEWEST_VIEWS
+        if few or Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
             return []
         search = self._module_search(grams, system, used)
         modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
@@ -421,42 +483,6 @@ class JointFitter:
         for module in sorted(found, key=lambda one: one.first_cell):
             yield tuple(search.elsewhere(module, variance))
 
-    def _hidden_motions(
-        self, grams: ViewGrams, system: System, tests: Sequence[tuple[Fitted, EffectTest]], used: list[int]
-    ) -> HiddenMotions | None:
-        """Find the motions that the scan may hide: those that were tested, and slips at some views.
-
-        A slip at any view has the variance of the one that was tested.
-        """
-        variance = max(system.variance(used), UNTRUSTED * system.structured / STRUCTURES)
-        if variance <= 0.0:
-            return None
-        by_chance = {one: max(variance, test.variance) for one, test in tests}
-        allowed, tester = MOTIONS - self.without, EffectTester(system, used)
-        kinds = [
-            MotionKind(tester, [one], by_chance[one])
-            for one, _ in tests
-            if one in self.waiting and one.effect.adjustment in allowed - {Adjustment.SLIP}
-        ]
-        views = places_of_slips(len(grams.scores)) if Adjustment.SLIP in allowed else []
-        if views:
-            columns = [system.columns[place] for place in used]
-            slips = [[self._at(columns, effect(view)) for view in views] for effect in (slip_at, jump_at)]
-            tester = EffectTester(grams.system(columns), range(len(used)))
-            for kind in slips:
-                alike = (
-                    by_chance[one] for one, _ in tests if _is_slip(one) and len(one.columns) == len(kind[0].columns)
-                )
-                kinds.append(MotionKind(tester, kind, max(alike, default=variance)))
-        return hidden_motions(kinds, self.model.drawing.radius_mm)
-
-    def _at(self, columns: list[Column], effect: Effect) -> Fitted:
-        """Append the columns of an effect, and return the effect with their places."""
-        one = Fitted(effect, effect.columns(self.model))
-        columns += one.columns
-        one.places = list(range(len(columns) - len(one.columns), len(columns)))
-        return one
-
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
 
@@ -479,6 +505,7 @@ class JointFitter:
         again = self._of_module(DetectorModule(first_cell), one.trials)
         again.sizes = one.sizes
         self.fitted[self.fitted.index(one)] = again
+        self.size_of[again] = self.size_of.pop(one)
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Locate the borders of the modules that were found; return whether one has moved."""
@@ -496,94 +523,21 @@ class JointFitter:
                 moved = True
         return moved
 
-    def _join(
-        self, system: System, tried: Sequence[Fitted], used: list[int]
-    ) -> tuple[list[Fitted], list[tuple[Fitted, EffectTest]]]:
-        """Let effects join, each time the one that explains most; return the new effects, and the tests of the rest.
-
-        The columns of the new effects are appended to `used`. Modules join no fit together with other effects: before
-        those are fitted, the likeliest module is often where there is none.
-        """
-        joined: list[Fitted] = []
-        while True:
-            tests = _tests(system, tried, used, joined)
-            worth = [
-                (test.power, one)
-                for one, test in tests
-                if test.is_fitted(one.trials)
-                and one.may_join(self.model, test)
-                and all(is_module(one) == is_module(other) for other in joined)
-            ]
-            if not worth or len(joined) == MOST_AT_ONCE or self.rounds > JOINING:
-                break
-            _, best = max(worth, key=lambda pair: pair[0])
-            joined.append(best)
-            used += best.places
-        self._take(joined, tried)
-        return joined, tests
-
-    def _take(self, joined: Sequence[Fitted], tried: Sequence[Fitted]) -> None:
-        """Take effects into the fit; the other effect of a slip's view stays among those to be tested."""
-        self.fitted += joined
-        self.waiting = [one for one in self.waiting if one not in joined]
-        if any(one.effect.adjustment is Adjustment.SLIP for one in joined):
-            self.waiting += [
-                one for one in tried if one.effect.adjustment is Adjustment.SLIP and one not in (*joined, *self.waiting)
-            ]
-
-    def _join_together(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
-        """Let several effects join that only together explain what is left: each hides the others.
-
-        Every effect that noise does not explain is tried with the others, a module also where its gap and kink alone
-        are not possible: those of neighbouring modules hide each other. Then those that are not needed go, the least
-        first, and those that are not possible.
-        """
-        if self.rounds > JOINING or system.structured / STRUCTURES < system.remaining(used) / system.samples:
-            return []
-        group: list[Fitted] = []
-        while len(group) < MOST_TOGETHER:
-            places = [*used, *(place for one in group for place in one.places)]
-            variance, tester = system.variance(places), EffectTester(system, places)
-            tests = [(tester.tested(one.places), one) for one in tried if one not in group]
-            worth = [
-                (test.power, one)
-                for test, one in tests
-                if test.degrees
-                and test.power > variance * chance_limit(FITTED / one.trials, test.degrees)
-                and (one.may_join(self.model, test) or (is_module(one) and not one.declined))
-            ]
-            if not worth:
-                break
-            group.append(max(worth, key=lambda pair: pair[0])[1])
-        while group:
-            needed = []
-            for one in group:
-                rest = [*used, *(place for other in group if other is not one for place in other.places)]
-                needed.append((EffectTester(system, rest).tested(one.places).over_limit(one.trials), one))
-            least, weakest = min(needed, key=lambda pair: pair[0])
-            if least > 1.0:
-                break
-            group.remove(weakest)
-        sizes = _best_change(system, [*used, *(place for one in group for place in one.places)])
-        group = [one for one in group if one.effect.possible(self.model, sizes[one.places])]
-        self._take(group, tried)
-        used += [place for one in group for place in one.places]
-        return group
-
-    def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
-        """Return whether every effect is needed, all scatter of angles is fitted, and averaging follows the model.
+    def _settled(self, system: System, change: FloatArray) -> bool:
+        """Return whether every effect is possible, all scatter of angles is fitted, and averaging follows the model.
 
         Where something is missing, the model is changed and the fit continues.
         """
-        dropped = self._explained(system, used)
-        for one in dropped:
+        impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
+        for one in impossible:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
-            if not first_cells_of([one]) - self.known_modules:
+            self.size_of.pop(one)
+            if not is_module(one):
                 self.waiting.append(Fitted(one.effect, one.columns, one.trials, declined=True))
-        self.unneeded |= first_cells_of(dropped) - self.known_modules
+        self.unneeded |= first_cells_of(impossible)
         self.model = self._with_fitted_modules()
-        if dropped:
+        if impossible:
             return False
         if self.angle_variance == 0.0 and Adjustment.ANGLE_JITTER not in self.without:
             self.angle_variance = angle_scatter(system, change, self.variance)
@@ -594,42 +548,9 @@ class JointFitter:
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
 
-    def _explained(self, system: System, used: list[int]) -> list[Fitted]:
-        """Return the effects that the others explain, the least needed first.
-
-        Where effects are not possible, the least needed of them leaves alone: it has often spoiled the others.
-        """
-        impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
-        if impossible:
-            return [min(impossible, key=lambda one: _need(system, used, one, []))]
-        dropped: list[Fitted] = []
-        while len(dropped) < len(self.fitted):
-            kept = [one for one in self.fitted if one not in dropped]
-            needed = [(_need(system, used, one, dropped), one) for one in kept]
-            least, weakest = min(needed, key=lambda pair: pair[0])
-            if least > 1.0:
-                break
-            dropped.append(weakest)
-        return dropped
-
 
 def _varies(variation: Variation) -> bool:
     return variation.likelihood > chance_limit(FITTED, 1)
-
-
-def _best_change(system: System, used: list[int]) -> FloatArray:
-    """Return the change of all columns that explains most where these are used, 0 for the others."""
-    change = np.zeros(len(system.columns))
-    change[used] = system.inverse(used) @ system.score[used]
-    return change
-
-
-def _tests(
-    system: System, tried: Sequence[Fitted], used: list[int], joined: Sequence[Fitted]
-) -> list[tuple[Fitted, EffectTest]]:
-    """Test the effects that have not joined next to the fitted columns."""
-    tester = EffectTester(system, used)
-    return [(one, tester.tested(one.places)) for one in tried if one not in joined]
 
 
 def _is_slip(one: Fitted) -> bool:
@@ -648,11 +569,3 @@ def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
     added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
-
-
-def _need(system: System, used: list[int], one: Fitted, dropped: Sequence[Fitted]) -> float:
-    """Return the significance of an effect next to the rest of the fit, without dropped effects, against its limit."""
-    out = [*dropped, one]
-    places = [place for each in out for place in each.places]
-    without = system.without(places, np.concatenate([each.sizes for each in out]))
-    return EffectTester(without, [i for i in used if i not in places]).tested(one.places).over_limit(one.trials)

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.faults.effects import DEFORMATION
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
+from sawmill_tomography.calibration.joint_fit.groups import Fitted
+from sawmill_tomography.calibration.joint_fit.motion_sets import MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
-from sawmill_tomography.calibration.joint_fit.readings import MOTIONS, Fitted, OtherReading
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
@@ -30,33 +29,19 @@ class JointFit:
     used: list[int]
     change: FloatArray
     variance: float
-    beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
-    other_reading: OtherReading | None  # None where no other effect explains the scan as well as a fitted one
-    other_motions: tuple[OtherReading, ...]  # motions that explain almost as much as a fitted motion
+    declined: tuple[tuple[Fitted, EffectTest], ...]  # effects that the scan shows, and that must not be fitted
+    motion_sets: MotionSets
     angle_variance: float  # variance of the views' angles, rad^2; 0 where the angles do not scatter
     variation: Variation | None  # how much the wood's density varies from patch to patch
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
-    hidden_motions: HiddenMotions | None  # motions that the scan may hide
     arc_radius_mm: float | None  # radius of the arc on which the detector's cells seem to lie, to first order
     converged: bool
     rounds: int
 
     @property
     def biases(self) -> list[FloatArray]:
-        """Errors of the fitted columns, the geometry's first, for each effect that may be real and is not fitted."""
-        beyond_chance = [test.bias for _, test in self.beyond_chance]
-        readings = (*self.other_motions, *(() if self.other_reading is None else (self.other_reading,)))
-        return [*beyond_chance, *(math.sqrt(reading.weight) * reading.bias for reading in readings)]
-
-    @property
-    def motions_beyond_chance(self) -> list[FloatArray]:
-        """Errors of the fitted columns by motions that are beyond chance, where the scan shows no other motion.
-
-        Such a scan hides one motion, which is among the hidden ones; a scan that shows motions may hide several.
-        """
-        if any(one.effect.adjustment in MOTIONS for one in self.fitted):
-            return []
-        return [test.bias for one, test in self.beyond_chance if one.effect.adjustment in MOTIONS and not one.declined]
+        """Errors of the fitted columns, the geometry's first, for each effect that is real and must not be fitted."""
+        return [test.bias for _, test in self.declined]
 
     @property
     def modules(self) -> tuple[DetectorModule, ...]:
@@ -65,10 +50,7 @@ class JointFit:
 
     @property
     def aspect(self) -> float:
-        """Share by which the phantom is longer in x than in y, if that is what the scan shows."""
-        other = self.other_reading
-        if other is not None and other.other.effect is DEFORMATION:
-            return float(other.sizes[0])
+        """Share by which the phantom is longer in x than in y."""
         return self.model.size(Term.ASPECT)
 
     def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.effects import ALIKE
 from sawmill_tomography.calibration.faults.structure import Structure, find_structure
+from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
-from sawmill_tomography.calibration.joint_fit.readings import MOTIONS
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
@@ -92,12 +91,7 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
         yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, moved_mm, fitted=True)
     for one in joint.fitted:
         columns, off = joint.without(one)
-        readings = [(one.effect, one.sizes)]
-        if joint.other_reading is not None and joint.other_reading.fitted is one:
-            readings.append((joint.other_reading.other.effect, joint.other_reading.sizes))
-            readings.sort(key=lambda reading: ALIKE.index(reading[0]))
-        readings += [(reading.other.effect, reading.sizes) for reading in joint.other_motions if reading.fitted is one]
-        reasons = [effect.reason(joint.model, sizes) for effect, sizes in readings]
+        reasons = [one.effect.reason(joint.model, one.sizes), *joint.motion_sets.instead_of(one)]
         yield FoundEffect(
             one.effect.adjustment,
             reasons[0] if len(reasons) == 1 else EffectMessage.ONE_OF(*reasons),
@@ -108,11 +102,10 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
 
 def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
     columns = [joint.system.columns[i] for i in joint.used]
-    for one, test in joint.beyond_chance:
-        if test.is_fitted(one.trials):
-            off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
-            reason = one.effect.reason(joint.model, test.sizes)
-            yield FoundEffect(one.effect.adjustment, reason, off_mm, fitted=False)
+    for one, test in joint.declined:
+        off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
+        reason = one.effect.reason(joint.model, test.sizes)
+        yield FoundEffect(one.effect.adjustment, reason, off_mm, fitted=False)
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:

@@ -8,9 +8,9 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.calibration.faults.hidden_motions import HiddenMotions
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
 from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
@@ -46,7 +46,7 @@ class ResidualStatistics:
     covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
     ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
     hidden_modules: tuple[RayAlternatives, ...]
-    hidden_motions: RayErrorMixture | None  # motions that the scan may hide; None where it hides none
+    mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
     inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
     structured: bool  # True if the residual is more than white noise
@@ -75,7 +75,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     - Residuals that continue from view to view, as with a wrong drawing or a knot: the power of the scores' slowest
       harmonics over the turn is added as the covariance of the scores' mean (a long-run variance; Newey and West 1987
       with the periodogram's lowest ordinates as the kernel).
-    - Effects that are beyond chance but not fitted, or that may be real instead of a fitted effect: the bias of each.
+    - Effects that the scan shows and that must not be fitted: the bias of each.
     """
     _refuse_undetermined(joint)
     scores = _scores(joint)
@@ -122,7 +122,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
 def _of_rays(
     joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
 ) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
-    """Return `ray_covariance`, `hidden_modules` and `hidden_motions` from the covariance of the columns `own`."""
+    """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
     order: list[int | None] = [*range(FRAME.stop)]
     for module in joint.modules:
         order += [gap_term(module.first_cell), kink_term(module.first_cell)]
@@ -131,23 +131,12 @@ def _of_rays(
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
-    hidden = joint.hidden_motions
-    motions = None if hidden is None else _mixture(joint, hidden, columns, rows, len(order))
-    return values, modules, motions
-
-
-def _mixture(
-    joint: JointFit, motions: HiddenMotions, columns: Sequence[int], rows: Sequence[int], size: int
-) -> RayErrorMixture:
-    """Return the mixture of motions, whose errors of these columns are errors in these rows of the order."""
-    count, _, unknowns = motions.spreads.shape
-    means, roots = np.zeros((count, size)), np.zeros((count, size, unknowns))
-    means[:, rows], roots[:, rows] = motions.biases[:, columns], motions.spreads[:, columns]
-    beyond_chance = joint.motions_beyond_chance
-    instead_of = np.zeros((len(beyond_chance), size))
-    for error, bias in zip(instead_of, beyond_chance, strict=True):
-        error[rows] = bias[columns]
-    return RayErrorMixture(means, roots, motions.probabilities, instead_of)
+    drawn = joint.motion_sets.errors()
+    if drawn is None:
+        return values, modules, None
+    errors = np.zeros((len(drawn), len(order)))
+    errors[:, rows] = drawn[:, columns]
+    return values, modules, RayErrorMixture(errors, DRAWS)
 
 
 def _alternatives(
@@ -201,7 +190,7 @@ class ErrorBars:
     covariance: Covariance  # covariance of the geometry's five unknowns
     ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
     hidden_modules: tuple[RayAlternatives, ...]
-    hidden_motions: RayErrorMixture | None  # motions that the scan may hide; None where it hides none
+    mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
     theta_covariance: FloatArray | None  # (5, 5) or None: covariance of theta
     predicted_ray_error: RayErrorPrediction  # predicted ray error inside the log's disc
     inflation: float  # factor by which the residual's correlation within views inflated the covariance
@@ -228,14 +217,14 @@ def error_bars(
         covariance=covariance,
         ray_covariance=statistics.ray_covariance,
         hidden_modules=statistics.hidden_modules,
-        hidden_motions=statistics.hidden_motions,
+        mixture=statistics.mixture,
         theta_covariance=of_theta,
         predicted_ray_error=predicted_ray_error(
             scanner,
             frame,
             statistics.ray_covariance,
             statistics.hidden_modules,
-            statistics.hidden_motions,
+            statistics.mixture,
             radius_mm=radius_mm,
         ),
         inflation=statistics.inflation,

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
+from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR, STRUCTURES
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -20,11 +20,6 @@ FITTED, BEYOND_CHANCE = 1e-5, 0.01
 BLOCKS = (64, 32, 16, 8)
 # Eigenvalues of a normal matrix of unit diagonal below this are directions that the scan cannot distinguish.
 SINGULAR = 1e-7
-# Number of independent errors that a drawing, or the wood, may have: every effect explains one such share of the
-# structured residual by chance (tests/test_measured.py).
-STRUCTURES = 100.0
-# The same number for an effect that stays in place on the detector, while the drawing and the wood turn.
-ON_DETECTOR = 400.0
 # Added to the diagonal for a view that alone determines an effect, against division by rounding errors.
 RIDGE = 1e-6
 
@@ -60,15 +55,6 @@ class EffectTest:
         return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
-@dataclass(frozen=True, eq=False)
-class Left:
-    """What a fit leaves of groups of further columns, to first order."""
-
-    normal: FloatArray  # (n, columns, columns): normal equations of each group's columns next to the fitted ones
-    score: FloatArray  # (n, columns)
-    sensitivity: FloatArray  # (n, base, columns): what the fitted columns take up of each
-
-
 class EffectTester:
     """Tests of further columns against a fit of the columns `base`."""
 
@@ -80,11 +66,6 @@ class EffectTester:
         # Coefficients of every column's projection on the base's columns, and the normal equations that remain.
         self._sensitivity = inverse @ cross
         self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
-
-    def left(self, tried: NDArray[np.intp]) -> "Left":
-        """Return what the base leaves of these groups (n, columns) of columns."""
-        own = self._normal[tried[:, :, None], tried[:, None]]
-        return Left(own, self._score[tried], np.moveaxis(self._sensitivity[:, tried], 0, 1))
 
     @cached_property
     def _of_base(self) -> FloatArray:

@@ -1,0 +1,101 @@
+"""The climb from a set of groups to the likeliest one next to it, one group or size at a time."""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_tomography.calibration.joint_fit.groups import SIZES, STRUCTURES, Fitted, Group, Posterior, is_module
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
+from sawmill_tomography.calibration.joint_fit.selection import EffectTester
+from sawmill_tomography.geometry.geometry import FloatArray
+
+# A set of groups is left for another one that is likelier by this (logarithm).
+BETTER = 0.1
+# A climb ends after this number of changes.
+CHANGES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """What decides between sets of groups at one point of the fit: the largest of noise, scatter and structure."""
+
+    model: ScanModel
+    structured: float  # the part of the residual's power that neighbouring cells share
+    scatter: dict[Fitted, float]  # how much more than noise the scores of effects scatter from view to view
+
+    def to(self, posterior: Posterior, groups: Sequence[Group], most: int, barred: Collection[Group] = ()) -> Posterior:
+        """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
+        out = set(barred)
+        for _ in range(CHANGES):
+            left = [group for group in groups if group not in posterior.sizes and group not in out] if most else []
+            changes = [(0.0, None, 0.0)]
+            for group, evidence in zip(left, self.evidences(posterior, left), strict=True):
+                place = int(evidence.argmax())
+                changes.append((float(evidence[place]), group, float(group.sizes[place])))
+            for group, now in posterior.sizes.items():
+                evidence = self.evidence(posterior, group)
+                current, place = group.at(evidence, now), int(evidence.argmax())
+                changes.append((float(evidence[place]) - current, group, float(group.sizes[place])))
+                changes.append((-current, group, 0.0))
+            gained, group, size = max(changes, key=lambda change: change[0])
+            if group is None or gained <= BETTER:
+                break
+            if group in posterior.sizes:
+                posterior = posterior.resized(group, size)
+                if not size:
+                    out.add(group)
+                continue
+            self.scatter[group.one] = _scatter(posterior, group)
+            evidence = self.evidence(posterior, group)
+            then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
+            own = [then.used.index(place) for place in group.one.places]
+            # The gap and kink of one of several modules are often not possible before the others have joined.
+            may = is_module(group.one) or group.one.effect.possible(self.model, then.mean[own])
+            if evidence.max() > BETTER and may:
+                posterior, most = then, most - 1
+            else:
+                out.add(group)
+        return posterior
+
+    def weighed(self, posterior: Posterior) -> float:
+        """Return the likelihood (logarithm) by which sets of groups are compared, with one variance for all."""
+        variance = max(posterior.variance, self.structured / STRUCTURES)
+        return replace(posterior, variance=variance).log_likelihood
+
+    def evidences(self, posterior: Posterior, groups: Sequence[Group]) -> list[FloatArray]:
+        """Return the evidence of groups that are not fitted, as `evidence` does."""
+        found: dict[Group, FloatArray] = {}
+        for width in {len(group.unit) for group in groups}:
+            alike = [group for group in groups if len(group.unit) == width]
+            places, units = np.array([group.one.places for group in alike]), np.stack([each.unit for each in alike])
+            scatter = np.array([self.scatter.get(group.one, 1.0) for group in alike])
+            shares = np.array([group.shares for group in alike])
+            tempered = posterior.variance / np.maximum(posterior.variance * scatter, self.structured / shares)
+            information, score = posterior.left_of_all
+            values, vectors = np.linalg.eigh(
+                information[places[:, :, None], places[:, None]] * units[:, :, None] * units[:, None]
+            )
+            square = ((score[places] * units)[:, None] @ vectors)[:, 0] ** 2
+            values, square = np.maximum(values, 0.0) * tempered[:, None], square * tempered[:, None] ** 2
+            s = np.stack([group.sizes for group in alike])[:, :, None] ** 2
+            likelihood = 0.5 * (s * square[:, None] / (1.0 + s * values[:, None]) - np.log1p(s * values[:, None]))
+            odds = np.array([group.log_odds for group in alike]) - math.log(SIZES)
+            found |= dict(zip(alike, odds[:, None] + likelihood.sum(axis=-1), strict=True))
+        return [found[group] for group in groups]
+
+    def evidence(self, posterior: Posterior, group: Group) -> FloatArray:
+        """Return a group's evidence against the largest of three variances."""
+        variance = max(posterior.variance * self.scatter.get(group.one, 1.0), self.structured / group.shares)
+        information, score = posterior.left(group)
+        tempered = posterior.variance / variance
+        return group.evidence(tempered * information, tempered * score)
+
+
+def _scatter(posterior: Posterior, group: Group) -> float:
+    """Return how much more than noise a group's score scatters from view to view."""
+    system = replace(posterior.system, structured=0.0)
+    test = EffectTester(system, posterior.used).tested(group.one.places)
+    plain = system.variance([*posterior.used, *group.one.places])
+    return max(test.variance / plain, 1.0) if plain > 0.0 else 1.0

@@ -1,0 +1,233 @@
+"""Groups of columns that a scan may show, each declared with its prior, and their posterior at one point of the fit.
+
+At the point of the fit the residual is J d + sum of Z_g b_g + e with b_g ~ N(0, s_g^2 U_g^2), U_g the units of the
+group's columns, and s_g 0 with odds, else log-uniform. The marginal likelihood of a size has a closed form in the
+eigenvalues of what the other columns leave of the group (docs/understand/verdict.md).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
+from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term, first_cell, is_kink, is_of_module
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import Adjustment
+
+# Effects that move the phantom or the angles.
+MOTIONS = frozenset({Adjustment.PACE, Adjustment.CREEP, Adjustment.SLIP, Adjustment.ENCODER, Adjustment.WOBBLE})
+# Number of sizes, log-uniform between a group's lowest and highest.
+SIZES = 8
+# The kink that moves cells about as much as a gap of 1 mm.
+KINK_RAD_PER_MM = math.radians(0.7)
+# Number of independent errors that a drawing, or the wood, may have: every effect explains one such share of the
+# structured residual by chance (tests/test_measured.py). The second number is for an effect that stays in place on the
+# detector, while the drawing and the wood turn.
+STRUCTURES, ON_DETECTOR = 100.0, 400.0
+
+
+@dataclass(eq=False)
+class Fitted:
+    """An effect that is fitted, or may be."""
+
+    effect: Effect
+    columns: tuple[Column, ...]
+    trials: float = 1.0  # number of places at which the effect may be: the views, for a slip
+    declined: bool = False  # the effect must not join the fit: it was not possible, or the user switched it off
+    sizes: FloatArray = field(init=False)  # (columns,): sizes of the effect's columns
+    places: list[int] = field(init=False, default_factory=list)  # indices of the effect's columns in the current system
+
+    def __post_init__(self) -> None:
+        """Set all sizes to 0."""
+        self.sizes = np.zeros(len(self.columns))
+
+
+def is_module(one: Fitted) -> bool:
+    """Return whether an effect is the gap and kink of a module."""
+    return one.effect.adjustment is Adjustment.MODULES
+
+
+def is_motion(one: Fitted) -> bool:
+    """Return whether an effect moves the phantom or the angles."""
+    return one.effect.adjustment in MOTIONS
+
+
+def first_cells_of(effects: Sequence[Fitted]) -> set[int]:
+    """Return the first cells of the modules whose gaps and kinks are among the effects."""
+    terms = [column.term for one in effects for column in one.columns]
+    return {first_cell(term) for term in terms if term is not None and is_of_module(term)}
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is expected of a group: its odds, and its sizes where it is there, in the units of its columns."""
+
+    low: float
+    high: float
+    odds: float = 0.1
+
+
+# Units: shares of the longest path's line integral, of the intensity, of the size or of the density; cells^2; mm^2; mm
+# at the phantom's rim; mm on the detector.
+PRIORS: dict[Adjustment, Prior] = {
+    Adjustment.BEAM_HARDENING: Prior(0.003, 0.5),
+    Adjustment.SCATTERED_RADIATION: Prior(0.001, 1.0),
+    Adjustment.BLUR: Prior(0.03, 3.0),
+    Adjustment.LAG: Prior(0.001, 0.06),
+    Adjustment.ROTATION_DURING_EXPOSURE: Prior(0.03, 1.0),
+    Adjustment.FLAT_FIELD: Prior(0.001, 0.05),
+    Adjustment.DENSITY_GRADIENT: Prior(0.003, 0.15),
+    Adjustment.DEFORMATION: Prior(0.0003, 0.01),
+    Adjustment.CORNERS: Prior(0.3, 60.0),
+    Adjustment.PACE: Prior(0.02, 2.0),
+    Adjustment.CREEP: Prior(0.02, 0.6),
+    Adjustment.ENCODER: Prior(0.02, 1.0),
+    Adjustment.WOBBLE: Prior(0.02, 0.6),
+    Adjustment.SLIP: Prior(0.02, 0.6),
+    Adjustment.BOW: Prior(0.03, 1.5),
+    Adjustment.SURFACE_DENSITY: Prior(0.01, 0.4),
+    Adjustment.MODULES: Prior(0.05, 5.0, odds=0.01),
+}
+
+
+def unit_of(column: Column, model: ScanModel) -> float:
+    """Return the unit of a column: the size at which it does what `PRIORS` has in view."""
+    term = column.parts[0][0]
+    if is_of_module(term):
+        return KINK_RAD_PER_MM if is_kink(term) else 1.0
+    if term in (Term.PSI, Term.GRADIENT_X, Term.GRADIENT_Y):
+        return 1.0 / model.drawing.radius_mm
+    if term in (Term.HARDENING, Term.HARDENING_CUBIC):
+        longest = max(float(model.lengths.max()), 1e-9)
+        return 1.0 / longest if term is Term.HARDENING else 1.0 / longest**2
+    return 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Columns with one size."""
+
+    one: Fitted
+    unit: FloatArray  # (columns,)
+    sizes: FloatArray  # (SIZES,)
+    log_odds: float  # of any size against 0, for one place
+    shares: float  # number of shares of the structure of which the group explains one by chance
+
+    @classmethod
+    def of(cls, one: Fitted, model: ScanModel) -> "Group":
+        """Return the group of an effect."""
+        prior = PRIORS[one.effect.adjustment]
+        odds = prior.odds / max(one.trials, 1.0)
+        return cls(
+            one,
+            np.array([unit_of(column, model) for column in one.columns]),
+            np.geomspace(prior.low, prior.high, SIZES),
+            math.log(odds / (1.0 - odds)),
+            ON_DETECTOR if is_module(one) else STRUCTURES,
+        )
+
+    def at(self, evidence: FloatArray, size: float) -> float:
+        """Return the evidence of a size between two of the sizes."""
+        return float(np.interp(math.log(size), np.log(self.sizes), evidence))
+
+    def evidence(self, information: FloatArray, score: FloatArray) -> FloatArray:
+        """Return the logarithm of odds times likelihood of each size against 0, from what others leave of the group."""
+        values, vectors = np.linalg.eigh(information)
+        values, square = np.maximum(values, 0.0), (vectors.T @ score) ** 2
+        s = self.sizes[:, None] ** 2
+        likelihood = 0.5 * (s * square / (1.0 + s * values) - np.log1p(s * values)).sum(axis=1)
+        evidence: FloatArray = self.log_odds - math.log(SIZES) + likelihood
+        return evidence
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The fitted columns at one point for given sizes of the groups, and what they leave of the other groups."""
+
+    system: System
+    zero: FloatArray  # (n,): score where the columns of all groups are 0
+    variance: float
+    base: list[int]
+    sizes: dict[Group, float]  # groups that are fitted
+
+    @cached_property
+    def used(self) -> list[int]:
+        """Indices of the fitted columns."""
+        return [*self.base, *(place for group in self.sizes for place in group.one.places)]
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """Precision (used,) that the priors give."""
+        own = [1.0 / (size * group.unit) ** 2 for group, size in self.sizes.items()]
+        return np.concatenate([np.zeros(len(self.base)), *own])
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance (used, used)."""
+        normal = self.system.normal[np.ix_(self.used, self.used)] / self.variance
+        return scaled_inverse(normal + np.diag(self.precision))
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Sizes (used,) of groups' columns, and changes of the base's."""
+        mean: FloatArray = self.covariance @ self.zero[self.used] / self.variance
+        return mean
+
+    @cached_property
+    def sensitivity(self) -> FloatArray:
+        """What the fitted columns take up of each column, (used, n)."""
+        sensitivity: FloatArray = self.covariance @ self.system.normal[self.used] / self.variance
+        return sensitivity
+
+    @cached_property
+    def left_of_all(self) -> tuple[FloatArray, FloatArray]:
+        """Information and score that the fitted columns leave of all columns."""
+        cross = self.system.normal[self.used]
+        left = self.system.normal - cross.T @ self.sensitivity
+        return left / self.variance, (self.zero - cross.T @ self.mean) / self.variance
+
+    def left(self, group: Group) -> tuple[FloatArray, FloatArray]:
+        """Return information and score, in the group's units, that the other fitted columns leave of a group."""
+        unit, both = group.unit, np.outer(group.unit, group.unit)
+        if group not in self.sizes:
+            own = np.array(group.one.places)
+            return self.left_of_all[0][np.ix_(own, own)] * both, self.left_of_all[1][own] * unit
+        own = np.array([self.used.index(place) for place in group.one.places])
+        whole = np.linalg.pinv(self.covariance[np.ix_(own, own)] / both, rcond=1e-12, hermitian=True)
+        information = whole - np.eye(len(own)) / self.sizes[group] ** 2
+        return information, whole @ (self.mean[own] / unit)
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Logarithm of prior times marginal likelihood of the sizes, against that of another set of groups."""
+        normal = self.system.normal[np.ix_(self.used, self.used)] / self.variance
+        scale = unit_scale(normal)
+        both = normal * np.outer(scale, scale) + np.diag(self.precision * scale**2)
+        _, log_determinant = np.linalg.slogdet(both + 1e-12 * np.eye(len(both)))
+        own = np.log(self.precision[len(self.base) :]) + 2.0 * np.log(scale[len(self.base) :])
+        prior = sum(group.log_odds - math.log(SIZES) for group in self.sizes)
+        explained = float(self.zero[self.used] @ self.mean) / self.variance
+        return 0.5 * (explained - float(log_determinant) + float(own.sum())) + prior
+
+    @property
+    def penalised(self) -> System:
+        """The system with the precision that the priors give."""
+        normal = self.system.normal.copy()
+        normal[self.used, self.used] += self.precision * self.variance
+        return replace(self.system, normal=normal)
+
+    def resized(self, group: Group, size: float) -> "Posterior":
+        """Return the posterior with another size of a group."""
+        sizes = {one: before for one, before in self.sizes.items() if one is not group}
+        return replace(self, sizes=sizes | {group: size} if size else sizes)
+
+    def change(self) -> FloatArray:
+        """Return the change of all columns from the point, to which groups that are not fitted go back."""
+        change = np.zeros(len(self.system.columns))
+        change[self.used] = self.mean
+        return change

@@ -1,0 +1,282 @@
+"""Sets of motions that explain a scan, each with its probability: what moves is rarely told by one scan alone.
+
+The sets are searched from several starts, since each end of a climb stands for others that explain almost as much. The
+ray error's bound counts all of them, and in each the groups and sizes that are not the likeliest.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
+from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
+from sawmill_tomography.calibration.joint_fit.groups import (
+    STRUCTURES,
+    Fitted,
+    Group,
+    Posterior,
+    is_module,
+    is_motion,
+)
+from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import Adjustment
+from sawmill_vocabulary.messages import Reason
+
+MOST_SLIPS = 3
+# A set of motions has at most this number of groups that join at once, and this number of sets is left by one group
+# each.
+MOST_MOTIONS, LEFT = 6, 3
+# Motions are looked at where the evidence of one is larger than this (logarithm).
+SUSPECTED = -2.0
+# Sets of motions with a smaller probability are left out.
+LEAST_PROBABILITY = 1e-3
+# An effect that is likelier than this is named alone, and otherwise with at most this number of others.
+NAMED, OTHERS = 0.5, 2
+# A slip may be this number of views away from where it was found.
+NEAR_VIEWS = (-3, -2, -1, 1, 2, 3)
+# Motions of which one kind is looked at first, and their numbers of columns: slips of the phantom, jumps of the
+# scanner, motions that go on from the first view to the last, and motions that turn with the table.
+STARTS = (
+    ({Adjustment.SLIP}, {3}),
+    ({Adjustment.SLIP}, {2}),
+    ({Adjustment.CREEP, Adjustment.PACE}, {1, 2}),
+    ({Adjustment.WOBBLE, Adjustment.ENCODER}, {4}),
+)
+# Number of draws from the sizes that are not the likeliest.
+DRAWS = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class FitPoint:
+    """The last step of a fit: what sets of motions are searched next to."""
+
+    climb: Climb
+    grams: ViewGrams
+    posterior: Posterior
+    groups: Sequence[Group]
+    change: FloatArray  # the last step, (n,)
+    without: Collection[Adjustment]
+
+
+class MotionSets:
+    """The sets of motions that a scan may show, at one point of the fit."""
+
+    def __init__(self, point: FitPoint) -> None:
+        self._point, self._climb = point, point.climb
+        self._placed: list[Group] = []
+        self.current = self._with_places()
+
+    @property
+    def likelier(self) -> Posterior | None:
+        """A set that is likelier than the fitted one, if there is one."""
+        weighed = self._climb.weighed
+        best = max(self._explored, key=weighed)
+        own = set(best.sizes) == set(self.current.sizes)
+        return None if own or weighed(best) - weighed(self.current) <= BETTER else best
+
+    @cached_property
+    def likely(self) -> list[tuple[Posterior, float]]:
+        """The likely sets with their probabilities, the set that is fitted first."""
+        own = set(self.current.sizes)
+        sets = [self.current, *(each for each in self._explored if set(each.sizes) != own)]
+        weights = np.array([self._climb.weighed(each) for each in sets])
+        weights = np.exp(weights - weights.max())
+        weights /= weights.sum()
+        kept = [n for n, weight in enumerate(weights) if n == 0 or weight > LEAST_PROBABILITY]
+        return [(sets[n], float(weights[n] / weights[kept].sum())) for n in kept]
+
+    def instead_of(self, one: Fitted) -> list[Reason]:
+        """Return what may be real instead of a fitted effect that is not likely enough; nothing if it is."""
+        alike = {one.effect.adjustment} if one.effect.adjustment is Adjustment.SLIP else set()
+
+        def has(posterior: Posterior) -> bool:
+            effects = [group.one.effect for group in posterior.sizes]
+            return one.effect in effects or any(effect.adjustment in alike for effect in effects)
+
+        if sum(probability for each, probability in self.likely if has(each)) > NAMED:
+            return []
+        fitted = {group.one.effect for group in self.current.sizes}
+        likelier: dict[Effect, float] = {}
+        reasons: dict[Effect, Reason] = {}
+        for each, probability in self.likely:
+            for group in each.sizes if not has(each) else ():
+                effect = group.one.effect
+                if effect not in fitted and not is_module(group.one):
+                    own = [each.used.index(place) for place in group.one.places]
+                    likelier[effect] = likelier.get(effect, 0.0) + probability
+                    reasons.setdefault(effect, effect.reason(self._climb.model, each.mean[own]))
+        return [reasons[effect] for effect in sorted(likelier, key=likelier.__getitem__, reverse=True)[:OTHERS]]
+
+    def may_be(self, effect: Effect) -> bool:
+        """Return whether an effect that is not fitted may be real instead of a fitted one."""
+        others = [probability for each, probability in self.likely[1:] if effect in {g.one.effect for g in each.sizes}]
+        return sum(others) > 1.0 - NAMED
+
+    @cached_property
+    def _explored(self) -> list[Posterior]:
+        """Sets of motions: from several starts, and next to the best of these."""
+        groups = [*self._point.groups, *self._placed]
+        motions = [group for group in groups if is_motion(group.one)]
+        current, climb = self.current, self._climb
+        moved = any(group in current.sizes for group in motions)
+        if not moved and climb.structured / STRUCTURES <= current.variance:
+            evidences = climb.evidences(current, motions)
+            if all(evidence.max() <= SUSPECTED for evidence in evidences):
+                return [current]
+        still = current
+        for group in motions:
+            still = still.resized(group, 0.0)
+        found: dict[frozenset[Group], Posterior] = {}
+
+        def explore(start: Posterior, barred: Collection[Group] = ()) -> None:
+            end = climb.to(start, groups, MOST_MOTIONS, barred)
+            found.setdefault(frozenset(end.sizes), end)
+
+        explore(current)
+        explore(still)
+        for kinds, widths in STARTS:
+            of_kind = [each for each in motions if each.one.effect.adjustment in kinds and len(each.unit) in widths]
+            explore(climb.to(still, of_kind, MOST_MOTIONS))
+        looked: set[frozenset[Group]] = set()
+        for _ in range(LEFT):
+            left = [each for each in found.values() if frozenset(each.sizes) not in looked]
+            if not left:
+                break
+            best = max(left, key=climb.weighed)
+            looked.add(frozenset(best.sizes))
+            for group in [group for group in best.sizes if not is_module(group.one)]:
+                explore(best.resized(group, 0.0), [group])
+        return list(found.values())
+
+    def _with_places(self) -> Posterior:
+        """Return the last posterior next to slips at some views."""
+        point, last = self._point, self._point.posterior
+        columns, count = list(last.system.columns), len(point.grams.scores)
+        slips = [group.one for group in point.groups if group.one.effect.adjustment is Adjustment.SLIP]
+        views = places_of_slips(count) if Adjustment.SLIP not in point.without else []
+        model = self._climb.model
+        known = {int(one.effect.reason(model, np.ones(len(one.columns))).values["view"]) for one in slips}
+        near = {view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count} | {*self._pursued()}
+        for view in sorted({*views, *near}) if views else ():
+            for effect in (slip_at(view), jump_at(view)):
+                one = Fitted(effect, effect.columns(model), float(len(views) if view in views else count))
+                if any(_same(one, other) for other in slips):
+                    continue
+                one.places = list(range(len(columns), len(columns) + len(one.columns)))
+                columns += one.columns
+                self._placed.append(Group.of(one, model))
+        system = point.grams.system(columns)
+        # The groups' sizes at the point where the derivatives were taken.
+        sizes = np.zeros(len(columns))
+        sizes[last.used] = last.mean
+        sizes[: len(point.change)] -= point.change
+        sizes[last.base] = 0.0
+        return replace(last, system=system, zero=system.score + system.normal @ sizes)
+
+    def _pursued(self) -> list[int]:
+        """Return the views of several slips that together explain most where nothing else moves."""
+        point, columns = self._point, self._point.posterior.system.columns
+        if Adjustment.SLIP in point.without:
+            return []
+        used = set(point.posterior.used)
+        moving = [place for group in point.groups if is_motion(group.one) for place in group.one.places]
+        at = np.zeros(len(columns))
+        for group in point.groups:
+            at[group.one.places] = group.one.sizes
+        moved, kept = [place for place in moving if at[place]], sorted(used - set(moving))
+        steps = [slip_at(view).columns(self._climb.model) for view in range(len(point.grams.scores))]
+        views: list[int] = []
+
+        def likeliest(others: Sequence[int]) -> int | None:
+            some = [columns[place] for place in kept] + [column for view in others for column in steps[view]]
+            grams, scores = point.grams.of_columns([*some, *(columns[place] for place in moved)])
+            own = len(some)
+            return likeliest_slip(some, grams[:, :own, :own], scores[:, :own] + grams[:, :own, own:] @ at[moved])
+
+        for _ in range(MOST_SLIPS):
+            view = likeliest(views)
+            if view is None or view in views:
+                break
+            views.append(view)
+        for number in range(len(views) if len(views) > 1 else 0):
+            view = likeliest([*views[:number], *views[number + 1 :]])
+            if view is not None and view not in views:
+                views[number] = view
+        return views
+
+    def errors(self) -> FloatArray | None:
+        """Draw errors (n, used) of the fitted columns by what may be real instead; None where nothing may be.
+
+        In each set of motions one group may have another size: one that is not fitted, or 0 where it is. Of `DRAWS`
+        draws the remaining ones have no error.
+        """
+        rng = np.random.default_rng(0)
+        (first, _), count = self.likely[0], len(self.likely[0][0].used)
+        errors, real = np.zeros((DRAWS, count)), np.zeros(DRAWS, bool)
+        of_set = np.searchsorted(np.cumsum([probability for _, probability in self.likely]), rng.random(DRAWS))
+        for number, (posterior, _) in enumerate(self.likely):
+            drawn = np.flatnonzero(of_set == number)
+            if not drawn.size:
+                continue
+            own, there = np.zeros((drawn.size, len(posterior.used))), np.zeros(drawn.size, bool)
+            for group in self._averaged(posterior):
+                evidence, biases, roots = zip(*self._cases(posterior, group), strict=True)
+                weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
+                size = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(drawn.size)) - 1
+                for case, (bias, root) in enumerate(zip(biases, roots, strict=True)):
+                    here = size == case
+                    own[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
+                    there |= here
+            if posterior is first:
+                errors[drawn], real[drawn] = own, there
+                continue
+            real[drawn] = True
+            places = [place for place in first.used if place in posterior.used]
+            one, other = ([each.used.index(place) for place in places] for each in (first, posterior))
+            errors[drawn] -= first.mean
+            wider = posterior.covariance[np.ix_(other, other)] - first.covariance[np.ix_(one, one)]
+            scale = np.sqrt(np.diag(first.covariance))[one]
+            values, vectors = np.linalg.eigh(wider / np.outer(scale, scale))
+            root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+            own = own[:, other] + posterior.mean[other]
+            errors[np.ix_(drawn, one)] += own + rng.standard_normal(own.shape) @ root.T
+        return errors[real] if real.any() else None
+
+    def _averaged(self, posterior: Posterior) -> Iterator[Group]:
+        views = len(self._point.grams.scores)
+        for group in self._point.groups:
+            searched = is_module(group.one) or group.one.effect.adjustment is Adjustment.SLIP
+            if group in posterior.sizes or not searched:
+                yield group
+        yield from (group for group in self._placed if group in posterior.sizes or group.one.trials < views)
+
+    def _cases(self, posterior: Posterior, group: Group) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+        """Yield evidence, bias and root of the covariance that other sizes of a group add to the fitted columns."""
+        evidence = self._climb.evidence(posterior, group)
+        information, score = posterior.left(group)
+        if group in posterior.sizes:
+            current = group.at(evidence, posterior.sizes[group])
+            own = np.array([posterior.used.index(place) for place in group.one.places])
+            within = posterior.covariance[np.ix_(own, own)]
+            bias = -posterior.covariance[:, own] @ np.linalg.pinv(within, hermitian=True) @ posterior.mean[own]
+            yield -current, bias, np.zeros((len(bias), 1))
+            return
+        moves = posterior.sensitivity[:, group.one.places] * group.unit
+        values, vectors = np.linalg.eigh(information)
+        values, turned, along = np.maximum(values, 0.0), moves @ vectors, vectors.T @ score
+        for size, one in zip(group.sizes.tolist(), evidence.tolist(), strict=True):
+            shrunk = size**2 / (1.0 + size**2 * values)
+            yield one, -turned @ (shrunk * along), turned * np.sqrt(shrunk)
+
+
+def _same(one: Fitted, other: Fitted) -> bool:
+    """Return whether two slips are of one kind, and at one view."""
+    return len(one.columns) == len(other.columns) and all(
+        np.array_equal(mine, its)
+        for column, alike in zip(one.columns, other.columns, strict=True)
+        for (_, mine), (_, its) in zip(column.parts, alike.parts, strict=True)
+    )
