@@ -94,7 +94,7 @@ def from_predicted(predicted: RayErrorPrediction, radius_mm: float) -> calibrati
 def to_phantom(drawing: PhantomDrawing, size_tolerance_percent: float | None = None) -> Phantom:
     """Convert a drawing to a phantom, with the drawing's size tolerance unless another tolerance is given."""
     tolerance = drawing.size_tolerance if size_tolerance_percent is None else size_tolerance_percent / 100.0
-    return Phantom(drawing.name, tuple(drawing.shapes), tolerance)
+    return Phantom(drawing.name, tuple(drawing.shapes), tolerance, drawing.precision_mm)
 
 
 def from_phantom(phantom: Phantom) -> PhantomDrawing:

@@ -18,6 +18,7 @@ from sawmill_platform.contracts.given import Given, GivenDay
 from sawmill_platform.contracts.kind_declarations import UploadedKind
 from sawmill_vocabulary import (
     BUILT_IN_OUTLINES,
+    PUBLISHED_PRECISION_MM,
     STANDARD_SIZE_TOLERANCE,
     Disc,
     Point,
@@ -127,6 +128,14 @@ class PhantomDrawing(Contract):
         description="Relative standard uncertainty of the stated size, no unit; the scanner's scale inherits it. "
         f"Default: the RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
         examples=[0.0015],
+    )
+    precision_mm: float = Field(
+        0.0,
+        ge=0.0,
+        le=10.0,
+        description="How far the drawn outline may be from the phantom's, mm: half the diagonal of a pixel, of a "
+        "drawing made of pixels. The phantom's wood is not said to differ from the drawing by less.",
+        examples=[0.2],
     )
     true_axis: Axis | None = Field(
         None,
@@ -404,7 +413,7 @@ _NAMES = {"l-shape": "L-shape", "rectangle-with-hole": "Rectangle with hole"}
 
 BUILT_IN_PHANTOMS: Mapping[str, PhantomDrawing] = MappingProxyType(
     {
-        phantom_id: PhantomDrawing(name=_NAMES[phantom_id], shapes=list(shapes))
+        phantom_id: PhantomDrawing(name=_NAMES[phantom_id], shapes=list(shapes), precision_mm=PUBLISHED_PRECISION_MM)
         for phantom_id, shapes in BUILT_IN_OUTLINES.items()
     }
 )

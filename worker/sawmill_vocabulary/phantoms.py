@@ -112,6 +112,8 @@ class Disc(AsContract):
 
 Shape = Polygon | Disc
 
+# Half the diagonal of a pixel of the published drawings, of 1417 x 1417 pixels on 400 mm.
+PUBLISHED_PRECISION_MM = 0.2
 # Outlines as published (arXiv 2206.14444): measured on the wood, not nominal. Nominal sizes cost 0.15 mm of ray error.
 BUILT_IN_OUTLINES: Mapping[str, tuple[Shape, ...]] = MappingProxyType(
     {

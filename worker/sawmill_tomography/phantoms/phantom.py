@@ -51,11 +51,14 @@ class Phantom:
         Shapes of the body.
     size_tolerance : float
         Relative standard uncertainty of the given size. The size sets the scanner's scale: R inherits the uncertainty.
+    precision_mm : float
+        How far the drawn outline may be from the body's: half the diagonal of a pixel, of a drawing made of pixels.
     """
 
     name: str
     shapes: tuple[Shape, ...]
     size_tolerance: float = STANDARD_SIZE_TOLERANCE
+    precision_mm: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a phantom without shapes, and shapes without an interior."""

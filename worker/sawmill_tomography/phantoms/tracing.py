@@ -75,7 +75,8 @@ def trace(
     shapes = [_shape((outline - centre) * pixel, pixel, 1.0 if _area(outline) < 0.0 else -1.0) for outline in outlines]
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
-    return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)))
+    tolerance = max(size_tolerance, _pixel_tolerance(shapes, pixel))
+    return Phantom(name, tuple(shapes), tolerance, pixel / math.sqrt(2.0))
 
 
 def _bright_part(

@@ -136,6 +136,11 @@ def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
     )
 
 
+def _shows(move_mm: Callable[[ScanModel, FloatArray], float]) -> Callable[[ScanModel, FloatArray], bool]:
+    """Return whether an effect moves the drawing's outline by more than the drawing's precision."""
+    return lambda model, sizes: move_mm(model, sizes) > model.drawing.precision_mm
+
+
 def _root(square: float) -> float:
     return math.sqrt(max(float(square), 0.0))
 
@@ -147,6 +152,7 @@ DEFORMATION = Effect(
     lambda _, sizes: EffectMessage.DEFORMATION(
         longer_percent=100.0 * float(sizes[0]), sheared_percent=100.0 * float(sizes[1])
     ),
+    _shows(lambda model, sizes: 0.5 * math.hypot(*sizes) * model.drawing.radius_mm),
 )
 # The angles run too fast or too slowly.
 PACE = Effect(
@@ -171,6 +177,7 @@ EFFECTS: tuple[Effect, ...] = (
         Adjustment.BLUR,
         _terms(Term.BLUR),
         lambda _, sizes: EffectMessage.BLUR(blur_cells=_root(sizes[0])),
+        lambda _, sizes: bool(sizes[0] > 0.0),
     ),
     # A view still shows some of the view before.
     Effect(
@@ -183,6 +190,7 @@ EFFECTS: tuple[Effect, ...] = (
         Adjustment.ROTATION_DURING_EXPOSURE,
         _exposure_columns,
         lambda _, sizes: EffectMessage.EXPOSURE(turn_percent=100.0 * _root(sizes[0])),
+        lambda _, sizes: bool(sizes[0] > 0.0),
     ),
     # The detector's response has changed since the flat fields were taken: by a slope and a curvature across it.
     Effect(
@@ -205,6 +213,7 @@ EFFECTS: tuple[Effect, ...] = (
         Adjustment.CORNERS,
         _terms(Term.CORNERS),
         lambda _, sizes: EffectMessage.CORNERS(radius_mm=_root(sizes[0])),
+        _shows(lambda _, sizes: _root(sizes[0])),
     ),
     PACE,
     # The phantom moves steadily during the scan.
@@ -238,7 +247,8 @@ def _skin(term: Term) -> Effect:
             change_percent=100.0 * abs(float(sizes[0])),
             density="denser" if sizes[0] > 0.0 else "less dense",
         ),
-        possible=lambda _, sizes: abs(sizes[0]) <= LARGEST_SKIN,
+        # A skin changes the rays as an outline does that is off by its depth times its share.
+        possible=lambda model, sizes: model.drawing.precision_mm < depth_mm * abs(sizes[0]) <= depth_mm * LARGEST_SKIN,
     )
 
 
@@ -248,12 +258,14 @@ OF_WOOD: tuple[Effect, ...] = (
         Adjustment.BOW,
         _terms(Term.BOW_X, Term.BOW_Y),
         lambda _, sizes: EffectMessage.BOW(bow_mm=math.hypot(*sizes)),
+        _shows(lambda _, sizes: math.hypot(*sizes)),
     ),
     # A plank that is bent is also longer along the outside of the bend than along the inside.
     Effect(
         Adjustment.BOW,
         _terms(Term.TAPER_X, Term.TAPER_Y),
         lambda _, sizes: EffectMessage.TAPER(taper_mm=math.hypot(*sizes)),
+        _shows(lambda _, sizes: math.hypot(*sizes)),
     ),
     *map(_skin, SKIN_DEPTHS_MM),
 )

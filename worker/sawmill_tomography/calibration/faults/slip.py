@@ -58,12 +58,12 @@ def jump_at(view: int) -> Effect:
 
 def places_of_slips(views: int) -> list[int]:
     """Return views, spread evenly, at which a slip may lie; none for too few views."""
-    fewest = _fewest(views)
-    return sorted({round(view) for view in np.linspace(fewest, views - fewest, PLACES)}) if views >= 2 * fewest else []
+    least = fewest(views)
+    return sorted({round(view) for view in np.linspace(least, views - least, PLACES)}) if views >= 2 * least else []
 
 
-def _fewest(views: int) -> int:
-    """Return the least number of views before and after a slip."""
+def fewest(views: int) -> int:
+    """Return the least number of views before and after a slip, and between two."""
     return max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
 
 
@@ -74,18 +74,18 @@ def likeliest_slip(columns: Sequence[Column], grams: FloatArray, scores: FloatAr
     is subtracted for stripes belongs to no single view.
     """
     views = len(scores)
-    fewest = _fewest(views)
-    if views < 2 * fewest:
+    least = fewest(views)
+    if views < 2 * least:
         return None
     pose = [next(i for i, column in enumerate(columns) if column.term is term) for term in POSE]
     inverse = scaled_inverse(grams.sum(axis=0))
     of_pose = grams[:, pose]
     rest = scores[:, pose] - of_pose @ (inverse @ scores.sum(axis=0))
-    after = np.cumsum(rest[::-1], axis=0)[::-1][fewest : views - fewest + 1]
-    cross = np.cumsum(of_pose[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    after = np.cumsum(rest[::-1], axis=0)[::-1][least : views - least + 1]
+    cross = np.cumsum(of_pose[::-1], axis=0)[::-1][least : views - least + 1]
     matrix = cross[:, :, pose] - cross @ inverse @ np.swapaxes(cross, 1, 2)
     solved = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ after[..., None])[..., 0]
-    return fewest + int(np.einsum("nt,nt->n", after, solved).argmax())
+    return least + int(np.einsum("nt,nt->n", after, solved).argmax())
 
 
 # Noise does not explain the scatter when it is larger by DEVIATIONS standard deviations, with FEWEST_JITTER_VIEWS. An

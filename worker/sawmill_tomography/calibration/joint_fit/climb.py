@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sawmill_tomography.calibration.faults.slip import fewest
 from sawmill_tomography.calibration.joint_fit.groups import SIZES, STRUCTURES, Fitted, Group, Posterior, is_module
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
@@ -29,7 +30,7 @@ class Climb:
         """Return the posterior after the best changes of one size at a time; at most `most` groups join."""
         out = set(barred)
         for _ in range(CHANGES):
-            left = [group for group in groups if group not in posterior.sizes and group not in out] if most else []
+            left = [each for each in groups if each not in out and self._may_join(each, posterior)] if most else []
             changes = [(0.0, None, 0.0)]
             for group, evidence in zip(left, self.evidences(posterior, left), strict=True):
                 place = int(evidence.argmax())
@@ -47,7 +48,7 @@ class Climb:
                 if not size:
                     out.add(group)
                 continue
-            self.scatter[group.one] = _scatter(posterior, group)
+            self.scatter[group.one] = scatter_of(posterior, group)
             evidence = self.evidence(posterior, group)
             then = posterior.resized(group, float(group.sizes[int(evidence.argmax())]))
             own = [then.used.index(place) for place in group.one.places]
@@ -58,6 +59,18 @@ class Climb:
             else:
                 out.add(group)
         return posterior
+
+    @staticmethod
+    def _may_join(group: Group, posterior: Posterior) -> bool:
+        """Return whether a group is not in a set, and no slip of its kind that is too near is."""
+        views, view = len(posterior.system.scores), group.one.view
+        return group not in posterior.sizes and (
+            view is None
+            or all(
+                each.one.view is None or len(each.unit) != len(group.unit) or abs(each.one.view - view) >= fewest(views)
+                for each in posterior.sizes
+            )
+        )
 
     def weighed(self, posterior: Posterior) -> float:
         """Return the likelihood (logarithm) by which sets of groups are compared, with one variance for all."""
@@ -93,9 +106,10 @@ class Climb:
         return group.evidence(tempered * information, tempered * score)
 
 
-def _scatter(posterior: Posterior, group: Group) -> float:
+def scatter_of(posterior: Posterior, group: Group) -> float:
     """Return how much more than noise a group's score scatters from view to view."""
-    system = replace(posterior.system, structured=0.0)
+    here, one = replace(posterior.system, structured=0.0), group.one
+    system = here.without(one.places, one.sizes) if one.sizes.any() else here
     test = EffectTester(system, posterior.used).tested(group.one.places)
     plain = system.variance([*posterior.used, *group.one.places])
     return max(test.variance / plain, 1.0) if plain > 0.0 else 1.0

@@ -29,10 +29,9 @@ from sawmill_tomography.calibration.faults.outliers import (
 )
 from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
+from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.groups import (
     ON_DETECTOR,
-    PRIORS,
     STRUCTURES,
     Fitted,
     Group,
@@ -53,7 +52,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
-from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
+from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
@@ -93,6 +92,9 @@ FURTHER_HIDDEN, MANY_FOUND = 2, 2
 # that has not ended, 19 m (benchmarks/families.py --seed 977). An arc about the source explains 180, next to the
 # wobbles that are fitted in its place (tests/tomography/calibration/test_cell_order.py).
 ARC, LARGEST_ARC_MM = 30.0, 10_000.0
+# Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
+# by chance: the sides of a drawing are each off as a whole.
+OF_DRAWING, EDGES = 40.0, 0.75
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
@@ -174,7 +176,7 @@ class JointFitter:
             self.fitted[-1].sizes = known.sizes
             self.waiting = [one for one in self.waiting if one.effect.columns is not known.effect.columns]
         # The sizes of the fitted groups' priors, and how much more than noise the scores of effects scatter.
-        self.size_of = {one: PRIORS[one.effect.adjustment].high for one in self.fitted}
+        self.size_of = {one: float(Group.of(one, self.model).sizes[-1]) for one in self.fitted}
         self.scatter: dict[Fitted, float] = {}
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
@@ -217,7 +219,12 @@ class JointFitter:
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
         columns = self._screened(grams)
         uniform, own = grams.system(columns), range(len(columns))
-        if not _varies(grams.vary_densities(columns)):
+        varies = grams.vary_densities(columns)
+        # Patches change the rays as an outline does that is off by their side times the variation.
+        if (
+            not _varies(varies)
+            or varies.deviation * patch_side_mm(self.model.drawing) <= self.model.drawing.precision_mm
+        ):
             return False
         explained = uniform.remaining(own) - grams.system(columns).remaining(own)
         return explained > LEAST_EXPLAINED * uniform.structured
@@ -253,7 +260,7 @@ class JointFitter:
             self.fit(on_step)
 
     def _motion_sets(self) -> MotionSets:
-        _, posterior, change, grams = self.last
+        _, posterior, change, grams, _ = self.last
         climb = Climb(self.model, self.climb.structured, self.scatter)
         return MotionSets(FitPoint(climb, grams, posterior, self.groups, change, self.without))
 
@@ -288,7 +295,7 @@ class JointFitter:
         for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
         self.model = self._with_fitted_modules()
-        self.last = penalised, posterior, change, grams
+        self.last = penalised, posterior, change, grams, tried
         self.groups = groups
         self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
         same = set(before) == set(self.fitted)
@@ -308,9 +315,14 @@ class JointFitter:
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
         noise = max(remaining / max(system.samples - len(everything), 1.0), LEAST_VARIANCE)
-        structured = max(system.structured - (system.power - remaining), UNTRUSTED * system.structured)
+        structured = max(
+            system.structured - (system.power - remaining),
+            UNTRUSTED * system.structured,
+            STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing),
+        )
         fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
         posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
+        self.scatter = {each.one: scatter_of(posterior.resized(each, 0.0), each) for each in posterior.sizes}
         self.climb = climb = Climb(self.model, structured, self.scatter)
         most = MOST_JOINING if self.rounds <= JOINING else 0
         best = climb.to(posterior, groups, most)
@@ -321,7 +333,8 @@ class JointFitter:
                 still = still.resized(group, 0.0)
             other = climb.to(still, modules, len(modules))
             other = climb.to(other, groups, most) if set(other.sizes) != set(still.sizes) else other
-            if climb.weighed(other) > climb.weighed(best) + BETTER:
+            # As many groups may join both, before they are compared.
+            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(modules))) + BETTER:
                 best = other
         return best, groups
 
@@ -339,7 +352,7 @@ class JointFitter:
 
     def result(self) -> JointFit:
         """Return the end point of the fit."""
-        system, posterior, change, grams = self.last
+        system, posterior, change, grams, tried = self.last
         return JointFit(
             self._with_fitted_modules(),
             tuple(self.fitted),
@@ -347,7 +360,7 @@ class JointFitter:
             posterior.used,
             change,
             self.variance,
-            tuple(self._shown_but_declined(system, posterior.used)),
+            tuple(_shown_but_declined(system, posterior.used, tried, self.without)),
             self._motion_sets(),
             self.angle_variance,
             self.variation if self.variation is not None and _varies(self.variation) else None,
@@ -357,15 +370,6 @@ class JointFitter:
             rounds=self.rounds,
         )
 
-    def _shown_but_declined(self, system: System, used: list[int]) -> Iterator[tuple[Fitted, EffectTest]]:
-        """Yield the effects that the scan shows, and that the user switched off."""
-        tester = EffectTester(system, used)
-        for one in self.waiting:
-            if one.effect.adjustment in self.without and one.places:
-                test = tester.tested(one.places)
-                if test.is_fitted(one.trials):
-                    yield one, test
-
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
         grams = self._grams()
@@ -373,6 +377,9 @@ class JointFitter:
             self.model = self.model.with_view_gains(grams.weights)
             grams = self._grams()
         self.correlation = grams.correlation
+        # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle.
+        off = EDGES * float(self.model.gain.mean()) * self.model.drawing.precision_mm
+        self.of_drawing = off * off * float(grams.weights[self.model.lengths > 0.0].sum())
         return grams, self._project_out(grams)
 
     def _grams(self) -> ViewGrams:
@@ -399,11 +406,12 @@ class JointFitter:
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         if self.of_patches:
             self.variation = grams.vary_densities(base)
-        more = sum(map(_is_slip, self.fitted)) < MOST_SLIPS and Adjustment.SLIP not in self.without
+        more = sum(map(_is_slip, self.fitted)) < MOST_SLIPS
         view = likeliest_slip(base, *grams.of_columns(base)) if more else None
         if view is not None:
             effects = (slip_at(view), jump_at(view))
-            tried += [Fitted(effect, effect.columns(self.model), float(len(grams.scores))) for effect in effects]
+            trials, declined = float(len(grams.scores)), Adjustment.SLIP in self.without
+            tried += [Fitted(effect, effect.columns(self.model), trials, view, declined=declined) for effect in effects]
         system = grams.system([*base, *(column for one in tried for column in one.columns)])
         first = len(free)
         for one in (*self.fitted, *tried):
@@ -547,6 +555,16 @@ class JointFitter:
             return True
         self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
         return False
+
+
+def _shown_but_declined(
+    system: System, used: list[int], tried: Sequence[Fitted], without: Collection[Adjustment]
+) -> Iterator[tuple[Fitted, EffectTest]]:
+    """Yield the effects that the scan shows, and that the user switched off."""
+    tester = EffectTester(system, used)
+    for one in tried:
+        if one.effect.adjustment in without and (test := tester.tested(one.places)).is_fitted(one.trials):
+            yield one, test
 
 
 def _varies(variation: Variation) -> bool:

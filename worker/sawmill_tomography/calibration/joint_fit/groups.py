@@ -38,6 +38,7 @@ class Fitted:
     effect: Effect
     columns: tuple[Column, ...]
     trials: float = 1.0  # number of places at which the effect may be: the views, for a slip
+    view: int | None = None  # the view at which a slip or a jump is
     declined: bool = False  # the effect must not join the fit: it was not possible, or the user switched it off
     sizes: FloatArray = field(init=False)  # (columns,): sizes of the effect's columns
     places: list[int] = field(init=False, default_factory=list)  # indices of the effect's columns in the current system
@@ -76,7 +77,7 @@ class Prior:
 # at the phantom's rim; mm on the detector.
 PRIORS: dict[Adjustment, Prior] = {
     Adjustment.BEAM_HARDENING: Prior(0.003, 0.5),
-    Adjustment.SCATTERED_RADIATION: Prior(0.001, 1.0),
+    Adjustment.SCATTERED_RADIATION: Prior(0.001, 0.2),
     Adjustment.BLUR: Prior(0.03, 3.0),
     Adjustment.LAG: Prior(0.001, 0.06),
     Adjustment.ROTATION_DURING_EXPOSURE: Prior(0.03, 1.0),
@@ -123,10 +124,13 @@ class Group:
         """Return the group of an effect."""
         prior = PRIORS[one.effect.adjustment]
         odds = prior.odds / max(one.trials, 1.0)
+        unit = np.array([unit_of(column, model) for column in one.columns])
+        # A jump that was found before the fit may be larger than any that the fit finds.
+        high = max(prior.high, float(np.abs(one.sizes / unit).max()))
         return cls(
             one,
-            np.array([unit_of(column, model) for column in one.columns]),
-            np.geomspace(prior.low, prior.high, SIZES),
+            unit,
+            np.geomspace(prior.low, high, SIZES),
             math.log(odds / (1.0 - odds)),
             ON_DETECTOR if is_module(one) else STRUCTURES,
         )

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.faults.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
 from sawmill_tomography.calibration.joint_fit.groups import (
@@ -122,7 +122,8 @@ class MotionSets:
         groups = [*self._point.groups, *self._placed]
         motions = [group for group in groups if is_motion(group.one)]
         current, climb = self.current, self._climb
-        moved = any(group in current.sizes for group in motions)
+        # What the phantom's outline shows may be a motion.
+        moved = any(is_motion(group.one) or group.one.effect is DEFORMATION for group in current.sizes)
         if not moved and climb.structured / STRUCTURES <= current.variance:
             evidences = climb.evidences(current, motions)
             if all(evidence.max() <= SUSPECTED for evidence in evidences):
@@ -159,12 +160,12 @@ class MotionSets:
         slips = [group.one for group in point.groups if group.one.effect.adjustment is Adjustment.SLIP]
         views = places_of_slips(count) if Adjustment.SLIP not in point.without else []
         model = self._climb.model
-        known = {int(one.effect.reason(model, np.ones(len(one.columns))).values["view"]) for one in slips}
+        known = {one.view for one in slips if one.view is not None}
         near = {view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count} | {*self._pursued()}
         for view in sorted({*views, *near}) if views else ():
             for effect in (slip_at(view), jump_at(view)):
-                one = Fitted(effect, effect.columns(model), float(len(views) if view in views else count))
-                if any(_same(one, other) for other in slips):
+                one = Fitted(effect, effect.columns(model), float(len(views) if view in views else count), view)
+                if any(one.view == other.view and len(one.columns) == len(other.columns) for other in slips):
                     continue
                 one.places = list(range(len(columns), len(columns) + len(one.columns)))
                 columns += one.columns
@@ -271,12 +272,3 @@ class MotionSets:
         for size, one in zip(group.sizes.tolist(), evidence.tolist(), strict=True):
             shrunk = size**2 / (1.0 + size**2 * values)
             yield one, -turned @ (shrunk * along), turned * np.sqrt(shrunk)
-
-
-def _same(one: Fitted, other: Fitted) -> bool:
-    """Return whether two slips are of one kind, and at one view."""
-    return len(one.columns) == len(other.columns) and all(
-        np.array_equal(mine, its)
-        for column, alike in zip(one.columns, other.columns, strict=True)
-        for (_, mine), (_, its) in zip(column.parts, alike.parts, strict=True)
-    )

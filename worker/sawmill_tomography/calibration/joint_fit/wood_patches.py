@@ -49,6 +49,12 @@ def wood_patches(phantom: Phantom) -> tuple[tuple[Shape, ...], ...]:
     return tuple(patches.values())
 
 
+def patch_side_mm(phantom: Phantom) -> float:
+    """Return the side of a square as large as a phantom's patches are in the mean, mm."""
+    area = sum(signed_area(counter_clockwise(cornered(shape))) * shape.density for shape in phantom.shapes)
+    return math.sqrt(max(area, 0.0) / len(wood_patches(phantom)))
+
+
 def _clipped(corners: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the part of a polygon (corners, 2) inside a rectangle (Sutherland and Hodgman 1974)."""
     for axis in range(2):
