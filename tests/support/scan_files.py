@@ -92,6 +92,20 @@ def refusal(path, **given):
     return refused.value.code, str(refused.value)
 
 
+def refused(path, code, *words, **given):
+    """The sentence that refuses a file, with this code and these words."""
+    found, sentence = refusal(path, **given)
+    assert found == code, sentence
+    assert [word for word in words if word not in sentence] == [], sentence
+    return sentence
+
+
+def each_refusal(path):
+    """Parametrise a test with the name, the code and the sentence of each line of a text file."""
+    rows = [line.split(" | ") for line in path.read_text("utf-8").splitlines()]
+    return pytest.mark.parametrize(("name", "code", "sentence"), rows, ids=[name for name, *_ in rows])
+
+
 def new_volume(path, shape, **changes):
     """A volume's writer, whose numbers say nothing but what a test asks of them."""
     about = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
