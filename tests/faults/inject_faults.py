@@ -22,7 +22,6 @@ _COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
 
 
 def main() -> None:
-    """Run what is wanted and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names, engines = [fault.name for fault in FAULTS], [engine.name for engine in ENGINES]
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="FAULT", help=", ".join(names))

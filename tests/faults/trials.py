@@ -36,7 +36,6 @@ class Plan:
     workers: int = 2
 
     def pairs(self) -> list[tuple[Engine, Fault, int]]:
-        """List each engine with each fault that it can have, and the pair's share of the jobs."""
         pairs = [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
         shares = [max(FEWEST_JOBS, (self.jobs + number) // len(pairs)) for number in range(len(pairs))]
         return [(*pair, share) for pair, share in zip(pairs, shares, strict=True)]
@@ -68,7 +67,6 @@ class Places:
     _postgres: Postgres | None = None
 
     def postgres(self) -> Postgres:
-        """Return the one server of all trials."""
         if self._postgres is None:
             self._postgres = Postgres(self.folder / "postgresql")
             self._postgres.start()
@@ -76,7 +74,6 @@ class Places:
         return self._postgres
 
     def redis(self, folder: Path, stack: ExitStack) -> Redis:
-        """Start a server for one trial."""
         redis = Redis(folder / "redis")
         redis.start()
         stack.callback(redis.kill)
