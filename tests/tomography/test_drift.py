@@ -169,10 +169,7 @@ def disturbed(angles, *, encoder_deg=0.0, wobble_mm=0.0, body=None, seed=WITHOUT
 @pytest.mark.parametrize("sense", list(Rotation))
 @pytest.mark.parametrize(
     ("disturbance", "part", "order", "amplitude"),
-    [
-        ({"encoder_deg": 0.3}, "encoder", 1, 0.3),
-        ({"wobble_mm": 1.0}, "bearing", 2, 1.0),
-    ],
+    [({"encoder_deg": 0.3}, "encoder", 1, 0.3), ({"wobble_mm": 1.0}, "bearing", 2, 1.0)],
 )
 def test_a_disturbed_turn_is_no_drift(full_turn, frame, sense, disturbance, part, order, amplitude):
     sinogram = disturbed(full_turn(180), **disturbance)
@@ -306,12 +303,7 @@ def turned(theta: Theta, by: float) -> Theta:
     ("now", "noise", "within", "cause"),
     [
         (THETA, 0.002, True, "Nothing moved that this scan can show"),
-        (
-            turntable(THETA, 0.5),
-            0.02,
-            True,
-            "Look at the turntable and at the detector's stops",
-        ),
+        (turntable(THETA, 0.5), 0.02, True, "Look at the turntable and at the detector's stops"),
         (turntable(THETA, 20.0), 0.002, False, "the tilt followed as when the turntable moves sideways"),
         (slid(THETA, 20.0), 0.002, False, "Look at the detector's stops"),
         (turned(THETA, 0.04), 0.002, False, "Look at the mounting of detector and source"),

@@ -25,10 +25,7 @@ def fan(scanner, theta, full_turn):
     return lambda views: FanBeamGeometry(scanner, theta, full_turn(views))
 
 
-@pytest.mark.parametrize(
-    ("views", "distance_mm", "column_mm"),
-    [(360, 0.18, 0.005), (20, 0.86, 0.023)],
-)
+@pytest.mark.parametrize(("views", "distance_mm", "column_mm"), [(360, 0.18, 0.005), (20, 0.86, 0.023)])
 def test_the_l_shape_s_bound_is_the_one_known_from_elsewhere(fan, views, distance_mm, column_mm):
     """Figures of an independent implementation, which rounds them to one or two digits."""
     deviation = plan(fan(views), L_SHAPE, noise=NOISE).frame_deviation

@@ -13,8 +13,7 @@ from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, fault_of_outline
 FIELD = 400.0
 DISC = Phantom("disc", (Disc((13.0, -21.0), 70.0),))
 TWO_BODIES = Phantom(
-    "two bodies",
-    (Disc((-91.3, 40.7), 54.6), Polygon(((20.0, -120.0), (130.0, -90.0), (80.0, 60.0), (10.0, 10.0)))),
+    "two bodies", (Disc((-91.3, 40.7), 54.6), Polygon(((20.0, -120.0), (130.0, -90.0), (80.0, 60.0), (10.0, 10.0))))
 )
 UPRIGHT = {"l": L_SHAPE, "rectangle with hole": RECTANGLE_WITH_HOLE}
 OBLIQUE = {

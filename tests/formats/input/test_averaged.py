@@ -54,13 +54,7 @@ def edited(write, edit):
 
 @pytest.mark.parametrize(
     "stored",
-    [
-        MEAN,
-        MEAN.astype(np.float64),
-        MEAN.astype(">f4"),
-        np.asfortranarray(MEAN.astype("<f8")),
-        MEAN[:, None],
-    ],
+    [MEAN, MEAN.astype(np.float64), MEAN.astype(">f4"), np.asfortranarray(MEAN.astype("<f8")), MEAN[:, None]],
     ids=["float32", "float64", "big-endian", "fortran-order", "one-row"],
 )
 def test_any_array_of_real_numbers_is_the_same_mean(read, stored):

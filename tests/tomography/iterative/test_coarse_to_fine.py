@@ -39,11 +39,7 @@ def test_larger_pixels_lead_to_the_same_minimum_in_fewer_iterations(objective):
     assert np.linalg.norm(found.images - plain.images) < 0.02 * np.linalg.norm(plain.images)
     few = settings | {"iterations": 8, "tolerance": 0.0}
     early = descend_by_levels(objective, **few, usual=8)
-    straight = descend(
-        objective,
-        mean_along_rays(objective.projector, objective.lines),
-        **few | {"iterations": 12},
-    )
+    straight = descend(objective, mean_along_rays(objective.projector, objective.lines), **few | {"iterations": 12})
     assert (early.values < straight.values).all()
     assert reported == sorted(reported)
     assert reported[-1] <= 1.0

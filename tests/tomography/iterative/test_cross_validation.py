@@ -7,11 +7,7 @@ from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.projector import Projector
-from sawmill_tomography.reconstruction.iterative.cross_validation import (
-    FOLDS,
-    cross_validate,
-    first_images_of_folds,
-)
+from sawmill_tomography.reconstruction.iterative.cross_validation import FOLDS, cross_validate, first_images_of_folds
 from sawmill_tomography.reconstruction.iterative.penalised import Objective
 from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 
