@@ -5,11 +5,13 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import tifffile
+from tifffile import _imagecodecs
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds
 from sawmill_formats.input.reading import reading_contents
 from sawmill_formats.input.tiff.pages import open_pages
+from sawmill_formats.input.unpacking import PACKBITS
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 STACK = np.arange(12 * 4 * 16, dtype=np.uint16).reshape(12, 4, 16)
@@ -147,3 +149,17 @@ def test_numbers_whose_meaning_cannot_be_followed_are_refused_by_their_tag(tmp_p
         shape_of(tmp_path / "scan.tif")
     assert refusal.value.code == code
     assert named in str(refusal.value)
+
+
+def test_packbits_of_any_bytes():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        packed = rng.bytes(200) + bytes(130)  # whatever comes last, its data follow
+        end = len(_imagecodecs.packbits_decode(packed))
+        assert abs(PACKBITS.unpacked(packed, 10**9) - end) <= 128
+
+
+def test_the_walk_ends_where_it_is_too_much():
+    packed = b"\x81\0" * 10_000
+    assert 1000 < PACKBITS.unpacked(packed, 1000) < 1300
+    assert PACKBITS.unpacked(packed, 10**9) == 1_280_000
