@@ -68,8 +68,9 @@ def nxtomo(tmp_path, stack, angles_deg):
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def published_data():
+    """The folder of the published data."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
@@ -44,7 +44,7 @@ def test_views_a_quarter_turn_apart_are_views_like_any_other(projector, full_tur
     options = {"filter_name": FilterName.COSINE, "frequency_scaling": 0.8, "weighting": weighting}
     shared = fbp(projector(angles, 64), stack[:, 0], **options).image
     for other in (
-        fbp(projector(angles[order], 64), stack[order, 0], **options).image,
+        fbp(projector(angles[order] + TAU, 64), stack[order, 0], **options).image,
         fbp(projector(angles, 64), stack.transpose(1, 0, 2), **options).image[0],
     ):
         np.testing.assert_allclose(shared, other, atol=ROUNDING * np.abs(shared).max())

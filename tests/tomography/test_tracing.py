@@ -126,8 +126,8 @@ def test_specks_are_left_out():
     assert len(trace(picture, FIELD, name="dusty").shapes) == 1
 
 
-def test_the_published_drawing_is_the_built_in_l(published):
-    picture = np.asarray(Image.open(published / "l-phantom" / "reference.png").convert("L"), np.float64)
+def test_the_published_drawing_is_the_built_in_l(published_data):
+    picture = np.asarray(Image.open(published_data / "l-phantom" / "reference.png").convert("L"), np.float64)
     (traced,) = trace(picture, FIELD, name="reference").shapes
     corners = np.array(traced.vertices_mm)
     assert len(corners) == 6

@@ -131,11 +131,8 @@ def test_one_slice_has_no_neighbours(projector, lines):
     )
 
 
-def test_a_negative_coupling_is_refused(projector, lines):
+def test_a_coupling_is_0_or_positive_and_one_for_each_pair_of_neighbours(projector, lines):
     with pytest.raises(GeometryError, match=r"coupling must be 0 or a positive number, not -0\.5"):
         total_variation(projector, lines, weight=200.0, coupling=-0.5)
-
-
-def test_each_slice_has_one_coupling_with_the_next(projector, lines):
     with pytest.raises(GeometryError, match=r"one number, or 5 of them for 6 slices, not of shape \(6,\)"):
         total_variation(projector, lines, weight=200.0, coupling=np.full(SLICES, 0.5))

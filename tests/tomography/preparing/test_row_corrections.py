@@ -131,6 +131,7 @@ def test_rings_of_unequal_cells_go_and_the_log_stays(many_views, sinogram_of_a_l
     striped = sinogram_of_a_log + unequal
     projector = Projector(many_views, ImageGrid(128, 400.0))
     truth, with_rings, without = (fbp(projector, s).image for s in (sinogram_of_a_log, striped, remove_rings(striped)))
+    np.testing.assert_array_equal(striped, sinogram_of_a_log + unequal)
     size = np.linalg.norm(truth)
     before, after = (float(np.linalg.norm(image - truth) / size) for image in (with_rings, without))
     # What is left is the log's own detail along the detector, which a median of 9 cells cannot tell from a stripe.
@@ -142,12 +143,6 @@ def test_rings_of_unequal_cells_go_and_the_log_stays(many_views, sinogram_of_a_l
 def test_what_is_alike_in_all_cells_is_left_alone():
     ramp = np.linspace(0.0, 1.0, 40, dtype=np.float32)[:, None] + np.linspace(0.0, 2.0, 60, dtype=np.float32)
     np.testing.assert_array_equal(remove_rings(ramp), ramp)
-
-
-def test_the_sinogram_given_is_not_changed(sinogram_of_a_log):
-    before = sinogram_of_a_log.copy()
-    remove_rings(sinogram_of_a_log)
-    np.testing.assert_array_equal(sinogram_of_a_log, before)
 
 
 @pytest.mark.parametrize("window", [1, 4])
