@@ -31,6 +31,11 @@ def frames(path, images, **stored):
         file.create_dataset("entry/frames", data=images.astype(np.uint16), **stored)
 
 
+def master(folder, layout):
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_virtual_dataset("data", layout)
+
+
 def linked(folder, stack):
     """A link to the data, by a further link in the file that it leads to."""
     frames(folder / "raw/b.h5", stack)
@@ -104,8 +109,7 @@ def test_a_virtual_dataset_that_its_sources_do_not_fill_is_refused(folder, stack
     frames(folder / "raw/0.h5", stack[:3])
     layout = h5py.VirtualLayout(SHAPE, np.uint16)
     layout[:3] = h5py.VirtualSource("raw/0.h5", "entry/frames", stack[:3].shape)
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
+    master(folder, layout)
     refused(folder / "master.h5", "truncated-file", "72", "144", **LINKED)
 
 
@@ -139,8 +143,7 @@ def test_sizes_count_against_the_memory_and_what_is_stored(folder, stack):
     frames(folder / "raw/0.h5", np.tile(stack[:1], (1, 1, 100)))
     for view in range(0, 100_000, 10_000):
         layout[view] = h5py.VirtualSource("raw/0.h5", "entry/frames", (1, ROWS, CELLS * 100))
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
+    master(folder, layout)
     refused(folder / "master.h5", "truncated-file", **LINKED, max_bytes=2**20)
     virtual(folder, stack)
     refused(folder / "master.h5", "too-large", "at most 100", **LINKED, max_bytes=100)
@@ -157,8 +160,7 @@ def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack):
     for view in range(60):
         frames(folder / f"raw/{view}.h5", stack[:1])
         layout[view] = h5py.VirtualSource(f"raw/{view}.h5", "entry/frames", (1, ROWS, CELLS))
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
+    master(folder, layout)
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (FILES_KEPT_FREE + 59, before[1]))
     words = "leads to 60 files and 59 may be open at once", "ulimit -n"
