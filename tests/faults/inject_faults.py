@@ -15,8 +15,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.faults.catalogue import ENGINES, FAULTS
-from tests.faults.trials import Outcome, Plan, conduct_all
+from tests.faults.trials import ENGINES, FAULTS, Outcome, Plan, conduct_all
 
 _COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
 

@@ -1,6 +1,8 @@
 """Nails in simulated logs: found, taken out and put back in slices, left out and named in drift checks."""
 
 from dataclasses import replace
+from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -48,13 +50,18 @@ def search(lines, fan):
     return made
 
 
+@cache
+def seen(views):
+    """The metal of the nailed log, and what it was found in."""
+    lines, fan = simulated(NAILED, views)
+    return search(lines, fan).find(lines[None])[0], lines, fan
+
+
 @pytest.mark.parametrize("views", [12, 90])
 def test_nails_are_found_and_taken_out(views):
-    lines, fan = simulated(NAILED, views)
+    metal, lines, fan = seen(views)
     plain, _ = simulated(WOOD, views)
-    looking = search(lines, fan)
-    assert looking.find(plain[None])[0] is None
-    metal = looking.find(lines[None])[0]
+    assert search(lines, fan).find(plain[None])[0] is None
     assert len(metal.body.rows) == len(NAILS)
     # A nail shades 5 to 7 of 288 cells, with the margin 10 to 12: two of them at most a twelfth.
     assert 0.03 < metal.trace.mean() < 1.0 / 12.0
@@ -64,8 +71,7 @@ def test_nails_are_found_and_taken_out(views):
 
 
 def test_the_metal_is_put_back_with_its_mass_on_any_grid():
-    lines, fan = simulated(NAILED, 90)
-    metal = search(lines, fan).find(lines[None])[0]
+    metal, *_ = seen(90)
     mass = METAL_PER_MM * np.pi * sum(nail.radius_mm**2 for nail in NAILS)
     for grid in (ImageGrid(48, 240.0), ImageGrid(200, 240.0, (10.0, -6.0))):
         # Cells average intensities, and steel shades more than its mass: a few per cent.
@@ -79,12 +85,13 @@ def taken(log, fan, seed=1):
     return search(lines, fan).find(lines[None])[0], through
 
 
-@pytest.mark.parametrize("views", [12, 30])
-@pytest.mark.parametrize(
-    "nail", [Nail(3.2, 18.0, 20.0), Nail(6.0, 30.0, 50.0), Nail(2.0, 6.0, 50.0), Nail(3.4, 75.0, 50.0)]
-)
-@pytest.mark.parametrize("seed", first_by_day(1, [1, 2]))
-def test_the_rays_that_are_taken_are_those_through_the_nail(views, nail, seed):
+FOUR = Nail(3.2, 18.0, 20.0), Nail(6.0, 30.0, 50.0), Nail(2.0, 6.0, 50.0), Nail(3.4, 75.0, 50.0)
+BY_DAY = [(1, 12, FOUR[0]), (1, 30, FOUR[1]), (1, 30, FOUR[2]), (1, 12, FOUR[3])]
+BY_NIGHT = [each for each in product((1, 2), (12, 30), FOUR) if each not in BY_DAY]
+
+
+@pytest.mark.parametrize(("seed", "views", "nail"), first_by_day(4, BY_DAY + BY_NIGHT))
+def test_the_rays_that_are_taken_are_those_through_the_nail(seed, views, nail):
     metal, through = taken(NailedLog.random(seed, nail), views_all_round(views))
     # A few cells on either side of a shadow of 5 to 110 cells; where the nail's corner is crossed it hardly shades.
     assert (metal.trace & through).sum() > 0.95 * through.sum()
@@ -210,7 +217,7 @@ def test_a_nail_in_every_row_is_left_out_and_named(case):
     """They were refused as logs that moved."""
     views, nail, worst_mm = case
     fan = views_all_round(views)
-    for seed in range(3):
+    for seed in range(2):
         fit = checked(NailedLog.random(seed, nail), fan, seed)
         assert abs(fit.cor_column_mm - fan.frame.cor_column_mm) < 3.0 * fit.deviation[0] < worst_mm
         assert any(remark.startswith("metal in the log: ") for remark in fit.adjustments)

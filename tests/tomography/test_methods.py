@@ -23,7 +23,7 @@ from sawmill_tomography.reconstruction.choosing import (
 )
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.method import DirectMethod
-from sawmill_tomography.reconstruction.quality import relative_error
+from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.sinograms.noise import estimated_noise, photon_noise
 from sawmill_vocabulary import Preference, ReconstructionMethod
@@ -214,3 +214,33 @@ def test_photon_noise_is_the_scatter_of_poisson_counts():
     scatter = float(np.std(-np.log(counts / 5000.0)))
     # The delta method, at 677 counts, is right to a part in 1000; the sample's own scatter is 0.2 %.
     np.testing.assert_allclose(photon_noise(np.full((2, 30), 2.0), 5000.0), scatter, rtol=0.01)
+
+
+@pytest.fixture
+def random_image():
+    return np.random.default_rng(801).uniform(0.0, 1.0, (64, 64))
+
+
+def test_a_perfect_image_has_no_error_and_full_similarity(random_image):
+    assert relative_error(random_image, random_image) == 0.0
+    assert structural_similarity_index(random_image, random_image) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_the_relative_error_is_the_ratio_of_norms(random_image):
+    assert relative_error(np.zeros_like(random_image), random_image) == pytest.approx(1.0)
+    assert relative_error(1.1 * random_image, random_image) == pytest.approx(0.1)
+    assert relative_error([[3.0, 0.0]], [[0.0, 4.0]]) == pytest.approx(1.25)
+
+
+def test_neither_depends_on_the_unit(random_image):
+    image = random_image + 0.1 * np.random.default_rng(802).standard_normal(random_image.shape)
+    assert relative_error(50.0 * image, 50.0 * random_image) == pytest.approx(relative_error(image, random_image))
+    assert structural_similarity_index(50.0 * image, 50.0 * random_image) == pytest.approx(
+        structural_similarity_index(image, random_image)
+    )
+
+
+def test_more_noise_is_less_similar(random_image):
+    noise = np.random.default_rng(803).standard_normal(random_image.shape)
+    values = [structural_similarity_index(random_image + level * noise, random_image) for level in (0.05, 0.2, 0.8)]
+    assert values[0] > values[1] > values[2]
