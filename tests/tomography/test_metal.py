@@ -90,8 +90,9 @@ BY_DAY = [(1, 12, FOUR[0]), (1, 30, FOUR[1]), (1, 30, FOUR[2]), (1, 12, FOUR[3])
 BY_NIGHT = [each for each in product((1, 2), (12, 30), FOUR) if each not in BY_DAY]
 
 
-@pytest.mark.parametrize(("seed", "views", "nail"), first_by_day(4, BY_DAY + BY_NIGHT))
-def test_the_rays_that_are_taken_are_those_through_the_nail(seed, views, nail):
+@pytest.mark.parametrize("case", first_by_day(4, BY_DAY + BY_NIGHT))
+def test_the_rays_that_are_taken_are_those_through_the_nail(case):
+    seed, views, nail = case
     metal, through = taken(NailedLog.random(seed, nail), views_all_round(views))
     # A few cells on either side of a shadow of 5 to 110 cells; where the nail's corner is crossed it hardly shades.
     assert (metal.trace & through).sum() > 0.95 * through.sum()
