@@ -110,39 +110,33 @@ def plain(full_turn):
     return scan(full_turn(180), seed=WITHOUT_METAL)
 
 
-def with_faulty_cells(plain):
-    plain[:, 150] = 0.0
-    plain[:, 231] = 1.4 * plain.max()
-    plain[:, 230] = 30.0 * np.random.default_rng(3).random(180)
-
-
-def with_corrupt_views(plain):
-    plain[40], plain[90], plain[120, :200] = 30.0, 0.0, -50.0
-
-
-def with_views_of_another_angle(plain):
-    plain[[20, 60, 61]] = plain[[10, 75, 76]]
-
-
-def with_gains_of_each_view(plain):
-    plain *= 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
+def spoil(plain, how):
+    match how:
+        case "faulty cells":
+            plain[:, 150], plain[:, 231] = 0.0, 1.4 * plain.max()
+            plain[:, 230] = 30.0 * np.random.default_rng(3).random(180)
+        case "corrupt views":
+            plain[40], plain[90], plain[120, :200] = 30.0, 0.0, -50.0
+        case "views of another angle":
+            plain[[20, 60, 61]] = plain[[10, 75, 76]]
+        case "gains of each view":
+            plain *= 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
 
 
 @pytest.mark.parametrize("sense", list(Rotation))
 @pytest.mark.parametrize(
-    ("spoil", "remark"),
+    ("how", "remark"),
     [
         (None, None),
-        (with_faulty_cells, "detector cells without a usable signal"),
-        (with_corrupt_views, "3 corrupt views"),
-        (with_views_of_another_angle, "3 views whose rays do not agree"),
-        (with_gains_of_each_view, "gain scattered by"),
+        ("faulty cells", "detector cells without a usable signal"),
+        ("corrupt views", "3 corrupt views"),
+        ("views of another angle", "3 views whose rays do not agree"),
+        ("gains of each view", "gain scattered by"),
     ],
 )
-def test_what_is_wrong_with_a_scan_is_left_out_or_evened_out_and_named(plain, full_turn, frame, sense, spoil, remark):
+def test_what_is_wrong_with_a_scan_is_left_out_or_evened_out_and_named(plain, full_turn, frame, sense, how, remark):
     sinogram = plain.copy()
-    if spoil is not None:
-        spoil(sinogram)
+    spoil(sinogram, how)
     fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002))
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
     assert fit.deviation[0] < 0.15  # a clean scan of this log gives 0.05 mm

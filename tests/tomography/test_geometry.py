@@ -81,16 +81,13 @@ def test_the_twin_of_the_twin_and_twice_reading_backwards_are_theta_itself(rando
         np.testing.assert_allclose(to_vector(again), to_vector(theta), rtol=1e-14, atol=1e-14)
 
 
-def test_a_source_frame_nearer_than_the_known_distance_has_no_theta():
-    frame = SourceFrame(0.0, R_S - 0.1, 1600.0, 0.0, 0.0)
-    with pytest.raises(GeometryError, match=r"source_distance_mm 859\.36 is smaller than source_to_cor_mm 859\.46"):
-        frame.theta(R_S)
-
-
-def test_a_source_frame_at_the_known_distance_has_a_theta_without_source_shift():
+def test_a_source_frame_at_the_known_distance_has_no_source_shift_and_a_nearer_one_no_theta():
     theta = SourceFrame(1.0, R_S, 1600.0, 20.0, 0.1).theta(R_S)
     assert theta.source_shift_mm == 0.0
     assert theta.initial_angle_rad == pytest.approx(1.0, abs=1e-15)
+    frame = SourceFrame(0.0, R_S - 0.1, 1600.0, 0.0, 0.0)
+    with pytest.raises(GeometryError, match=r"source_distance_mm 859\.36 is smaller than source_to_cor_mm 859\.46"):
+        frame.theta(R_S)
 
 
 @pytest.mark.parametrize(

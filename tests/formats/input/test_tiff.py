@@ -65,40 +65,39 @@ def tag(code, kind, value):
     return {"extratags": [(code, kind, 0 if kind == 2 else 1, value, True)]}
 
 
-# Stored numbers, options of the writer, the values that they mean, and the remarks.
+def meant(stored, options, values, *remarks):
+    """Stored numbers, options of the writer, the values that they mean, and the remarks."""
+    return stored, options, values, remarks
+
+
 MEANINGS = {
-    "min is white": (65_535 - STACK, {"photometric": "miniswhite"}, STACK, [INVERTED(largest=65_535)]),
-    "min is white, 8 bits": (
-        (255 - STACK % 256).astype(np.uint8),
-        {"photometric": "miniswhite"},
-        STACK % 256,
-        [INVERTED(largest=255)],
+    "min is white": meant(65_535 - STACK, {"photometric": "miniswhite"}, STACK, INVERTED(largest=65_535)),
+    "min is white, 8 bits": meant(
+        (255 - STACK % 256).astype(np.uint8), {"photometric": "miniswhite"}, STACK % 256, INVERTED(largest=255)
     ),
-    "min is white, floating-point": (
-        STACK.astype(np.float32),
-        {"photometric": "miniswhite"},
-        STACK,
-        [ReadingMessage.WHITE_IS_ZERO_UNUSED()],
+    "min is white, floating-point": meant(
+        STACK.astype(np.float32), {"photometric": "miniswhite"}, STACK, ReadingMessage.WHITE_IS_ZERO_UNUSED()
     ),
-    "from the right": (STACK[..., ::-1], tag(274, 3, 2), STACK, [ReadingMessage.ORIENTATION(orientation=2)]),
-    "upside down": (STACK[:, ::-1, ::-1], tag(274, 3, 3), STACK, [ReadingMessage.ORIENTATION(orientation=3)]),
-    "from below": (STACK[:, ::-1], tag(274, 3, 4), STACK, [ReadingMessage.ORIENTATION(orientation=4)]),
-    "as it is": (STACK, tag(274, 3, 1), STACK, []),
-    "signed numbers": (STACK.astype(np.int16) - 300, {}, STACK - 300.0, []),
-    "signed numbers of ImageJ": (
+    "from the right": meant(STACK[..., ::-1], tag(274, 3, 2), STACK, ReadingMessage.ORIENTATION(orientation=2)),
+    "upside down": meant(STACK[:, ::-1, ::-1], tag(274, 3, 3), STACK, ReadingMessage.ORIENTATION(orientation=3)),
+    "from below": meant(STACK[:, ::-1], tag(274, 3, 4), STACK, ReadingMessage.ORIENTATION(orientation=4)),
+    "as it is": meant(STACK, tag(274, 3, 1), STACK),
+    "signed numbers": meant(STACK.astype(np.int16) - 300, {}, STACK - 300.0),
+    "signed numbers of ImageJ": meant(
         STACK + 32_768,
         imagej("cf=0\nc0=-32768.0\nc1=1.0\n"),
         STACK,
-        [UNPACKED(names="ImageJ (c1, c0)", scale="1", offset="-32768")],
+        UNPACKED(names="ImageJ (c1, c0)", scale="1", offset="-32768"),
     ),
-    "signed numbers of ImageJ, min is white": (
+    "signed numbers of ImageJ, min is white": meant(
         65_535 - STACK,
         imagej("cf=0\nc0=-7\nc1=0.5\n") | {"photometric": "miniswhite"},
         STACK / 2 - 7.0,
-        [INVERTED(largest=65_535), UNPACKED(names="ImageJ (c1, c0)", scale="0.5", offset="-7")],
+        INVERTED(largest=65_535),
+        UNPACKED(names="ImageJ (c1, c0)", scale="0.5", offset="-7"),
     ),
-    "32-bit numbers of ImageJ": (STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK, []),
-    "no function of ImageJ": (STACK, imagej("min=0\nmax=9\n"), STACK, []),
+    "32-bit numbers of ImageJ": meant(STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK),
+    "no function of ImageJ": meant(STACK, imagej("min=0\nmax=9\n"), STACK),
 }
 
 
