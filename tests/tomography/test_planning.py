@@ -58,14 +58,8 @@ def test_calibrations_scatter_as_planned(fan, phantom):
     errors, distances = [], []
     for seed in range(REPEATS):
         sinogram = simulate_sinogram(phantom, geometry, noise=NOISE, seed=seed)
-        task = CalibrationTask(
-            geometry.scanner,
-            phantom,
-            sinogram,
-            geometry.angles_rad,
-            handedness=Handedness.AS_DRAWN,
-            rotation=Rotation.AS_GIVEN,
-        )
+        senses = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+        task = CalibrationTask(geometry.scanner, phantom, sinogram, geometry.angles_rad, **senses)
         found = calibrate(task, seed=seed).frame
         error = to_vector(found) - to_vector(geometry.frame)
         error[0] = angle_difference(found.psi_rad, geometry.frame.psi_rad)

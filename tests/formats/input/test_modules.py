@@ -131,15 +131,8 @@ def test_modules_that_state_no_gaps_are_ignored_and_that_is_said(tmp_path, how, 
 def test_a_scan_of_ours_keeps_its_modules(tmp_path, modules):
     path, stack = tmp_path / "scan.h5", np.ones((VIEWS, 1, CELLS), np.float32)
     angles_rad = np.deg2rad(90.0 * np.arange(VIEWS))
-    new = new_scan(
-        path,
-        stack.shape,
-        angles_rad=angles_rad,
-        detector_pitch_mm=PITCH_MM,
-        row_pitch_mm=None,
-        detector_modules=modules,
-    )
-    with new as written:
+    about = {"detector_pitch_mm": PITCH_MM, "row_pitch_mm": None, "detector_modules": modules}
+    with new_scan(path, stack.shape, angles_rad=angles_rad, **about) as written:
         written.data[...] = stack
         written.note(air_level=None, provenance={})
     with open_scan(path) as own, reading_scan(path, counts=False) as read:

@@ -26,17 +26,9 @@ def stack() -> np.ndarray:
 
 @pytest.fixture
 def scan(tmp_path, stack):
-    path = tmp_path / "scan.h5"
-    write_scan(
-        path,
-        line_integrals=stack,
-        angles_rad=np.deg2rad(np.arange(5) * 72.0),
-        detector_pitch_mm=1.5,
-        row_pitch_mm=None,
-        air_level=None,
-        provenance={},
-    )
-    return path
+    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None, "air_level": None, "provenance": {}}
+    write_scan(tmp_path / "scan.h5", line_integrals=stack, angles_rad=np.deg2rad(np.arange(5) * 72.0), **about)
+    return tmp_path / "scan.h5"
 
 
 def test_a_sinogram_is_one_row_of_the_stack(scan, stack):
