@@ -12,6 +12,7 @@ from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
+from sawmill_calibration.pictures.phantom_drawing import outline_svg, shown_svg
 from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_contracts.plans import Plan
@@ -33,7 +34,6 @@ from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, 
 from sawmill_store.scanners import Scanners
 from sawmill_store.store import Plans
 from sawmill_vocabulary import Shape
-from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 
 PHANTOMS = "/phantoms"
 # Phantoms on a page of the list; a mill has one or two.

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.panels import show_image
+from sawmill_calibration.pictures.windows import Window, labelled_views, window_of
 from sawmill_contracts.drifts import DriftResult
-from sawmill_worker.pictures.panels import show_image
-from sawmill_worker.pictures.windows import Window, labelled_views, window_of
 
 # A change beyond this number of standard deviations is a move (contracts.drifts.DriftResult.moved).
 SIGNIFICANT = 3.0

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sawmill_worker.pictures.panels import encoded
+from sawmill_calibration.pictures.panels import encoded
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
-from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.pages import (
+from sawmill_calibration.pictures.pages import (
     Layout,
     draw_bottom_axis,
     draw_color_bar,
@@ -24,8 +23,9 @@ from sawmill_worker.pictures.pages import (
     font_of,
     page_of,
 )
-from sawmill_worker.pictures.round_numbers import round_length
-from sawmill_worker.pictures.windows import Window, by_stripes, labelled_views, shaded, to_unit, window_of
+from sawmill_calibration.pictures.round_numbers import round_length
+from sawmill_calibration.pictures.windows import Window, by_stripes, labelled_views, shaded, to_unit, window_of
+from sawmill_vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
 # A JPEG of 512 x 512 pixels with noise takes 50 kB; a PNG takes 170 kB and 20 times as long to encode.

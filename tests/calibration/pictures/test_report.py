@@ -13,14 +13,14 @@ import pytest
 from PIL import Image
 from results import FRAME, THETA, calibration_result, comparison
 
+from sawmill_calibration.pictures.calibration_report import overlay_png, report_panels, report_png
+from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.pictures.report_page import About, css_text, report_html
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import Reader
-from sawmill_worker.pictures.calibration_report import overlay_png, report_panels, report_png
-from sawmill_worker.pictures.report_numbers import calibration_table
-from sawmill_worker.pictures.report_page import About, css_text, report_html
 
 VIEWS, CELLS = 20, 48
 EASTERN = timezone(timedelta(hours=2), "EET")

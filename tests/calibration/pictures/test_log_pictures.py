@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_calibration.pictures.log_pictures import TILE_PX, mosaic_png, side_view_png, spread
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.log_pictures import TILE_PX, mosaic_png, side_view_png, spread
 
 FIELD = (-200.0, 200.0)
 

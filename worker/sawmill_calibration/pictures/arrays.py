@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from sawmill_calibration.pictures.pages import encoded
+from sawmill_calibration.pictures.windows import Window, by_stripes, painted, to_unit, window_of
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.pages import encoded
-from sawmill_worker.pictures.windows import Window, by_stripes, painted, to_unit, window_of
 
 THUMBNAIL_PX = 160
 Float32 = NDArray[np.float32]

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.pages import (
+from sawmill_calibration.pictures.pages import (
     INK,
     PAPER,
     Drawing,
@@ -25,8 +24,9 @@ from sawmill_worker.pictures.pages import (
     font_of,
     page_of,
 )
-from sawmill_worker.pictures.round_numbers import ticks
-from sawmill_worker.pictures.windows import Window, shaded, window_of
+from sawmill_calibration.pictures.round_numbers import ticks
+from sawmill_calibration.pictures.windows import Window, shaded, window_of
+from sawmill_vocabulary import ColorMap
 
 TILE_PX = 256
 # Space above each tile for its label, and between two tiles, pixels.

@@ -12,6 +12,8 @@ from gettext import ngettext
 from jinja2 import Environment
 from markupsafe import Markup
 
+from sawmill_calibration.pictures import report_numbers as numbers
+from sawmill_calibration.pictures.templating import templates_of
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scanners import Tolerances
@@ -20,8 +22,6 @@ from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_mill.two_questions import TwoQuestions, in_length, in_mm, in_percent
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_vocabulary.messages import ENGLISH, WORDS, Reader
-from sawmill_worker.pictures import report_numbers as numbers
-from sawmill_worker.templating import templates_of
 
 # Mark and tone of a verdict or an answer.
 LOOKS = {"pass": ("✓", "good"), "watch": ("!", "watch"), "fail": ("✕", "bad")}
@@ -77,7 +77,7 @@ def report_html(
     panels = {}
     if arrays is not None:
         # Imported here because matplotlib takes a second, and the demo's page and a report of numbers need no panel.
-        from sawmill_worker.pictures.calibration_report import report_panels  # noqa: PLC0415
+        from sawmill_calibration.pictures.calibration_report import report_panels  # noqa: PLC0415
 
         panels = report_panels(result, arrays, reader)
     page = (
@@ -121,7 +121,7 @@ def css_text(text: str) -> Markup:
 @cache
 def page_templates(reader: Reader = ENGLISH) -> Environment:
     """Return the templates of self-contained pages in a language, with the functions that show a verdict."""
-    templates = templates_of("sawmill_worker.pictures", ["jinja2.ext.i18n"])
+    templates = templates_of("sawmill_calibration.pictures", ["jinja2.ext.i18n"])
     templates.install_gettext_callables(reader.words, ngettext, newstyle=True)  # type: ignore[attr-defined]
     written = {"mm": in_mm, "in_length": in_length, "percent": in_percent}
     templates.filters |= {name: _localised(function, reader) for name, function in written.items()}

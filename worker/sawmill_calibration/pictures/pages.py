@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
+from sawmill_calibration.pictures.round_numbers import round_length, ticks
+from sawmill_calibration.pictures.windows import Window, painted, shaded, stripes
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import Window, painted, shaded, stripes
 
 INK = "#141414"
 PAPER = "#ffffff"

@@ -2,9 +2,9 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
+from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary import Disc, Polygon
-from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -7,10 +7,10 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 
+from sawmill_calibration.pictures.images import image_png, image_png16, sinogram_png
+from sawmill_calibration.pictures.round_numbers import round_length, ticks
+from sawmill_calibration.pictures.windows import painted, window_of
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
-from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import painted, window_of
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 
@@ -152,20 +152,20 @@ def test_window_leaves_outliers_out(rng):
 
 def test_a_grey_slice_is_drawn_without_matplotlib():
     program = (
-        "import sys, numpy; from sawmill_worker.pictures import images, log_pictures; "
+        "import sys, numpy; from sawmill_calibration.pictures import images, log_pictures; "
         "images.image_png(numpy.eye(8), pixel_mm=1.0, unit='1/mm'); "
-        "ours = ('matplotlib', 'sawmill_worker', 'sawmill_service'); "
+        "ours = ('matplotlib', 'sawmill_calibration', 'sawmill_service'); "
         "print(sorted(m for m in sys.modules if m.split('.')[0] in ours and '.vocabulary' not in m))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == str(
         [
-            "sawmill_worker",
-            "sawmill_worker.pictures",
-            "sawmill_worker.pictures.images",
-            "sawmill_worker.pictures.log_pictures",
-            "sawmill_worker.pictures.pages",
-            "sawmill_worker.pictures.round_numbers",
-            "sawmill_worker.pictures.windows",
+            "sawmill_calibration",
+            "sawmill_calibration.pictures",
+            "sawmill_calibration.pictures.images",
+            "sawmill_calibration.pictures.log_pictures",
+            "sawmill_calibration.pictures.pages",
+            "sawmill_calibration.pictures.round_numbers",
+            "sawmill_calibration.pictures.windows",
         ]
     )

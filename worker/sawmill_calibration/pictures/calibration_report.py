@@ -15,12 +15,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
-from sawmill_mill.next_step import NextStep, step_alone
-from sawmill_vocabulary import ReconstructionMethod
-from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
-from sawmill_vocabulary.messages import ENGLISH, N_, Reader
-from sawmill_worker.pictures.panels import (
+from sawmill_calibration.pictures.panels import (
     draw_frame_pairs,
     draw_log,
     draw_phantom,
@@ -29,8 +24,13 @@ from sawmill_worker.pictures.panels import (
     draw_theta_and_twin,
     encoded,
 )
-from sawmill_worker.pictures.report_numbers import calibration_table
-from sawmill_worker.pictures.windows import LOG_WINDOW, Window, window_of
+from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, window_of
+from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
+from sawmill_mill.next_step import NextStep, step_alone
+from sawmill_vocabulary import ReconstructionMethod
+from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
+from sawmill_vocabulary.messages import ENGLISH, N_, Reader
 
 WIDTH_IN = 14.0
 LINE_IN = 0.27

@@ -9,9 +9,9 @@ from functools import cache
 
 from jinja2 import Template
 
+from sawmill_calibration.pictures.templating import templates_of
 from sawmill_contracts.phantoms import PhantomDrawing, extent_of_wood
 from sawmill_vocabulary import Point, Shape
-from sawmill_worker.templating import templates_of
 
 # Height of letters in print, mm, and on a screen as a share of the wood's longer side, readable at 340 pixels' width.
 _PRINTED_LETTERS_MM, _SHOWN_LETTERS = 5.0, 0.045
@@ -112,7 +112,7 @@ def _printable(name: str) -> str:
 
 @cache
 def _template(name: str) -> Template:
-    templates = templates_of("sawmill_worker.pictures")
+    templates = templates_of("sawmill_calibration.pictures")
     templates.filters |= {"mm": _number, "length_mm": _length}
     return templates.get_template(name)
 
