@@ -18,7 +18,7 @@ from sawmill_calibration.failures import InputError, input_errors_translated, op
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_calibration.pictures.templating import html_of
-from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
 from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
 from sawmill_contracts.calibrations import (
@@ -347,8 +347,7 @@ def reconstruct(
     chosen = options_of(ReconstructionOptions, options)
     with input_errors_translated():
         rows = rows_of_memory(scan, rows=chosen.rows, views=chosen.views)
-        source = ReconstructionInput.of(rows, _geometry(rows, geometry, rotation))
-        volume, result = reconstruct_in_memory(source, chosen, on_progress)
+        volume, result = reconstruct_in_memory(rows, _geometry(rows, geometry, rotation), chosen, on_progress)
     return Reconstruction(volume, result, chosen.field_centre_mm)
 
 
