@@ -5,7 +5,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from reconstruction_inputs import log_rows
+from reconstruction_inputs import reconstruction_input
 
 from sawmill_calibration import capacity
 from sawmill_calibration.reconstruction.reconstruct import (
@@ -15,6 +15,7 @@ from sawmill_calibration.reconstruction.reconstruct import (
 )
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
 
 pytestmark = pytest.mark.slow
 
@@ -23,10 +24,10 @@ OPTIONS = ReconstructionOptions(method="fbp", size=32, field_mm=420.0)
 
 
 @pytest.fixture
-def given(constants, theta, sinogram, turn):
+def given(scanner, theta, sinogram, turn):
     factors = np.linspace(0.5, 1.5, SLICES, dtype=np.float32)
     stack = sinogram(turn(20)).astype(np.float32)[:, None] * factors[:, None]
-    return log_rows(stack, turn(20), constants, theta, first_row=100, counts=True)
+    return reconstruction_input(stack, FanBeamGeometry(scanner, theta, turn(20)), first_row=100, counts=True)
 
 
 def test_a_volume_of_several_blocks_reports_its_range_and_the_time_left(given, tmp_path):

@@ -19,24 +19,19 @@ class LogRows(ScanRows):
         return GivenGeometry(self.scanner, self.theta)
 
 
-def log_rows(stack, angles_rad, scanner, theta, *, first_row=0, counts=False):
-    """Of a stack (views, rows, detector)."""
+def reconstruction_input(stack, fan, *, first_row=0, counts=False):
+    """Of a stack (views, rows, detector) in this geometry."""
+    rows = (first_row, first_row + stack.shape[1])
     return LogRows(
-        read=lambda start, stop: stack[:, start:stop],
-        read_row=lambda row: stack[:, row - first_row],
-        usable_rows=(first_row, first_row + stack.shape[1]),
-        angles_rad=angles_rad,
-        rows=(first_row, first_row + stack.shape[1]),
+        lambda start, stop: stack[:, start:stop],
+        lambda row: stack[:, row - first_row],
+        usable_rows=rows,
+        angles_rad=fan.angles_rad,
+        rows=rows,
         row_step=1,
-        scanner=scanner,
+        scanner=ScannerConstants(**vars(fan.scanner)),
         counts=counts,
         sha256="0" * 64,
         remarks=(),
-        theta=theta,
+        theta=fan.theta,
     )
-
-
-def reconstruction_input(stack, fan, *, first_row=0, counts=False):
-    """Of a stack (views, rows, detector) in this geometry."""
-    scanner = ScannerConstants(**vars(fan.scanner))
-    return log_rows(stack, fan.angles_rad, scanner, fan.theta, first_row=first_row, counts=counts)
