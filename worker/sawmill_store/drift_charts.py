@@ -38,32 +38,23 @@ _DAY_S = 86_400.0
 
 @dataclass(frozen=True)
 class _Portion:
-    """The next drift checks of a chart.
-
-    Attributes
-    ----------
-    chart : (activation's number, number of looks) or None
-        The chart as it was when the drift checks were read; None: there was no chart.
-    state, charted
-        State of the chart, and the number of drift checks in the chart; empty: the chart has to be started.
-    before, looks
-        Newest checks in the chart, and the next checks, oldest first; none where the chart is of a later activation.
-    numbers
-        Numbers of the measurements in `looks`.
-    is_awaited
-        True if the newest of the checks waits; False while the chart is computed again from its start.
-    """
+    """The next drift checks of a chart."""
 
     scanner_id: str
     method: DriftMethod
     activation_number: int
+    # (activation's number, number of looks) of the chart when the drift checks were read; None: there was no chart.
     chart: tuple[int, int] | None
+    # state, charted: state of the chart, and the number of drift checks in the chart; empty: the chart has to be
+    # started.
     state: dict[str, Any]
     charted: int
+    # before, looks: newest checks in the chart, and the next checks, oldest first; none where the chart is of a later
+    # activation.
     before: list[CountedLook]
     looks: list[CountedLook]
-    numbers: list[int]
-    is_awaited: bool
+    numbers: list[int]  # numbers of the measurements in `looks`
+    is_awaited: bool  # True if the newest of the checks waits; False while the chart is computed again from its start
 
 
 class DriftCharts:

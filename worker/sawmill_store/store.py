@@ -31,16 +31,7 @@ Plans = Asked[PlanAsk, Plan]
 
 
 class Store(JobServiceStore):
-    """The resources of a mill, each with its own methods, and the resources of the job service.
-
-    Attributes
-    ----------
-    scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, history,
-    schedules, alarms, retention
-        Stores of the rows.
-    overviews
-        Newest results of every scanner.
-    """
+    """The resources of a mill, each with its own methods, and the resources of the job service."""
 
     files: MillFiles
 
@@ -60,7 +51,7 @@ class Store(JobServiceStore):
         self.history = Histories(self.database)
         self.schedules = Schedules(self.database, self.calibrations, self.drifts)
         self.alarms = Alarms(self.database)
-        self.overviews = Overviews(self.database)
+        self.overviews = Overviews(self.database)  # newest results of every scanner
         self.retention = RetentionStore(self.database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:

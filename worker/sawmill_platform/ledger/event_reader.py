@@ -33,13 +33,7 @@ _LOOKED_THROUGH = 5000  # rows of a minute and a half on a busy service
 
 
 class EventReader:
-    """Reader that continues from its last event; not for several threads at once.
-
-    Attributes
-    ----------
-    number : int
-        Number through which all events are written: nothing will be added before it.
-    """
+    """Reader that continues from its last event; not for several threads at once."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -48,7 +42,7 @@ class EventReader:
         self._settled_by = 0  # the first transaction that had not started when the gap was found
         with database.read() as session:
             self._sequential = session.get_bind().dialect.name == "sqlite"
-            self.number = self._newest(session)
+            self.number = self._newest(session)  # through which all events are written: none will come before it
 
     def read(self) -> list[Event]:
         """Return the next events, the oldest first; a few hundred at most.

@@ -148,17 +148,10 @@ def _log(row: EventRow) -> None:
 
 
 class JobNumbers(NamedTuple):
-    """Numbers of a job's newest events.
+    """Numbers of a job's newest events."""
 
-    Attributes
-    ----------
-    latest : int
-        Number of the last event before the job's end; 0: there is none.
-    end : int or None
-        Number of the event that ended the job; None: it has not ended, or ended when events were not written yet.
-    """
-
-    latest: int
+    latest: int  # number of the last event before the job's end; 0: there is none
+    # Number of the event that ended the job; None: it has not ended, or ended when events were not written yet.
     end: int | None
 
 

@@ -31,19 +31,12 @@ _QUOTA_LOCK = "uploads"
 
 @dataclass(frozen=True)
 class UploadQuota:
-    """Limits on uploads that are not complete or not used yet.
+    """Limits on uploads that are not complete or not used yet."""
 
-    Attributes
-    ----------
-    number, size_bytes
-        Number of uploads of one key, and sum of their declared bytes.
-    all_bytes
-        Sum of the declared bytes of all keys.
-    """
-
+    # number, size_bytes: number of uploads of one key, and sum of their declared bytes.
     number: int
     size_bytes: int
-    all_bytes: int
+    all_bytes: int  # sum of the declared bytes of all keys
 
 
 class Uploads:

@@ -31,44 +31,23 @@ _LONGEST_WAIT = timedelta(hours=36)
 
 @dataclass(frozen=True)
 class Pending:
-    """A webhook and the events to send to it next.
+    """A webhook and the events to send to it next."""
 
-    Attributes
-    ----------
-    webhook_id, url : str
-        Id and URL of the webhook.
-    secrets : tuple of str
-        Secrets that sign the webhook's messages.
-    failures : int
-        Attempts at the first event that have failed.
-    events : list of Event
-        Events, the oldest first.
-    """
-
+    # webhook_id, url: id and URL of the webhook.
     webhook_id: str
     url: str
-    secrets: tuple[str, ...]
-    failures: int
-    events: list[Event]
+    secrets: tuple[str, ...]  # secrets that sign the webhook's messages
+    failures: int  # attempts at the first event that have failed
+    events: list[Event]  # events, the oldest first
 
 
 @dataclass(frozen=True)
 class DeliveryAttempt:
-    """The outcome of one attempt.
+    """The outcome of one attempt."""
 
-    Attributes
-    ----------
-    status : int or None
-        HTTP status of the answer; None: there was no answer.
-    reason : str or None
-        Reason of the failure; None: the attempt succeeded.
-    wait_s : float or None
-        Seconds until the next attempt; None: there is none, and the webhook is paused.
-    """
-
-    status: int | None
-    reason: str | None = None
-    wait_s: float | None = None
+    status: int | None  # HTTP status of the answer; None: there was no answer
+    reason: str | None = None  # reason of the failure; None: the attempt succeeded
+    wait_s: float | None = None  # seconds until the next attempt; None: there is none, and the webhook is paused
 
 
 class Outbox:

@@ -226,19 +226,11 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class PlanView:
-    """A plan as its page shows it.
-
-    Attributes
-    ----------
-    scanner : StoredScanner or None
-        None: the scanner was deleted since.
-    questions : list of ShownQuestion
-        Empty while there is no answer, or no scanner with tolerances for a comparison.
-    """
+    """A plan as its page shows it."""
 
     plan: Plan
-    scanner: StoredScanner | None
-    questions: list[ShownQuestion]
+    scanner: StoredScanner | None  # None: the scanner was deleted since
+    questions: list[ShownQuestion]  # empty while there is no answer, or no scanner with tolerances for a comparison
 
 
 def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
