@@ -121,10 +121,10 @@ UNVERIFIED = {
     "sawmill_service/pages/calibrate/calibrate.py": {"results"},
     "sawmill_service/routes/calibrations.py": {"unverified"},
     "sawmill_service/routes/reconstructions.py": {"unverified"},
-    "sawmill_store/inspections.py": {"results"},
-    "sawmill_store/phantoms.py": {"results"},
+    "sawmill_store/scans/inspections.py": {"results"},
+    "sawmill_store/scans/phantoms.py": {"results"},
     "sawmill_store/retention/retention_store.py": {"results"},
-    "sawmill_store/scans.py": {"results"},
+    "sawmill_store/scans/scans.py": {"results"},
     "sawmill_store/subjects/mill_subjects.py": {"results"},
 }
 

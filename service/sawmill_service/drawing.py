@@ -22,7 +22,7 @@ from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
 from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.scans import Scans
+from sawmill_store.scans.scans import Scans
 from sawmill_vocabulary.messages import Reader
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from fastapi import Depends, Query
 
 from sawmill_service.http.problems import Refused
-from sawmill_store.phantoms import Phantoms
+from sawmill_store.scans.phantoms import Phantoms
 
 PER_PAGE = 24
 # Days far from today have no moment in some time zones.

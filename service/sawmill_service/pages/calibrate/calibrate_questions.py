@@ -8,8 +8,8 @@ from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.calibration_differences import Misfit, misfit
 from sawmill_service.pages.frame.languages import natural_order
-from sawmill_store.phantoms import Phantoms
-from sawmill_store.scans import Scans
+from sawmill_store.scans.phantoms import Phantoms
+from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 

@@ -31,7 +31,7 @@ from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
 from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
-from sawmill_store.scanners import Scanners
+from sawmill_store.scanners.scanners import Scanners
 from sawmill_store.store import Plans
 from sawmill_vocabulary import Shape
 

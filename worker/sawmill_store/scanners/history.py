@@ -17,7 +17,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
 from sawmill_platform.database.tables import IN_HISTORY, EventClass, EventRow, Resource
 from sawmill_platform.errors import Invalid
-from sawmill_store.measurements import read_measurement
+from sawmill_store.drift.measurements import read_measurement
 from sawmill_store.mill_tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500

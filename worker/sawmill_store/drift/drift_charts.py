@@ -27,7 +27,7 @@ from sawmill_contracts.scanner_drift import (
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
 from sawmill_store.activations import active_since
-from sawmill_store.measurements import lock_scanner
+from sawmill_store.drift.measurements import lock_scanner
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 from sawmill_vocabulary import DetectorEstimate
 

@@ -12,7 +12,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_store.activations import active_calibration, discards
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
-from sawmill_store.scanners import scanner_with
+from sawmill_store.scanners.scanners import scanner_with
 
 _NEVER = datetime.min.replace(tzinfo=UTC)
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)

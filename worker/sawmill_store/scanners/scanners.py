@@ -20,10 +20,10 @@ from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_calibration_id
-from sawmill_store.alarms import close_alarms
-from sawmill_store.history import changes_in_words, forget_history
 from sawmill_store.mill_tables import MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 from sawmill_store.requests.references import kept_by
+from sawmill_store.scanners.alarms import close_alarms
+from sawmill_store.scanners.history import changes_in_words, forget_history
 
 
 class Scanners:

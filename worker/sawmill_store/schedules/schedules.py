@@ -23,10 +23,10 @@ from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import announce
-from sawmill_store.history import changes_in_words
 from sawmill_store.mill_tables import ScannerRow, ScheduleRow, ScheduleRunRow
 from sawmill_store.requests.asked import Asked
-from sawmill_store.scheduled import queue_due
+from sawmill_store.scanners.history import changes_in_words
+from sawmill_store.schedules.scheduled import queue_due
 
 
 class Schedules:
