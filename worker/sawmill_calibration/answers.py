@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
-from sawmill_calibration.calibration.result_file import read_calibration as read_result
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of
@@ -19,6 +18,7 @@ from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, che
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
+from sawmill_calibration.result_file import read_calibration as read_result
 from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
 from sawmill_contracts.calibrations import (

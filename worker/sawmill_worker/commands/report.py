@@ -4,9 +4,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sawmill_calibration.calibration.result_file import read_saved_calibration
 from sawmill_calibration.failures import refused
 from sawmill_calibration.pictures.report_page import About, report_html
+from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
