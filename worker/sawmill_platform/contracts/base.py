@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import (
     AwareDatetime,
@@ -26,6 +26,11 @@ class Contract(BaseModel):
     """A frozen model that refuses unknown fields and non-finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+    @classmethod
+    def of_row(cls, row: object) -> Self:
+        """Read the contract from a row, whose columns have the names of its fields."""
+        return cls.model_validate(row, from_attributes=True)
 
 
 Identifier = Annotated[

@@ -64,7 +64,7 @@ class EventReader:
                     missed = before
                     break
                 if row.what.is_public:
-                    there.append(read_event(row))
+                    there.append(Event.of_row(row))
                 before = row.number
         if missed is not None:
             self._miss(missed)
@@ -110,8 +110,3 @@ def _transactions(session: Session) -> tuple[int, int]:
 def published() -> ColumnElement[bool]:
     """Return a condition for statements: the feed publishes the event."""
     return EventRow.what.not_in([kind for kind in EventKind.all() if not kind.is_public])
-
-
-def read_event(row: EventRow) -> Event:
-    """Return the published event of a row."""
-    return Event.model_validate({name: getattr(row, name) for name in Event.model_fields})

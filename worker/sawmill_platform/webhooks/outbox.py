@@ -17,7 +17,7 @@ from sawmill_platform.contracts.webhooks import DeliveryState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
 from sawmill_platform.database.tables import DeliveryRow, SenderRow, WebhookRow
-from sawmill_platform.ledger.event_reader import EventReader, read_event
+from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.webhook_store import read_events, secret_of
 
@@ -132,7 +132,7 @@ class Outbox:
             row = session.get(WebhookRow, webhook_id)
             if row is None or not row.enabled or not _is_due(row, now):
                 return None
-            events = [read_event(event) for event in read_events(session, row, through, _BATCH)]
+            events = [Event.of_row(event) for event in read_events(session, row, through, _BATCH)]
             return Pending(row.id, row.url, secret_of(row, now), row.failures, events) if events else None
 
     def note(self, pending: Pending, event: Event, attempt: DeliveryAttempt) -> bool:

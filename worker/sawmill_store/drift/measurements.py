@@ -48,7 +48,7 @@ class Measurements:
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
             return read_numbered_page(
-                session, statement, MeasurementRow.number, read_measurement, after=after, limit=limit
+                session, statement, MeasurementRow.number, Measurement.of_row, after=after, limit=limit
             )
 
     def movements(self, since: datetime, until: datetime) -> Mapping[str, list[Movement]]:
@@ -193,11 +193,6 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime, activation_numb
         input_sha256=result.input_sha256,
         awaits_chart=None if activation_number is None else True,
     )
-
-
-def read_measurement(row: MeasurementRow) -> Measurement:
-    """Read the measurement of a row."""
-    return Measurement.model_validate({name: getattr(row, name) for name in Measurement.model_fields})
 
 
 def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int | None:

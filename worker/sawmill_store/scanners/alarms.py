@@ -72,7 +72,7 @@ class Alarms:
             detail = {"what": what, "until": notice["until"], "reason": reason}
             kind, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
             announce(session, now, kind, "scanner", scanner_id, group_id=scanner_id, detail=detail, decided=decided)
-            return read_alarm(row)
+            return Alarm.of_row(row)
 
     def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
         with self._database.write() as session:
@@ -132,12 +132,7 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
     if scanner_id is not None:
         statement = statement.where(AlarmRow.scanner_id == scanner_id)
     rows = session.scalars(statement)
-    return [read_alarm(row) for row in rows]
-
-
-def read_alarm(row: AlarmRow) -> Alarm:
-    """Read the alarm of a row."""
-    return Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields})
+    return [Alarm.of_row(row) for row in rows]
 
 
 def _of_scanners(scanner_id: str | None) -> Select[Any]:

@@ -11,13 +11,13 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
+from sawmill_contracts.measurements import Measurement
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import LARGEST_NUMBER, cursor_of, found, parse_cursor
 from sawmill_platform.database.tables import IN_HISTORY, EventClass, EventRow, Resource
 from sawmill_platform.errors import Invalid
-from sawmill_store.drift.measurements import read_measurement
 from sawmill_store.mill_tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow, ScheduleRow
 
 _BATCH = 500
@@ -171,7 +171,7 @@ def _read(row: Row[Any]) -> HistoryEntry:
         kind=HistoryKind(event.topic or ""),
         alarm=_alarm(event),
         link=f"/v1/{SUBJECTS[subject][1]}/{event.subject_id}" if stored else None,
-        measured=None if measured is None else read_measurement(measured),
+        measured=None if measured is None else Measurement.of_row(measured),
     )
 
 

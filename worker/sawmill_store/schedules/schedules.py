@@ -263,12 +263,7 @@ def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
         .order_by(ScheduleRunRow.due_at.desc())
         .limit(limit)
     )
-    return [read_schedule_run(row) for row in rows]
-
-
-def read_schedule_run(row: ScheduleRunRow) -> ScheduleRun:
-    """Read the run of a row."""
-    return ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields})
+    return [ScheduleRun.of_row(row) for row in rows]
 
 
 def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
