@@ -28,9 +28,10 @@ class Contract(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
 
     @classmethod
-    def of_row(cls, row: object) -> Self:
-        """Read the contract from a row, whose columns have the names of its fields."""
-        return cls.model_validate(row, from_attributes=True)
+    def of_row(cls, row: object, **other: object) -> Self:
+        """Read the contract from a row, whose columns have the names of fields, and from other values by field."""
+        columns = {name: getattr(row, name) for name in cls.model_fields if name not in other and hasattr(row, name)}
+        return cls.model_validate(columns | other)
 
 
 Identifier = Annotated[

@@ -259,17 +259,7 @@ def _not_usable(upload: Upload) -> Conflict:
 
 def read_upload(row: UploadRow) -> Upload:
     """Return the upload of a row."""
-    return Upload(
-        id=row.id,
-        created_at=row.created_at,
-        name=row.name,
-        size_bytes=row.size_bytes,
-        offset_bytes=row.offset_bytes,
-        sha256=row.sha256,
-        state=row.state,
-        used_by=row.used_by,
-        expires_at=row.changed_at + UPLOAD_KEPT,
-    )
+    return Upload.of_row(row, expires_at=row.changed_at + UPLOAD_KEPT)
 
 
 @contextmanager

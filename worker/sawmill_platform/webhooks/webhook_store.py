@@ -202,9 +202,7 @@ def read_webhook(session: Session, row: WebhookRow) -> Webhook:
     oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
     some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
     waiting = session.scalar(select(func.count()).select_from(some))
-    computed = {"state": _state(row), "waiting": waiting, "waiting_since": oldest}
-    stored = {name: getattr(row, name) for name in Webhook.model_fields.keys() - computed}
-    return Webhook.model_validate(stored | computed)
+    return Webhook.of_row(row, state=_state(row), waiting=waiting, waiting_since=oldest)
 
 
 def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:

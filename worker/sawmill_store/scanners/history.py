@@ -164,10 +164,9 @@ def _read(row: Row[Any]) -> HistoryEntry:
     """Return the entry of an event, with its measurement, and with a link where its subject is still stored."""
     event, measured = row.EventRow, row.MeasurementRow
     stored = row._mapping.get(event.subject) is not None  # noqa: SLF001 - public, as named tuples have it
-    names = HistoryEntry.model_fields.keys() - {"kind", "alarm", "link", "measured"}
     subject = event.subject or ""
-    return HistoryEntry(
-        **{name: getattr(event, name) for name in names},
+    return HistoryEntry.of_row(
+        event,
         kind=HistoryKind(event.topic or ""),
         alarm=_alarm(event),
         link=f"/v1/{SUBJECTS[subject][1]}/{event.subject_id}" if stored else None,

@@ -52,7 +52,7 @@ class Phantoms:
             refuse_taken(session, PhantomRow, "phantom", row.id)
             session.add(row)
             announce(session, row.created_at, mill_events.PHANTOM_CREATED, "phantom", row.id)
-            return read_phantom(row)
+            return StoredPhantom.of_row(row)
 
     def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
         """Add a phantom with new measurements; the phantom before stays unchanged for everything that refers to it.
@@ -77,7 +77,7 @@ class Phantoms:
             row = self._drawn(new_id(), drawing, built_in=False)
             session.add(row)
             announce(session, row.created_at, mill_events.PHANTOM_CREATED, "phantom", row.id)
-            return read_phantom(row)
+            return StoredPhantom.of_row(row)
 
     def followers(self) -> dict[str, str]:
         """Return, by the id of each phantom that was measured again, the id of the newest phantom made so."""
@@ -138,12 +138,12 @@ class Phantoms:
             session.flush()
             self._places.take(session, job)
             keep(session, row.created_at)
-        return read_phantom(row)
+        return StoredPhantom.of_row(row)
 
     def get(self, phantom_id: str) -> StoredPhantom:
         """Return a phantom, or raise `NotFound`."""
         with self._database.read() as session:
-            return read_phantom(found(session, PhantomRow, "phantom", phantom_id))
+            return StoredPhantom.of_row(found(session, PhantomRow, "phantom", phantom_id))
 
     def usable(self, phantom_id: str) -> StoredPhantom:
         """Return a phantom that a calibration may use.
@@ -156,7 +156,7 @@ class Phantoms:
         with self._database.read() as session:
             row = found(session, PhantomRow, "phantom", phantom_id)
             check_usable(row)
-            return read_phantom(row)
+            return StoredPhantom.of_row(row)
 
     def picture(self, phantom_id: str) -> PhantomPicture:
         """Return the data given with a phantom's picture, or raise `NotFound`; raise `Conflict` for a drawn phantom."""
@@ -166,7 +166,7 @@ class Phantoms:
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredPhantom]:
         """Return a page of phantoms, newest first."""
         with self._database.read() as session:
-            return read_page(session, select(PhantomRow), PhantomRow, read_phantom, after=after, limit=limit)
+            return read_page(session, select(PhantomRow), PhantomRow, StoredPhantom.of_row, after=after, limit=limit)
 
     def delete(self, phantom_id: str) -> None:
         """Remove a phantom that nothing refers to, and its files after the commit.
@@ -203,22 +203,6 @@ class Phantoms:
             state=PhantomState.READY,
             drawing=drawing.model_dump(mode="json"),
         )
-
-
-def read_phantom(row: PhantomRow) -> StoredPhantom:
-    """Read the phantom of a row."""
-    return StoredPhantom.model_validate(
-        {
-            "id": row.id,
-            "created_at": row.created_at,
-            "name": row.name,
-            "built_in": row.built_in,
-            "state": row.state,
-            "reason": row.reason,
-            "drawing": row.drawing,
-            "job_id": row.job_id,
-        }
-    )
 
 
 def picture_of(row: PhantomRow) -> PhantomPicture:

@@ -166,18 +166,5 @@ class Scans:
 
 def read_scan(row: ScanRow) -> Scan:
     """Read the scan of a row."""
-    return Scan.model_validate(
-        {
-            **row.spec,
-            **(row.reading or {}),
-            "id": row.id,
-            "created_at": row.created_at,
-            "scanner_id": row.scanner_id,
-            "phantom_id": row.phantom_id,
-            "state": row.state,
-            "reason": row.reason,
-            "size_bytes": row.size_bytes,
-            "sha256": row.sha256,
-            "job_id": row.job_id,
-        }
-    )
+    stated = row.spec | (row.reading or {})
+    return Scan.of_row(row, **{name: value for name, value in stated.items() if not hasattr(row, name)})

@@ -269,5 +269,4 @@ def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
 def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
     """Read the schedule of a row, with its last run."""
     last = _runs(session, row.id, 1)
-    known = {name: getattr(row, name) for name in Schedule.model_fields if name != "last_run"}
-    return Schedule.model_validate(known | {"last_run": last[0] if last else None})
+    return Schedule.of_row(row, last_run=last[0] if last else None)
