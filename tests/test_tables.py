@@ -17,7 +17,7 @@ from sawmill_platform.contracts.jobs import JobKind, RegisteredWord
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_service.pages.scanners import scanner_form
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
-from sawmill_store.history import SUBJECTS
+from sawmill_store.scanners.history import SUBJECTS
 from sawmill_vocabulary import Adjustment
 
 ROOT = Path(__file__).parents[1]
@@ -149,7 +149,7 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
-    assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"
+    assert not unknown, "add them to SUBJECTS in worker/sawmill_store/scanners/history.py"
 
 
 def test_every_adjustment_has_its_row_in_the_table_of_faults():

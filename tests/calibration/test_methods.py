@@ -46,7 +46,7 @@ def reconstruct(tmp_path):
     def run(given, **options):
         asked = ReconstructionOptions(**{"method": "fbp", "size": SIZE, "field_mm": FIELD_MM} | options)
         path = tmp_path / "volume.h5"
-        result = run_reconstruction(given, asked, path, lambda _: None)
+        result = run_reconstruction(given, given.geometry, asked, path, lambda _: None)
         with h5py.File(path) as file:
             volume = file["entry/reconstruction/data"][()]
             file["entry/process/method"].visit(lambda _: None)
@@ -300,7 +300,7 @@ def test_a_volume_in_memory_is_that_of_the_file(log, reconstruct, options):
     given, seen = log(rows=17), []
     result, volume = reconstruct(given, **options)
     asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, **options)
-    in_memory = reconstruct_in_memory(given, asked, seen.append)
+    in_memory = reconstruct_in_memory(given, given.geometry, asked, seen.append)
     np.testing.assert_array_equal(in_memory.data, volume)
     assert in_memory.result.model_copy(update={"time_s": result.time_s}) == result
     assert seen[-1].seconds_left == 0.0

@@ -5,17 +5,17 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from reconstruction_inputs import reconstruction_input
 
 from sawmill_calibration import capacity
 from sawmill_calibration.reconstruction.reconstruct import (
     SAMPLED_VALUES,
-    ReconstructionInput,
     ValueRange,
     run_reconstruction,
 )
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_vocabulary import Handedness, Rotation
+from sawmill_tomography.geometry.geometry import FanBeamGeometry
 
 pytestmark = pytest.mark.slow
 
@@ -24,25 +24,15 @@ OPTIONS = ReconstructionOptions(method="fbp", size=32, field_mm=420.0)
 
 
 @pytest.fixture
-def given(constants, theta, sinogram, turn):
+def given(scanner, theta, sinogram, turn):
     factors = np.linspace(0.5, 1.5, SLICES, dtype=np.float32)
     stack = sinogram(turn(20)).astype(np.float32)[:, None] * factors[:, None]
-    return ReconstructionInput(
-        read=lambda start, stop: stack[:, start:stop],
-        angles_rad=turn(20),
-        rows=(100, 100 + SLICES),
-        scanner=constants,
-        theta=theta,
-        rotation=Rotation.AS_GIVEN,
-        handedness=Handedness.AS_DRAWN,
-        input_sha256="0" * 64,
-        counts=True,
-    )
+    return reconstruction_input(stack, FanBeamGeometry(scanner, theta, turn(20)), first_row=100, counts=True)
 
 
 def test_a_volume_of_several_blocks_reports_its_range_and_the_time_left(given, tmp_path):
     reported = []
-    result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", reported.append)
+    result = run_reconstruction(given, given.geometry, OPTIONS, tmp_path / "volume.h5", reported.append)
     with h5py.File(tmp_path / "volume.h5") as file:
         volume = file["entry/reconstruction/data"][()]
         assert file["entry/process/parameters/rows"][()] == b"100:170"
@@ -63,7 +53,7 @@ def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_don
     reported = []
     given = replace(given, rows=(100, 100 + rows), counts=False)
     options = ReconstructionOptions(size=32, field_mm=420.0, method=method)
-    run_reconstruction(given, options, tmp_path / "volume.h5", reported.append)
+    run_reconstruction(given, given.geometry, options, tmp_path / "volume.h5", reported.append)
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
     # Sixteen slices are a block; the last slices are still to be written when they are done.
@@ -75,7 +65,7 @@ def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_don
 
 def test_slices_lie_where_their_rows_are_in_the_scan(given, tmp_path):
     given = replace(given, row_step=30, scanner=replace(given.scanner, row_pitch_mm=2.0))
-    result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)
+    result = run_reconstruction(given, given.geometry, OPTIONS, tmp_path / "volume.h5", lambda _: None)
     assert (result.rows, result.row_step, result.shape[0]) == ((100, 170), 30, 3)
     with h5py.File(tmp_path / "volume.h5") as file:
         assert file["entry/reconstruction/z"][()].tolist() == [200.0, 260.0, 320.0]
@@ -89,14 +79,16 @@ def test_rows_that_cannot_be_read_leave_no_volume(given, tmp_path):
         return given.read(start, stop)
 
     with pytest.raises(OSError, match="damaged"):
-        run_reconstruction(replace(given, read=failing), OPTIONS, tmp_path / "volume.h5", lambda _: None)
+        run_reconstruction(
+            replace(given, read=failing), given.geometry, OPTIONS, tmp_path / "volume.h5", lambda _: None
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, full_disk):
     full_disk(10**5, size_bytes=10**9)
     with pytest.raises(JobFailure, match=r"70 x 32 x 32 needs up to 0\.000287 GB and 0\.0001 GB are free") as failure:
-        run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)
+        run_reconstruction(given, given.geometry, OPTIONS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"
     assert list(tmp_path.iterdir()) == []
 

@@ -14,7 +14,7 @@ from damaged_files import endless
 from system_calls import at_call, refusing
 
 from sawmill_calibration import read_scan
-from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.hdf5.listing import hdf5_parts

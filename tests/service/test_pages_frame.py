@@ -161,7 +161,7 @@ def texts_of_the_pages(tmp_path_factory):
         "worker/sawmill_contracts",
         "worker/sawmill_mill",
         "worker/sawmill_vocabulary",
-        "worker/sawmill_worker/pictures",
+        "worker/sawmill_calibration/pictures",
     )
     places = [str(ROOT / folder) for folder in folders]
     options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]

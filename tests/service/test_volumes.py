@@ -10,11 +10,11 @@ import pytest
 import tifffile
 from PIL import Image
 
+from sawmill_calibration.pictures.arrays import averaged
+from sawmill_calibration.pictures.windows import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.arrays import averaged
-from sawmill_worker.pictures.windows import painted
 
 LOG = "/v1/reconstructions/example"
 

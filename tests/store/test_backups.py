@@ -49,8 +49,8 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.store import Store
+from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
 

@@ -16,7 +16,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
 from sawmill_mill.alarms import alarm_sentence
-from sawmill_store.drift_charts import DriftCharts, _counted
+from sawmill_store.drift.drift_charts import DriftCharts, _counted
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
 

@@ -13,7 +13,7 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid, NotFound
-from sawmill_store.measurements import MOST_READ
+from sawmill_store.drift.measurements import MOST_READ
 from sawmill_store.mill_tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)

@@ -26,7 +26,7 @@ from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.scans import Scans
+from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_worker.watched_folders import WAIT_S, WatchedFolders
 

@@ -12,6 +12,7 @@ from scan_files import read_stored_scan
 
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
+from sawmill_calibration.pictures.calibration_report import overlay_png
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -29,7 +30,6 @@ from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.jobs.calibrate import declared_modules, known_modules
 from sawmill_worker.jobs.running import run
-from sawmill_worker.pictures.calibration_report import overlay_png
 
 pytestmark = pytest.mark.slow
 
