@@ -408,8 +408,7 @@ def calibration_result(**changes: Any) -> dict[str, Any]:
     known = results.calibration_result()
     deviations = {name: dict.fromkeys(values) for name, values in known["standard_deviation"].items()}
     scanner = {**results.CONSTANTS, "num_detector_pixels": CELLS}
-    own = {"standard_deviation": deviations, "scanner": scanner, "views": VIEWS, "rows": (0, ROWS)}
-    return known | own | changes
+    return known | {"standard_deviation": deviations, "scanner": scanner, "views": VIEWS, "rows": (0, ROWS)} | changes
 
 
 def reconstruction_result(**changes: Any) -> dict[str, Any]:

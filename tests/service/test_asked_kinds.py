@@ -38,8 +38,7 @@ def test_it_is_accepted_waited_for_and_answered(seeded, worker, woken, kind, pat
     assert (accepted.status_code, accepted.headers["Retry-After"]) == (202, "1")
     address = accepted.headers["Location"]
     queued = seeded.get(address).json()
-    assert (queued["state"], woken) == ("queued", [queued["job_id"]])
-    assert queued[known[0]] == known[1]
+    assert (queued["state"], woken, queued[known[0]]) == ("queued", [queued["job_id"]], known[1])
     name, value = list(ask.items())[-1]
     assert queued["options"][name] == value
     for link in without:
@@ -67,8 +66,7 @@ def test_they_are_listed_by_scanner_and_state(seeded, kind):
     seeded.post(f"/v1/{kind}", json={"scan_id": "example"})
     listed = {state: seeded.get(f"/v1/{kind}?state={state}").json()["items"] for state in ("queued", "succeeded")}
     assert [item["id"] for item in listed["succeeded"]] == ["example"]
-    assert listed["succeeded"][0]["links"]["self"] == f"/v1/{kind}/example"
-    assert len(listed["queued"]) == 1
+    assert (listed["succeeded"][0]["links"]["self"], len(listed["queued"])) == (f"/v1/{kind}/example", 1)
     assert seeded.get(f"/v1/{kind}?scanner_id=example-spare").json()["items"] == []
 
 

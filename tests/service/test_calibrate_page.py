@@ -5,6 +5,7 @@ from dataclasses import replace
 from html import unescape
 
 import pytest
+from page_text import absent
 from results import SCANNER_FORM
 
 from sawmill_contracts import kinds
@@ -54,8 +55,7 @@ def test_without_a_file_it_takes_one(seeded):
 
 def test_without_a_scanner_it_leads_to_a_new_one_or_takes_the_file_first(client):
     page = client.get("/calibrate")
-    assert 'href="/scanners/new"' in page.text
-    assert 'type="file"' in page.text
+    assert absent(page.text, 'href="/scanners/new"', 'type="file"') == []
 
 
 def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
@@ -84,8 +84,7 @@ def test_a_scanner_that_is_made_for_a_file_is_filled_from_it_and_then_chosen(see
     assert "No scanner that is described here can have made this file." in shown(page)
     path = unescape(re.search(r'href="(/scanners/new[^"]*)">Another scanner', page.text)[1])
     form = seeded.get(path)
-    assert re.findall(r'value="(1024|1\.1)"', form.text) == ["1024", "1.1"]
-    assert shown(form).count("from your file") == 2
+    assert (re.findall(r'value="(1024|1\.1)"', form.text), shown(form).count("from your file")) == (["1024", "1.1"], 2)
     typed = SCANNER_FORM | {"num_detector_pixels": "1024", "detector_pitch_mm": "1.1"}
     again = seeded.post(path, data=typed | {"source_to_cor_mm": ""})
     assert (again.status_code, shown(again).count("from your file")) == (422, 2)
@@ -120,8 +119,7 @@ def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, ins
     answer = seeded.post("/calibrate/dataset", data={"inspection_id": inspection, "dataset": "/b"})
     assert answer.status_code == 303
     again = store.inspections.get(answer.headers["Location"].partition("inspection=")[2])
-    assert (again.options.dataset, again.options.name) == ("/b", "morning <1>.npz")
-    assert woken == [again.job_id]
+    assert (again.options.dataset, again.options.name, woken) == ("/b", "morning <1>.npz", [again.job_id])
 
 
 def test_answers_start_the_reading_and_the_calibration(seeded, store, inspect, woken):
@@ -132,8 +130,7 @@ def test_answers_start_the_reading_and_the_calibration(seeded, store, inspect, w
     calibration = store.calibrations.get(path.partition("calibration=")[2])
     scan = store.scans.get(calibration.scan_id)
     assert (scan.scanner_id, scan.phantom_id, scan.data, scan.angles_deg) == tuple(ANSWERS.values())
-    assert scan.name == "morning <1>.npz"
-    assert store.files.upload(kinds.INGEST, scan.id).read_bytes() == b"a scan"
+    assert (scan.name, store.files.upload(kinds.INGEST, scan.id).read_bytes()) == ("morning <1>.npz", b"a scan")
     assert woken == [scan.job_id, calibration.job_id]
     running = seeded.get(path)
     assert f'data-jobs="{scan.job_id} {calibration.job_id}"' in running.text
@@ -154,8 +151,7 @@ def test_a_wrong_answer_is_asked_again_with_the_others_kept(seeded, store, inspe
     page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection} | changed)
     assert page.status_code == 422
     assert sentence in shown(page)
-    assert 'value="0:30"' in page.text
-    assert 'role="alert"' in page.text
+    assert absent(page.text, 'value="0:30"', 'role="alert"') == []
     assert (len(store.scans.page().items), woken) == (before, [])
 
 
@@ -224,8 +220,7 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
 @pytest.fixture
 def started(seeded, inspect):
     """The path of a calibration that has been asked for."""
-    answer = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])})
-    return answer.headers["Location"]
+    return seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])}).headers["Location"]
 
 
 def failed(store, code, detail):
@@ -237,8 +232,7 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     failed(store, "angles-mismatch", "12 angles were given for 20 views")
     failed(store, "scan-refused", "the scan was refused")
     page = seeded.get(started)
-    assert "12 angles were given for 20 views" in shown(page)
-    assert "one angle for each view" in shown(page)
+    assert absent(shown(page), "12 angles were given for 20 views", "one angle for each view") == []
     again = unescape(re.search(r'href="([^"]*)">Try again with other answers', page.text)[1])
     assert "calibration=" not in again
     asked_again = seeded.get(again)
@@ -250,8 +244,7 @@ def test_a_result_shows_what_it_is_worth_and_is_accepted(seeded, store, worker, 
     worker.finish_scan()
     worker.finish_calibration(comparison=None)
     page = seeded.get(started)
-    assert "Are the rays right?" in shown(page)
-    assert "Are the millimetres right?" in shown(page)
+    assert absent(shown(page), "Are the rays right?", "Are the millimetres right?") == []
     assert "Accepting makes it the calibration that Line <2> uses from now on" in shown(page)
     action = re.search(r'action="(/operator/activate/[^"]*)"', page.text)[1]
     onward = unescape(re.search(r'name="next" value="([^"]*)"', page.text)[1])
@@ -266,8 +259,7 @@ def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store,
     worker.finish_calibration(verdict="fail", rays_verdict="fail", reasons=["The residual is too large."])
     store.calibrations.activate(re.search(r"calibration=(\w+)", started)[1], "by hand")
     page = shown(seeded.get(started))
-    assert "This calibration is in use and must not be." in page
-    assert "Go back to an earlier one." in page
+    assert absent(page, "This calibration is in use and must not be.", "Go back to an earlier one.") == []
     assert "Nothing needs to be done" not in page
 
 
@@ -281,8 +273,7 @@ def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, w
     assert "/operator/activate/" not in page.text
     assert 'type="file"' in seeded.get("/calibrate", headers=asked[Scope.SUBMIT]).text
     assert "Your key may only look" in shown(seeded.get("/calibrate", headers=asked[Scope.READ]))
-    refused = seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ])
-    assert refused.status_code == 403
+    assert seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ]).status_code == 403
 
 
 def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, woken):
@@ -291,5 +282,4 @@ def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, w
     assert "Which scanner made it?" not in shown(page)
     answer = seeded.post("/calibrate", data={"scan_id": "example", "phantom_id": "example-spare"})
     calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
-    assert (calibration.scan_id, calibration.phantom_id) == ("example", "example-spare")
-    assert woken == [calibration.job_id]
+    assert (calibration.scan_id, calibration.phantom_id, woken) == ("example", "example-spare", [calibration.job_id])

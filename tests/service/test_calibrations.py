@@ -3,7 +3,7 @@ import io
 
 import h5py
 import pytest
-from asgi import asynchronous
+from asgi import asynchronous, refusal
 from damaged_files import written_by_its_job
 from PIL import Image
 
@@ -65,8 +65,7 @@ def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
             return await asyncio.gather(*asked)
 
     answers = asyncio.run(ask_at_once())
-    assert {answer.status_code for answer in answers} == {200}
-    assert len({answer.content for answer in answers}) == 1
+    assert ({answer.status_code for answer in answers}, len({answer.content for answer in answers})) == ({200}, 1)
     assert len(drawn) == 1
 
 
@@ -114,8 +113,7 @@ def test_the_log_before_and_after_are_of_one_size_and_one_window(seeded, store):
         assert first.size == second.size == (512, 512)
         # The same value, at the middle of the first and a quarter beside it in the second, is the same grey.
         assert abs(first.getpixel((136, 250)) - second.getpixel((264, 250))) < 12  # a pixel's step of the ramp
-    folder = store.files.results(kinds.CALIBRATE, "example")
-    assert (folder / "log-before.png").read_bytes() == before.content
+    assert (store.files.results(kinds.CALIBRATE, "example") / "log-before.png").read_bytes() == before.content
 
 
 def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, worker):
@@ -124,5 +122,4 @@ def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, wo
     with h5py.File(store.files.result(kinds.CALIBRATE, identifier, "result.h5"), "r+") as file:
         del file["entry/arrays/log_before"]
     written_by_its_job(store, store.files.unverified(kinds.CALIBRATE, identifier, "result.h5"))
-    refused = seeded.get(f"/v1/calibrations/{identifier}/log-before.png")
-    assert (refused.status_code, refused.json()["code"]) == (404, "no-log")
+    assert refusal(seeded.get(f"/v1/calibrations/{identifier}/log-before.png")) == (404, "no-log")

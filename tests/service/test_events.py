@@ -120,8 +120,7 @@ def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops
         worker.finish_calibration()
 
     first, *heard, last = follow(calibrate)
-    assert (first["event"], first["retry"]) == ("alive", "1000")
-    assert happened(heard) == ["queued", "started", "succeeded"]
+    assert (first["event"], first["retry"], happened(heard)) == ("alive", "1000", ["queued", "started", "succeeded"])
     assert [int(block["id"]) for block in heard] == [int(first["id"]) + step for step in (1, 2, 3)]
     seen = heard[-1]["data"]
     assert (seen["number"], seen["what"]) == (int(heard[-1]["id"]), "succeeded")
@@ -275,8 +274,7 @@ def test_a_stream_ends_with_its_key(seeded, store, follow):
     seeded.app.state.stream_times = StreamTimes(access_s=0.02)
     key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
     bearer = {"Authorization": f"Bearer {key.secret}"}
-    heard = follow(lambda: store.keys.revoke(key.id), **bearer)
-    assert heard[-1]["event"] == "closing"
+    assert follow(lambda: store.keys.revoke(key.id), **bearer)[-1]["event"] == "closing"
     assert seeded.get("/v1/events", headers=bearer).status_code == 401
 
 

@@ -23,9 +23,7 @@ def test_a_file_is_inspected_by_a_job(seeded, store, woken):
     answer = seeded.post("/v1/inspections?name=morning.npz&dataset=entry", content=CONTENT)
     assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
     found = seeded.get(answer.headers["Location"]).json()
-    assert found == answer.json()
-    assert woken == [found["job_id"]]
-    assert (found["state"], found["result"]) == ("queued", None)
+    assert (found, woken, found["state"], found["result"]) == (answer.json(), [found["job_id"]], "queued", None)
     assert found["links"]["job"] == f"/v1/jobs/{found['job_id']}"
     options = found["options"]
     assert (options["name"], options["dataset"], options["size_bytes"]) == ("morning.npz", "entry", len(CONTENT))
@@ -49,8 +47,7 @@ def test_an_inspected_file_becomes_scans_or_is_inspected_again_without_being_sen
         )
         assert store.files.upload(kinds.INGEST, scan["id"]).read_bytes() == CONTENT
     # One file with three names: a scan costs no second room on the disk.
-    assert store.files.upload(kinds.INGEST, scans[0]["id"]).stat().st_nlink == 3
-    assert arriving(store) == []
+    assert (store.files.upload(kinds.INGEST, scans[0]["id"]).stat().st_nlink, arriving(store)) == (3, [])
     again = seeded.post(f"/v1/inspections?inspection_id={inspection['id']}&dataset=other").json()
     assert (again["options"]["dataset"], again["options"]["size_bytes"]) == ("other", len(CONTENT))
     assert store.files.upload(kinds.INSPECT, again["id"]).read_bytes() == CONTENT
@@ -61,8 +58,7 @@ def test_a_deleted_inspection_leaves_the_scan_its_file(seeded, store, inspection
     assert seeded.delete(path).json()["code"] == "inspection-in-use"
     worker.finish_inspection()
     scan = seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json()
-    assert seeded.delete(path).status_code == 204
-    assert seeded.get(path).json()["code"] == "inspection-not-found"
+    assert (seeded.delete(path).status_code, seeded.get(path).json()["code"]) == (204, "inspection-not-found")
     assert not store.files.upload(kinds.INSPECT, inspection["id"]).exists()
     assert store.files.upload(kinds.INGEST, scan["id"]).read_bytes() == CONTENT
     assert seeded.get("/v1/audit").json()["items"][0]["action"] == "inspection-deleted"

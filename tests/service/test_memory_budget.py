@@ -161,10 +161,7 @@ FIGURES = [
 @pytest.mark.usefixtures("_as_served")
 @pytest.mark.parametrize(
     ("side", "paths"),
-    [
-        (1024, PATHS),
-        pytest.param(4096, PATHS + FIGURES, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)]),
-    ],
+    [(1024, PATHS), pytest.param(4096, PATHS + FIGURES, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])],
 )
 def test_no_answer_takes_more_memory_than_it_reserves(seeded, store, settings, worker, side, paths):
     """The peak of this process's resident memory, over what it has before each answer; noise packs badly."""

@@ -20,8 +20,7 @@ MARKS = {f"{ask.__name__}-{name}": mark for ask, name, mark in FIELDS} | {str(ea
 
 
 def test_the_answer_to_who_uses_what_is_out_of_use_says_so(seeded, log_lines):
-    plain = seeded.post(PATH, json={"scan_id": "example"})
-    assert not {"Deprecation", "Link"} & {*plain.headers}
+    assert not {"Deprecation", "Link"} & {*seeded.post(PATH, json={"scan_id": "example"}).headers}
     assert not [line for line in log_lines() if line["event"] == "out-of-use"]
 
     used = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
@@ -53,8 +52,7 @@ def described(seeded, answer):
 def test_the_link_leads_to_the_field_in_the_document(seeded):
     answer = seeded.post(PATH, json={"scan_id": "example", "uncertainty": True})
     assert "no longer computed" in described(seeded, answer)["description"]
-    headers = seeded.app.openapi()["paths"][PATH]["post"]["responses"]["202"]["headers"]
-    assert {"Deprecation", "Link"} < headers.keys()
+    assert {"Deprecation", "Link"} < seeded.app.openapi()["paths"][PATH]["post"]["responses"]["202"]["headers"].keys()
 
 
 @pytest.mark.usefixtures("_another_is_active")

@@ -79,8 +79,7 @@ def literals(node: ast.expr) -> list[str] | None:
 
 
 def answered_codes() -> set[str]:
-    own = {getattr(errors, name).code for name in OWN_CODES} | {errors.DamagedResult.code}
-    found = own | set(assigned_codes())
+    found = ({getattr(errors, name).code for name in OWN_CODES} | {errors.DamagedResult.code}) | set(assigned_codes())
     for name, call in calls():
         at, shape = CODES_AT.get(name, (99, ""))
         if len(call.args) > at:
@@ -117,13 +116,11 @@ def test_a_problem_leads_to_its_page_which_whoever_was_refused_can_read(client, 
     assert (kind["code"], kind["title"], kind["status"]) == (problem["code"], problem["title"], 404)
     assert kind["when"]
     assert kind["what_to_do"]
-    listed = client.get("/problems/").json()["items"]
-    assert kind in listed
+    assert kind in client.get("/problems/").json()["items"]
     assert client.get("/problems/invented").json()["code"] == "unknown-path"
     client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
     refused = client.get("/v1/scanners")
-    assert refused.status_code == 401
-    assert client.get(refused.json()["type"]).json()["status"] == 401
+    assert (refused.status_code, client.get(refused.json()["type"]).json()["status"]) == (401, 401)
     assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
     store.keys = store.sessions = None
     wrong = {"Authorization": "Bearer wrong"}

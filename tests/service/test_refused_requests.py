@@ -1,6 +1,7 @@
 """What cannot be asked for is refused with its status and code, makes no job, and leaves no file."""
 
 import pytest
+from asgi import refusal
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import DECLARATION as RECONSTRUCTION
@@ -91,16 +92,13 @@ READ = [
 
 @pytest.mark.parametrize(("path", "ask", "status", "code"), ASKED)
 def test_what_cannot_be_asked_for_is_a_problem(seeded, woken, path, ask, status, code):
-    answer = seeded.post(path, json=ask)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-    assert woken == []
+    assert (refusal(seeded.post(path, json=ask)), woken) == ((status, code), [])
 
 
 @pytest.mark.parametrize(("path", "content", "status", "code"), SENT)
 def test_a_file_that_is_refused_leaves_nothing(seeded, store, woken, path, content, status, code):
     before = sorted((store.files.folder / "uploads").rglob("*"))
-    answer = seeded.post(path, content=content)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert refusal(seeded.post(path, content=content)) == (status, code)
     assert (list((store.files.folder / "incoming").iterdir()), woken) == ([], [])
     assert sorted((store.files.folder / "uploads").rglob("*")) == before
     assert store.files.upload(kinds.INSPECT, "example").read_bytes() == b"original"

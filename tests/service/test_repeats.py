@@ -4,6 +4,7 @@ import gzip
 from base64 import b64encode
 
 import pytest
+from asgi import refusal
 from results import SCANNER_SPEC as SCANNER
 
 from sawmill_contracts import kinds
@@ -47,8 +48,7 @@ def test_a_repeat_makes_nothing_and_gets_the_first_answer(seeded, store, woken, 
     assert first.status_code in {200, 201, 202}, first.text
     made, woken_once = numbers(store), len(woken)
     again = seeded.post(path, headers=named('"once"'), **REQUESTS[path])
-    assert again.content == first.content
-    assert again.status_code == first.status_code
+    assert (again.content, again.status_code) == (first.content, first.status_code)
     same = ("Location", "Retry-After", "Content-Type")
     assert [again.headers.get(name) for name in same] == [first.headers.get(name) for name in same]
     assert (first.headers.get("Idempotency-Replayed"), again.headers["Idempotency-Replayed"]) == (None, "true")
@@ -87,14 +87,12 @@ def test_another_file_under_the_same_key_is_refused_and_not_kept(seeded, store):
     path = "/v1/scans?scanner_id=example&data=counts"
     first = seeded.post(path, content=b"one scan", headers=named("once"))
     made = numbers(store)
-    refused = seeded.post(path, content=b"two scans", headers=named("once"))
-    assert (refused.status_code, refused.json()["code"]) == (422, "idempotency-key-reused")
+    assert refusal(seeded.post(path, content=b"two scans", headers=named("once"))) == (422, "idempotency-key-reused")
     assert seeded.post(path, content=b"", headers=named("once")).json()["code"] == "empty-body"
     # Nor is more of it read than an upload may have (100 000 bytes here).
     packed = {"Content-Encoding": "gzip", **named("once")}
     assert seeded.post(path, content=gzip.compress(bytes(100_001)), headers=packed).status_code == 413
-    assert numbers(store) == made
-    assert len(list((store.files.folder / "uploads" / "scans").iterdir())) == 3
+    assert (numbers(store), len(list((store.files.folder / "uploads" / "scans").iterdir()))) == (made, 3)
     store.jobs.request_cancel(first.json()["job_id"])
     store.scans.delete(first.json()["id"])
     again = seeded.post(path, content=b"one scan", headers=named("once"))
@@ -110,8 +108,7 @@ def test_a_repeat_that_names_a_file_has_no_body_and_the_digest_of_none(seeded, n
     path, key = f"/v1/scans?scanner_id=example&data=counts&{name}={earlier}", named("once")
     wrong = f"sha-256=:{b64encode(bytes(32)).decode()}:"
     first = seeded.post(path, headers=key)
-    assert first.status_code == 202
-    assert seeded.post(path, content=b"a scan", headers=key).json()["code"] == "two-files"
+    assert (first.status_code, seeded.post(path, content=b"a scan", headers=key).json()["code"]) == (202, "two-files")
     assert seeded.post(path, headers=key | {"Content-Digest": wrong}).json()["code"] == "digest-mismatch"
     assert seeded.post(path, headers=key).content == first.content
 
@@ -128,8 +125,7 @@ def test_keys_in_quotes_and_without_are_the_same_and_bad_ones_are_refused(seeded
 
 
 def test_a_refused_request_may_be_mended_under_its_key(seeded):
-    refused = seeded.post("/v1/calibrations", json={"scan_id": "gone"}, headers=named("once"))
-    assert refused.status_code == 404
+    assert seeded.post("/v1/calibrations", json={"scan_id": "gone"}, headers=named("once")).status_code == 404
     mended = seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
     assert (mended.status_code, mended.headers.get("Idempotency-Replayed")) == (202, None)
 
@@ -139,8 +135,7 @@ def test_a_repeated_cancellation_is_answered_as_the_first_one(seeded, store):
     paths = [f"/v1/jobs/{job_id}/cancel", "/v1/jobs/example/cancel"]
     for number, path in enumerate(paths):
         first = seeded.post(path, headers=named(f"once-{number}"))
-        again = seeded.post(path, headers=named(f"once-{number}"))
-        assert (first.status_code, again.content) == (202, first.content)
+        assert (first.status_code, seeded.post(path, headers=named(f"once-{number}")).content) == (202, first.content)
     assert store.jobs.get(job_id).state == "cancelled"
 
 
@@ -170,5 +165,4 @@ def test_keys_of_different_callers_are_different_keys(seeded, store):
         headers = named("once") | {"Authorization": f"Bearer {secret}"}
         answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
         ids |= set(answers)
-    assert len(ids) == 2
-    assert len(store.jobs.page(kind=kinds.CALIBRATE).items) == 5
+    assert (len(ids), len(store.jobs.page(kind=kinds.CALIBRATE).items)) == (2, 5)

@@ -24,13 +24,11 @@ def test_rules_are_tried_confirmed_and_carried_out(seeded, store):
     assert (refused.status_code, refused.json()["code"]) == (409, "retention-unconfirmed")
     shown = seeded.get("/v1/retention/preview?drifts_days=30&calibrations_days=30").json()
     by_kind = {kind["kind"]: kind for kind in shown["kinds"]}
-    assert by_kind["drifts"]["number"] == 1
-    assert by_kind["calibrations"]["number"] == 0
+    assert (by_kind["drifts"]["number"], by_kind["calibrations"]["number"]) == (1, 0)
     assert by_kind["calibrations"]["stays"] == 1
     put = seeded.put("/v1/retention", json={**shown["rules"], "remove_at_most": shown["number"]})
     check_documented(put)
-    assert put.json()["rules"]["drifts_days"] == 30
-    assert put.json()["changed_by"] == "somebody at this machine"
+    assert (put.json()["rules"]["drifts_days"], put.json()["changed_by"]) == (30, "somebody at this machine")
     assert seeded.get("/v1/retention/preview").json()["rules"] == shown["rules"], "those in force"
     assert store.retention_keeper().remove_some().kind == "drifts"
     assert seeded.get("/v1/drifts/example").status_code == 404
@@ -47,10 +45,8 @@ def test_a_wrong_rule_is_refused_with_its_value(seeded):
 
 def test_rules_are_an_administrators(client):
     client.bring(Scope.ACTIVATE, name="line 2")
-    assert client.get("/v1/retention").status_code == 200
-    assert client.get("/v1/retention/preview").status_code == 403
-    assert client.put("/v1/retention", json={}).status_code == 403
-    assert client.get("/retention").status_code == 403
+    assert (client.get("/v1/retention").status_code, client.get("/v1/retention/preview").status_code) == (200, 403)
+    assert (client.put("/v1/retention", json={}).status_code, client.get("/retention").status_code) == (403, 403)
     assert "How long things are kept" not in client.get("/system").text
 
 

@@ -6,6 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from page_text import absent
 from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
@@ -110,8 +111,7 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
     ((line, band),) = cor.pooled
     places = [tuple(map(float, place.split(","))) for place in line.split()]
     around = [tuple(map(float, place.split(","))) for place in band.split()]
-    assert [x for x, _ in places] == [mark.x for mark in cor.marks[1:]]
-    assert (len(places), len(around)) == (3, 6)
+    assert ([x for x, _ in places], len(places), len(around)) == ([mark.x for mark in cor.marks[1:]], 3, 6)
     assert min(y for _, y in around) < places[0][1] < max(y for _, y in around)
     ((began, zero),) = cor.zeros
     assert (began, zero > places[0][1]) == (span.x(BASELINE.first_at), True), "a smaller value stands lower"
@@ -134,8 +134,7 @@ def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
     )
     rays, cor, _ = chart.panels
     assert [(mark.tone, mark.beyond) for mark in rays.marks] == [("good", False), ("bad", True)]
-    assert [mark.shape for mark in cor.marks] == ["calibration", "drift", "drift"]
-    assert cor.marks[0].tone == "idle"
+    assert ([mark.shape for mark in cor.marks], cor.marks[0].tone) == (["calibration", "drift", "drift"], "idle")
     assert rays.marks[0].y > rays.tolerance_y > rays.marks[1].y
     assert [identifier for _, identifier, _ in chart.accepted] == ["example"]
     assert 2 <= len(chart.days) <= 6
@@ -250,8 +249,7 @@ def test_a_scanner_that_moved_says_when_how_far_and_what_to_do(seeded, store, ki
     state, chart = page[: page.index('id="newest"')], page[page.index('id="drift"') :]
     for part in (state, chart):
         text = " ".join(re.sub(r"<[^>]*>", "", part).split())
-        assert words in text
-        assert "Scan the phantom and calibrate." in text
+        assert absent(text, words, "Scan the phantom and calibrate.") == []
         assert f'<time datetime="{began:%Y-%m-%dT%H:%M:%S}' in part
     assert '<a class="button" href="?days=0.5#drift" aria-current="true">12 hours</a>' in page
     assert 'class="changed"' in chart
@@ -281,10 +279,8 @@ def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seede
         done = seeded.post(f"/operator/activate/{identifier}", data=back)
         assert (done.status_code, done.headers["location"]) == (303, "/scanners/example")
     page = seeded.get("/scanners/example").text
-    assert "the turntable &lt;was&gt; moved" in page
-    assert "somebody at this machine" in page
-    elsewhere = seeded.post(f"/operator/activate/{newer}", data={"next": "//elsewhere.example/"})
-    assert elsewhere.headers["location"] == "/"
+    assert absent(page, "the turntable &lt;was&gt; moved", "somebody at this machine") == []
+    assert seeded.post(f"/operator/activate/{newer}", data={"next": "//elsewhere.example/"}).headers["location"] == "/"
 
 
 def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, store):
@@ -295,8 +291,7 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
     )
     assert seeded.post(path, data={"cron": "0 */6 * * *"}).status_code == 303
     page = seeded.get("/scanners/example-spare").text
-    assert "Monday to Friday at 05:30, America/Vancouver" in page
-    assert "<code>0 */6 * * *</code>, UTC" in page
+    assert absent(page, "Monday to Friday at 05:30, America/Vancouver", "<code>0 */6 * * *</code>, UTC") == []
     drift = {"kind": "check-drift", "cron": "15 * * * *", "on_pass": "activate"}
     assert seeded.post(path, data=drift).status_code == 303
     assert "Look for drift on the newest log</div>" in seeded.get("/scanners/example-spare").text.replace("\n", "")
@@ -327,10 +322,7 @@ def test_times_of_a_zone_that_this_machine_does_not_know_are_shown_in_utc(seeded
         ({"days": "1-5", "clock": "25:00", "time_zone": "Helsinki"}, "not “25:00”"),
         ({"days": "8", "clock": "05:00", "time_zone": "Helsinki"}, "Choose the days"),
         ({"cron": "every monday"}, "not &#39;every monday&#39;"),
-        (
-            {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"},
-            "as Europe/Helsinki or UTC, not “Helsinki”",
-        ),
+        ({"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"}, "as Europe/Helsinki or UTC, not “Helsinki”"),
     ],
 )
 def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence):
@@ -364,8 +356,7 @@ def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
     by_program = watched.model_copy(update={"match": "*.h5", "still_for_s": None})
     store.scanners.update("example", scanner.model_copy(update={"watched_folder": by_program}))
     page = seeded.get("/scanners/example").text
-    assert f'value="{given["watched_folder"]}"' in page
-    assert '<option value="line-integrals" selected>' in page
+    assert absent(page, f'value="{given["watched_folder"]}"', '<option value="line-integrals" selected>') == []
     seeded.post("/scanners/example/settings", data={**given, "watched_folder": str(tmp_path / "line-3")})
     watched = store.scanners.get("example").watched_folder
     assert (watched.folder, watched.match, watched.still_for_s) == (str(tmp_path / "line-3"), "*.h5", None)
@@ -399,9 +390,7 @@ def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seede
     )
     assert page.status_code == 422
     marked = re.search(rf'<input id="{field}".*?</div>', page.text, re.DOTALL)[0]
-    assert sentence in marked
-    assert f'value="{typed}"' in marked
-    assert 'aria-invalid="true"' in marked
+    assert absent(marked, sentence, f'value="{typed}"', 'aria-invalid="true"') == []
     assert field == "name" or 'value="Renamed"' in page.text
     assert store.scanners.get("example").name == "Line <2>"
 

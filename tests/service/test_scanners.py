@@ -1,6 +1,7 @@
 """Scanners and their schedules over HTTP."""
 
 import pytest
+from asgi import refusal
 from results import CONSTANTS
 from results import SCANNER_SPEC as SPEC
 
@@ -22,8 +23,7 @@ def test_a_scanner_lives_from_creation_to_deletion(client):
     assert client.get(path).json() == created.json()
     replaced = client.put(path, json={**SPEC, "name": "Line 3"})
     assert (replaced.json()["name"], replaced.json()["id"]) == ("Line 3", created.json()["id"])
-    assert client.delete(path).status_code == 204
-    assert client.get(path).json()["code"] == "scanner-not-found"
+    assert (client.delete(path).status_code, client.get(path).json()["code"]) == (204, "scanner-not-found")
 
 
 def test_lists_are_paged_newest_first(client):
@@ -33,8 +33,7 @@ def test_lists_are_paged_newest_first(client):
         page = client.get("/v1/scanners", params={"limit": 2, **after}).json()
         seen += [scanner["id"] for scanner in page["items"]]
         after = {"after": page["next"]} if page["next"] else None
-    assert seen == made[::-1]
-    assert client.get("/v1/scanners?after=nonsense").json()["code"] == "invalid-cursor"
+    assert (seen, client.get("/v1/scanners?after=nonsense").json()["code"]) == (made[::-1], "invalid-cursor")
 
 
 def test_a_watched_folder_that_is_not_allowed_is_a_problem(client, store, tmp_path):
@@ -49,14 +48,12 @@ def test_a_watched_folder_that_is_not_allowed_is_a_problem(client, store, tmp_pa
     }.items():
         answer = client.post("/v1/scanners", json={**SPEC, "watched_folder": {**watched, "folder": folder}})
         assert (answer.status_code, answer.json()["code"]) == (422, code)
-    taken = client.put("/v1/scanners/example", json={**SPEC, "watched_folder": watched})
-    assert taken.status_code == 404
+    assert client.put("/v1/scanners/example", json={**SPEC, "watched_folder": watched}).status_code == 404
     assert client.put(made.headers["Location"], json=SPEC).json()["watched_folder"] is None
 
 
 def test_a_used_scanner_cannot_be_deleted(seeded):
-    answer = seeded.delete("/v1/scanners/example")
-    assert (answer.status_code, answer.json()["code"]) == (409, "scanner-in-use")
+    assert refusal(seeded.delete("/v1/scanners/example")) == (409, "scanner-in-use")
 
 
 @pytest.mark.parametrize(
@@ -87,8 +84,7 @@ def test_measurements_are_listed_newest_first_from_a_time_on(seeded):
         ("calibration", "example"),
     ]
     later = seeded.get("/v1/scanners/example/measurements", params={"since": "2999-01-01T00:00:00Z"}).json()
-    assert later == {"items": [], "next": None}
-    assert seeded.get("/v1/scanners/nobody/measurements").status_code == 404
+    assert (later, seeded.get("/v1/scanners/nobody/measurements").status_code) == ({"items": [], "next": None}, 404)
     refused = seeded.get("/v1/scanners/example/measurements", params={"since": "yesterday"})
     assert (refused.status_code, "since" in refused.text) == (422, True)
 
@@ -101,12 +97,9 @@ def test_a_schedule_lives_from_creation_to_deletion(seeded):
     assert created.status_code == 201
     path = created.headers["Location"]
     assert seeded.get(path).json()["next_due_at"].endswith("05:30:00Z")
-    abroad = seeded.put(path, json={**SCHEDULE, "time_zone": "Asia/Tokyo"}).json()
-    assert abroad["next_due_at"].endswith("20:30:00Z")
-    paused = seeded.put(path, json={**SCHEDULE, "enabled": False})
-    assert paused.json()["next_due_at"] is None
-    assert seeded.get(f"{path}/runs").json() == []
-    assert seeded.delete(path).status_code == 204
+    assert seeded.put(path, json={**SCHEDULE, "time_zone": "Asia/Tokyo"}).json()["next_due_at"].endswith("20:30:00Z")
+    assert seeded.put(path, json={**SCHEDULE, "enabled": False}).json()["next_due_at"] is None
+    assert (seeded.get(f"{path}/runs").json(), seeded.delete(path).status_code) == ([], 204)
     assert seeded.get(path).status_code == 404
     assert {item["id"] for item in seeded.get("/v1/schedules").json()["items"]} == {"example", "example-spare"}
 

@@ -3,7 +3,7 @@ import io
 
 import numpy as np
 import pytest
-from asgi import scope_of
+from asgi import refusal, scope_of
 from PIL import Image
 
 from sawmill_service.app import create_app
@@ -20,11 +20,9 @@ def leftovers(store: Store) -> list[str]:
 def test_an_upload_is_kept_as_it_came_and_read_by_a_job(seeded, store, woken):
     content = np.random.default_rng(1).bytes(5000)
     answer = seeded.post(UPLOAD + "&name=morning&phantom_id=l-shape&phantom_rows=0:2", content=content)
-    assert answer.status_code == 202
-    assert answer.headers["Retry-After"] == "1"
+    assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
     scan = seeded.get(answer.headers["Location"]).json()
-    assert (scan["state"], scan["name"], scan["size_bytes"]) == ("ingesting", "morning", 5000)
-    assert woken == [scan["job_id"]]
+    assert (scan["state"], scan["name"], scan["size_bytes"], woken) == ("ingesting", "morning", 5000, [scan["job_id"]])
     assert (store.files.folder / "uploads/scans" / scan["id"] / "original").read_bytes() == content
 
 
@@ -41,8 +39,7 @@ def test_how_a_scan_is_prepared_is_given_at_the_upload_and_the_wake_up_goes_out_
     ]
     seen = []
     seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
-    assert seeded.post(UPLOAD, content=b"x").status_code == 202
-    assert seen == ["queued"]
+    assert (seeded.post(UPLOAD, content=b"x").status_code, seen) == (202, ["queued"])
 
 
 def test_the_mean_of_rows_is_sent_as_line_integrals_and_never_as_counts(seeded, store, woken):
@@ -66,16 +63,14 @@ def test_an_undeclared_size_above_the_limit_is_refused_while_it_streams(seeded, 
             sent += 10_000
             yield bytes(10_000)
 
-    answer = seeded.post(UPLOAD, content=endless())
-    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+    assert refusal(seeded.post(UPLOAD, content=endless())) == (413, "body-too-large")
     assert sent <= settings.max_upload_bytes + 10_000
     assert leftovers(store) == []
 
 
 @pytest.mark.parametrize("declared", ["3", "4000", "-1", "many"])
 def test_a_false_content_length_is_refused(seeded, store, declared):
-    answer = seeded.post(UPLOAD, content=b"1234", headers={"Content-Length": declared})
-    assert (answer.status_code, answer.json()["code"]) == (400, "bad-length")
+    assert refusal(seeded.post(UPLOAD, content=b"1234", headers={"Content-Length": declared})) == (400, "bad-length")
     assert leftovers(store) == []
 
 
@@ -90,9 +85,7 @@ def test_a_client_that_goes_away_leaves_nothing(seeded, store, woken):
         sent.append(message)
 
     asyncio.run(seeded.app(scope_of(UPLOAD, "POST"), receive, send))
-    assert sent == []
-    assert leftovers(store) == []
-    assert woken == []
+    assert (sent, leftovers(store), woken) == ([], [], [])
 
 
 def test_scans_are_listed_and_deleted_with_their_files_unless_a_job_needs_them(seeded, store):
@@ -104,8 +97,7 @@ def test_scans_are_listed_and_deleted_with_their_files_unless_a_job_needs_them(s
     assert seeded.get("/v1/scans/example-spare").status_code == 404
     assert not (store.files.folder / "scans/example-spare").exists()
     assert seeded.delete(path).json()["code"] == "scan-in-use"
-    answer = seeded.get(f"{path}/preview")
-    assert (answer.status_code, answer.json()["code"]) == (409, "scan-ingesting")
+    assert refusal(seeded.get(f"{path}/preview")) == (409, "scan-ingesting")
 
 
 def test_a_sinogram_is_drawn_and_not_drawn_twice_and_the_preview_is_the_middle_row(seeded):

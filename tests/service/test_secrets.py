@@ -126,14 +126,12 @@ def test_no_secret_and_no_local_variable_is_logged(guarded, store, log_text, log
 
 @pytest.mark.parametrize("path", ["/", "/v1/scanners", "/v1/scanners/none", "/nowhere", "/health/live", "/static/x"])
 def test_every_answer_has_an_id_of_its_own(client, path):
-    ids = {client.get(path).headers["X-Request-Id"] for _ in range(3)}
-    assert len(ids) == 3
+    assert len({client.get(path).headers["X-Request-Id"] for _ in range(3)}) == 3
 
 
 def test_the_clients_id_is_kept(client):
     answer = client.get("/v1/scanners/none", headers={"X-Request-Id": "line-2:run_7.a"})
-    assert answer.headers["X-Request-Id"] == "line-2:run_7.a"
-    assert answer.json()["request_id"] == "line-2:run_7.a"
+    assert (answer.headers["X-Request-Id"], answer.json()["request_id"]) == ("line-2:run_7.a", "line-2:run_7.a")
 
 
 @pytest.mark.parametrize("given", ["", "a b", "x" * 65, "<script>", "a\tb", "é", '{"a":1}', "-x", "a;b", "a\\nb"])

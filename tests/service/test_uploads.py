@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import uvicorn
+from asgi import refusal
 from documented import check_documented
 from results import SCANNER_SPEC as SCANNER
 from write_lock import write_lock
@@ -55,9 +56,7 @@ async def untouchable():
     ],
 )
 def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store, path, headers, status, code):
-    answer = seeded.post(path, content=untouchable(), headers=headers)
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
-    assert incoming(store) == []
+    assert (refusal(seeded.post(path, content=untouchable(), headers=headers)), incoming(store)) == ((status, code), [])
 
 
 @pytest.mark.parametrize("path", [SCANS, "/v1/inspections", PICTURES])
@@ -71,8 +70,7 @@ def test_what_the_service_has_no_room_for_is_refused_before_a_byte_is_read(
     store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
     full = Store(store.settings.model_copy(update=limits))
     seeded.app = create_app(settings, full, print)
-    answer = seeded.post(path, content=untouchable())
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert refusal(seeded.post(path, content=untouchable())) == (status, code)
     full.close()
 
 
@@ -80,8 +78,7 @@ def test_what_the_service_has_no_room_for_is_refused_before_a_byte_is_read(
 def test_a_database_that_was_found_locked_is_answered_before_a_byte_is_read(seeded, store, path):
     with write_lock(store.files.folder / "sawmill.db"):
         assert seeded.post(path, content=b"scan").status_code == 503
-        answer = seeded.post(path, content=untouchable())
-        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+        assert refusal(seeded.post(path, content=untouchable())) == (503, "storage-unavailable")
     assert incoming(store) == []
 
 
@@ -90,8 +87,7 @@ def test_a_database_that_was_found_locked_is_answered_before_a_byte_is_read(seed
 )
 def test_a_page_or_a_form_is_not_stored_whatever_it_is_called(seeded, store, page):
     for content, headers in ((page, {}), (gzip.compress(page), {"Content-Encoding": "gzip"})):
-        answer = seeded.post(SCANS, content=content, headers=headers)
-        assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+        assert refusal(seeded.post(SCANS, content=content, headers=headers)) == (415, "unsupported-media-type")
     assert incoming(store) == []
 
 
@@ -108,8 +104,7 @@ def test_a_page_is_known_however_it_is_cut(seeded, store):
     page = b"\xef\xbb\xbf <!doctype html>" + bytes(2000)
     packed = b"".join(gzip.compress(page[begin : begin + 1]) for begin in range(20)) + gzip.compress(page[20:])
     answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})
-    assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
-    assert incoming(store) == []
+    assert (answer.status_code, answer.json()["code"], incoming(store)) == (415, "unsupported-media-type", [])
 
 
 @pytest.mark.parametrize("name", ["sha256", "sha512"])
@@ -135,9 +130,7 @@ def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seed
         yield bytes(STEP_BYTES)
         raise AssertionError("more was asked for")
 
-    answer = seeded.post(SCANS, content=body())
-    assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
-    assert incoming(store) == []
+    assert (refusal(seeded.post(SCANS, content=body())), incoming(store)) == ((507, "storage-full"), [])
 
 
 def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
@@ -167,8 +160,7 @@ def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
     ],
 )
 def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, packed, status, code):
-    answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})
-    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert refusal(seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})) == (status, code)
     assert incoming(store) == []
 
 
@@ -188,8 +180,7 @@ def test_zeros_after_the_last_member_are_left_out_as_by_gzip(seeded, pieces):
 def test_a_bomb_is_refused_by_its_ratio(seeded, settings, store):
     seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 2**30}), store, print)
     answer = seeded.post(SCANS, content=gzip.compress(bytes(2**26)), headers={"Content-Encoding": "gzip"})
-    assert (answer.status_code, answer.json()["code"]) == (413, "packed-too-well")
-    assert incoming(store) == []
+    assert (answer.status_code, answer.json()["code"], incoming(store)) == (413, "packed-too-well", [])
 
 
 def test_the_digest_of_any_other_body_is_checked_too(seeded, store):
@@ -209,8 +200,7 @@ def test_the_digest_of_any_other_body_is_checked_too(seeded, store):
 
 @pytest.mark.parametrize("path", ["/v1/jobs/example/cancel", SCANS + "&inspection_id=example"])
 def test_the_digest_of_a_body_that_is_empty_is_checked_too(seeded, path):
-    wrong = seeded.post(path, headers={"Content-Digest": digest(b"something")})
-    assert (wrong.status_code, wrong.json()["code"]) == (400, "digest-mismatch")
+    assert refusal(seeded.post(path, headers={"Content-Digest": digest(b"something")})) == (400, "digest-mismatch")
     assert seeded.post(path, headers={"Content-Digest": digest(b"")}).status_code == 202
 
 
@@ -279,8 +269,7 @@ def test_a_body_that_comes_too_slowly_is_refused(waiting, store, bounds, body, r
     answer = waiting(**bounds).post(SCANS, content=body())
     assert (answer.status_code, answer.json()["code"]) == (408, "slow-body")
     assert reason in answer.json()["detail"]
-    assert answer.headers["Connection"] == "close"
-    assert incoming(store) == []
+    assert (answer.headers["Connection"], incoming(store)) == ("close", [])
 
 
 @pytest.mark.parametrize(
@@ -310,5 +299,4 @@ def test_half_bodies_over_sockets_leave_nothing_without_a_proxy(waiting, store):
         finally:
             server.should_exit = True
             thread.join(60)
-    assert [b'"code":"slow-body"' in answer for answer in answers] == [True] * 20
-    assert incoming(store) == []
+    assert ([b'"code":"slow-body"' in answer for answer in answers], incoming(store)) == ([True] * 20, [])

@@ -47,8 +47,7 @@ def test_a_large_slice_is_averaged_over_whole_pixels(seeded, volume, max_size, f
     np.testing.assert_allclose(loaded(answer), expected, atol=1e-6)  # float32, in another order
     assert float(answer.headers["X-Pixel-Mm"]) == 1.25 * factor
     # The first edge of the field stays where it is.
-    first_mm = float(answer.headers["X-First-Pixel-Mm"].partition(",")[0])
-    assert first_mm - 0.5 * 1.25 * factor == pytest.approx(-20.0)
+    assert float(answer.headers["X-First-Pixel-Mm"].partition(",")[0]) - 0.5 * 1.25 * factor == pytest.approx(-20.0)
 
 
 @pytest.mark.parametrize(("color_map", "mode"), [("grey", "L"), ("viridis", "RGB")])

@@ -53,8 +53,7 @@ class OpenBrowser:
             if program is None:
                 skip_without(MISSING)
             expect.set_options(timeout=PATIENCE_MS)
-            playwright = self._open.enter_context(sync_playwright())
-            launched = playwright.chromium.launch(executable_path=program, args=FLAGS)
+            launched = self._open.enter_context(sync_playwright()).chromium.launch(executable_path=program, args=FLAGS)
             self._browser = self._open.enter_context(closing(launched))
         return self._browser
 
