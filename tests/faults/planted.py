@@ -76,7 +76,7 @@ DEFECTS = (
         "upload_parts.py",
         "if self.upload.sha256 not in {None, sha256}:",
         "if self.upload.sha256 == sha256[::-1]:",
-        "test_resumable_uploads.py",
+        "service/test_uploads.py",
     ),
     Defect("tiff/pages.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(

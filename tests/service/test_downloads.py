@@ -21,18 +21,10 @@ from sawmill_service.settings import ServiceSettings
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
 VOLUME, VOLUME_PATH = f"{LOG}/volume.h5", "reconstructions/example/volume.h5"
 UNCHANGING = "private, max-age=43200, immutable"
-FILES = {
-    f"{LOG}/slices/1.png": "inline",
-    f"{LOG}/slices/1.jpg": "inline",
-    f"{LOG}/slices/1.npy": "attachment",
-    f"{LOG}/volume.h5": "attachment",
-    f"{LOG}/thumbnail.png": "inline",
-    f"{FOUND}/result.h5": "attachment",
-    f"{FOUND}/overlay.png": "inline",
-    "/v1/scans/example/sinogram.png?row=1": "inline",
-    "/v1/phantoms/l-shape/drawing.svg": "inline",
-    "/v1/scans/example/preview": "inline",
-}
+PICTURES = (f"{LOG}/slices/1.png", f"{LOG}/slices/1.jpg", f"{LOG}/thumbnail.png", f"{FOUND}/overlay.png")
+DRAWN = ("/v1/scans/example/sinogram.png?row=1", "/v1/phantoms/l-shape/drawing.svg", "/v1/scans/example/preview")
+STORED = (f"{LOG}/slices/1.npy", VOLUME, f"{FOUND}/result.h5")
+FILES = dict.fromkeys((*PICTURES, *DRAWN), "inline") | dict.fromkeys(STORED, "attachment")
 # Of a path's parameters.
 ANY = defaultdict(lambda: "example", index="0")
 # Differs from answer to answer, or is of the way alone.
@@ -88,11 +80,20 @@ def test_the_contract_and_the_audit_are_sent_once_to_who_holds_them(seeded):
     assert longer.text.count("\n") == first.text.count("\n") + 1
 
 
-def test_a_picture_is_drawn_once_for_head_and_get(seeded, store):
+def test_a_picture_is_drawn_once_for_head_and_get_and_a_file_gone_before_it_was_read_is_a_problem(seeded, store):
     path = f"{LOG}/slices/2.png"
     head = seeded.request("HEAD", path)
     (store.files.folder / VOLUME_PATH).write_bytes(b"of which nothing can be drawn")
     assert seeded.get(path).headers["ETag"] == head.headers["ETag"]
+
+    class GoneMeanwhile(SlowResults):
+        def digest(self, path):
+            path.unlink()
+            return super().digest(path)
+
+    store.files.verified = slow = GoneMeanwhile(store)
+    slow.go_on.set()
+    assert refusal(seeded.get(VOLUME)) == (404, "file-missing")
 
 
 class SlowResults(VerifiedResults):
@@ -163,44 +164,20 @@ def test_many_that_wait_for_a_digest_hold_no_thread(store):
     assert len(slow.computed) == 1
 
 
-def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded, store):
-    class GoneMeanwhile(SlowResults):
-        def digest(self, path):
-            path.unlink()
-            return super().digest(path)
-
-    store.files.verified = slow = GoneMeanwhile(store)
-    slow.go_on.set()
-    assert refusal(seeded.get(VOLUME)) == (404, "file-missing")
-
-
-# Of the first 100 bytes of each kind: a stored file, a picture, an array.
+# What is sent of each kind: a stored file, a picture, an array; None: the whole.
+MANY = "9" * 5000
+IGNORED = ("rows=1-2", "Rows=1-2, 4-5", "none=")
+FIRST = ("BYTES=3-12", "Bytes=3-12", "bytes=3-12,", "bytes=,, 3-12 ,\t,", "bytes=3-12,999999999999-", "bytes=-0,3-12")
+BAD = (
+    *("bytes=", "bytes=,", "bytes=-", "bytes=x", "bytes=1-2,x", "bytes 1-2", "1-2", "=1-2", "bytes=5-2"),
+    *(f"bytes={MANY}-", f"bytes=0-{MANY}", f"bytes=-{MANY}"),
+)
 SPANS = {
-    "rows=1-2": None,
-    "Rows=1-2, 4-5": None,
-    "none=": None,
-    "BYTES=3-12": (3, 13),
-    "Bytes=3-12": (3, 13),
-    "bytes=3-12,": (3, 13),
-    "bytes=,, 3-12 ,\t,": (3, 13),
-    "bytes=3-12,999999999999-": (3, 13),
-    "bytes=-0,3-12": (3, 13),
-    "bytes=0-999999999999999999": (0, None),
-    "bytes=-999999999999999999": (0, None),
-    "bytes=": 400,
-    "bytes=,": 400,
-    "bytes=-": 400,
-    "bytes=x": 400,
-    "bytes=1-2,x": 400,
-    "bytes 1-2": 400,
-    "1-2": 400,
-    "=1-2": 400,
-    "bytes=" + "9" * 5000 + "-": 400,
-    "bytes=0-" + "9" * 5000: 400,
-    "bytes=-" + "9" * 5000: 400,
-    "bytes=5-2": 400,
-    "bytes=-0": 416,
-    "bytes=999999999999-,-0": 416,
+    **dict.fromkeys(IGNORED),
+    **dict.fromkeys(FIRST, (3, 13)),
+    **dict.fromkeys(("bytes=0-999999999999999999", "bytes=-999999999999999999"), (0, None)),
+    **dict.fromkeys(BAD, 400),
+    **dict.fromkeys(("bytes=-0", "bytes=999999999999-,-0"), 416),
 }
 
 
@@ -219,7 +196,7 @@ def test_ranges_are_those_of_the_rfc(seeded, path):
             check_documented(answer)
 
 
-def test_a_file_is_sent_in_several_ranges_and_whole_where_they_are_too_many(seeded):
+def test_a_file_is_sent_in_several_ranges_and_whole_where_they_are_too_many_or_of_a_date(seeded, store):
     whole = seeded.get(VOLUME).content
     several = seeded.get(VOLUME, headers={"Range": "bytes=0-3,,10-12,999999999999-"})
     assert several.status_code == 206
@@ -227,6 +204,15 @@ def test_a_file_is_sent_in_several_ranges_and_whole_where_they_are_too_many(seed
     assert absent(several.content, whole[:4], f"bytes 10-12/{len(whole)}".encode()) == []
     many = ",".join(f"{first}-{first}" for first in range(0, 404, 4))
     assert seeded.get(VOLUME, headers={"Range": f"bytes={many}"}).content == whole
+    # A file may be written twice within a second: parts of both are not to be joined.
+    thumbnail = f"{LOG}/thumbnail.png"
+    modified = seeded.get(thumbnail).headers["Last-Modified"]
+    path = store.files.results(kinds.RECONSTRUCT, "example") / "thumbnail.png"
+    status = path.stat()
+    path.write_bytes(path.read_bytes()[::-1])
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns // 10**9 * 10**9 + (status.st_mtime_ns + 1) % 10**9))
+    answer = seeded.get(thumbnail, headers={"Range": "bytes=0-9", "If-Range": modified})
+    assert (answer.headers["Last-Modified"], answer.status_code, answer.content) == (modified, 200, path.read_bytes())
 
 
 @pytest.mark.parametrize("path", [VOLUME, f"{LOG}/slices/1.png", f"{LOG}/slices/1.npy"])
@@ -260,18 +246,6 @@ def test_conditions_of_time_are_kept_where_the_time_is_known(seeded):
     assert seeded.get(VOLUME, headers={"If-None-Match": '"x"', "If-Modified-Since": after}).status_code == 200
     # A picture that is drawn for the request has no such time.
     assert seeded.get(f"{LOG}/slices/1.png", headers={"If-Unmodified-Since": before}).status_code == 200
-
-
-def test_a_range_of_a_date_is_answered_with_the_whole(seeded, store):
-    """A file may be written twice within a second: parts of both are not to be joined."""
-    thumbnail = f"{LOG}/thumbnail.png"
-    modified = seeded.get(thumbnail).headers["Last-Modified"]
-    path = store.files.results(kinds.RECONSTRUCT, "example") / "thumbnail.png"
-    status = path.stat()
-    path.write_bytes(path.read_bytes()[::-1])
-    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns // 10**9 * 10**9 + (status.st_mtime_ns + 1) % 10**9))
-    answer = seeded.get(thumbnail, headers={"Range": "bytes=0-9", "If-Range": modified})
-    assert (answer.headers["Last-Modified"], answer.status_code, answer.content) == (modified, 200, path.read_bytes())
 
 
 @pytest.mark.slow

@@ -25,17 +25,7 @@ HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
 
 
 class WatchedEvents(Events):
-    """The table of events, on which a test looks while a feed reads it.
-
-    Attributes
-    ----------
-    reads : int
-        Number of looks at the table that have ended.
-    through : int
-        Number of the event through which the newest reader has read.
-    before, after
-        Called before and after each look, to hold it or to let it fail.
-    """
+    """The table of events, with how often and how far it was read, and what is called before and after each look."""
 
     def __init__(self, store: Store) -> None:
         super().__init__(store.database)

@@ -1,5 +1,6 @@
-"""The token and keys: what needs one, what each scope may do, and that a secret is shown once or never."""
+"""The token and keys: what needs one, what each scope may do, that a secret is shown once, and who did what."""
 
+import json
 import re
 from base64 import b64encode
 
@@ -7,9 +8,15 @@ import pytest
 from asgi import refusal
 from machine_faults import database_away
 from pydantic import ValidationError
+from results import SCANNER_SPEC as SPEC
+from typer.testing import CliRunner
 from write_lock import write_lock
 
+from sawmill_command.commands import main
+from sawmill_contracts import mill_events
 from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_contracts.plans import PlanAsk
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
@@ -55,7 +62,7 @@ def test_a_key_may_do_what_its_scope_covers_and_nothing_else(keyed, scope):
             assert f"of the scope {needed}" in answer.json()["detail"]
 
 
-def test_what_decides_or_removes_needs_more_than_work(keyed):
+def test_what_decides_or_removes_needs_more_than_work_and_only_health_login_and_problems_no_key(keyed):
     needs = {operation: rule.scope for operation, rule in rules(keyed.app).items()}
     assert {operation for operation, scope in needs.items() if scope is Scope.ACTIVATE} == {
         ("POST", "/v1/scanners"),
@@ -80,9 +87,6 @@ def test_what_decides_or_removes_needs_more_than_work(keyed):
     changing = {operation for operation, scope in needs.items() if operation[0] != "GET" and scope is Scope.READ}
     assert changing == {("POST", "/login"), ("POST", "/logout")}
     assert all(needs["POST", kind.asked_at or f"/v1/{kind.kind.plural}"] is Scope.SUBMIT for kind in asked_kinds())
-
-
-def test_no_route_but_health_the_login_and_the_problems_goes_without_a_key(keyed):
     without = {path: rule.needs for (_, path), rule in rules(keyed.app).items() if isinstance(rule.needs, NoKey)}
     assert without == {
         "/health/live": NoKey.MONITORING,
@@ -105,13 +109,20 @@ def test_an_application_with_a_route_without_a_scope_does_not_start(keyed, metho
         RouteRules([*keyed.app.routes, *router.routes])
 
 
-def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
+def test_a_job_keeps_its_key_and_who_may_not_activate_cannot_ask_for_it_on_pass(keyed, store):
     keyed.bring(Scope.SUBMIT)
     ask = {"scan_id": "example", "activate": True}
     assert keyed.post("/v1/calibrations", json=ask).json()["code"] == "scope-too-small"
     assert keyed.post("/v1/calibrations", json=ask | {"activate": False}).status_code == 202
     keyed.bring(Scope.ACTIVATE)
     assert keyed.post("/v1/calibrations", json=ask).status_code == 202
+    key = keyed.bring(Scope.SUBMIT)
+    answer = keyed.post("/v1/calibrations", json={"scan_id": "example"})
+    asked = answer.json()
+    assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
+    assert "X-Job-Id" not in keyed.get("/v1/scanners").headers
+    with store.database.read() as session:
+        assert session.get(JobRow, asked["job_id"]).key_id == key.id
 
 
 def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
@@ -132,16 +143,6 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
     assert keyed.delete(f"/v1/keys/{key}").json()["revoked_at"] is not None
     assert refusal(keyed.get("/v1/keys/own", headers={"Authorization": f"Bearer {new}"})) == (401, "token-required")
     assert [entry.who for entry in store.audit.page(limit=3).items] == [administrator.name] * 3
-
-
-def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
-    key = keyed.bring(Scope.SUBMIT)
-    answer = keyed.post("/v1/calibrations", json={"scan_id": "example"})
-    asked = answer.json()
-    assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
-    assert "X-Job-Id" not in keyed.get("/v1/scanners").headers
-    with store.database.read() as session:
-        assert session.get(JobRow, asked["job_id"]).key_id == key.id
 
 
 def test_the_token_stays_the_first_administrator_s_key_even_while_the_database_is_away(keyed, store):
@@ -206,16 +207,12 @@ def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
     assert client.get("/v1/scanners", headers={"Host": "localhost:8000"}).status_code == 200
 
 
-def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, log_lines):
+def test_who_only_looks_may_look_while_nothing_can_be_written_and_is_redirected_nowhere(keyed, store, log_lines):
     keyed.bring(Scope.READ)
     with write_lock(store.files.folder / "sawmill.db"):
         assert keyed.get("/v1/scanners").status_code == 200
     assert "use-not-kept" in {line["event"] for line in log_lines()}
-
-
-def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
-    keyed.bring(Scope.READ)
-    assert keyed.get("/v1/scanners/").status_code == 404
+    assert keyed.get("/v1/scanners/").status_code == 404  # and not another scheme
 
 
 OPEN = {"/health/live", "/health/ready"}
@@ -301,3 +298,108 @@ def test_a_token_that_cannot_be_is_refused_and_not_shown(given, complaint):
     with pytest.raises(ValidationError, match=complaint) as refused:
         ServiceSettings(**given)
     assert not given.get("token") or given["token"] not in f"{refused.value!s}{refused.value!r}"
+
+
+DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+SCHEDULE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
+
+
+@pytest.fixture
+def anna(seeded, store):
+    """A client who brings the key of an administrator."""
+    seeded.app = create_app(ServiceSettings(public_url="https://calibration.mill.example"), store, print)
+    seeded.key = seeded.bring(Scope.ADMIN, name="anna")
+    return seeded
+
+
+@pytest.mark.usefixtures("_another_is_active")
+def test_every_decision_is_entered_with_who_made_it(anna, store):
+    before = store.audit.page().items[0].number
+    scanner = anna.post("/v1/scanners", json=SPEC).json()["id"]
+    looser = SPEC | {"tolerances": {"predicted_ray_error_mm": 5.0}}
+    anna.put(f"/v1/scanners/{scanner}", json=looser)
+    anna.delete(f"/v1/scanners/{scanner}")
+    schedule = anna.post("/v1/schedules", json=SCHEDULE).json()["id"]
+    anna.put(f"/v1/schedules/{schedule}", json=SCHEDULE | {"on_pass": "activate"})
+    anna.delete(f"/v1/schedules/{schedule}")
+    anna.post("/v1/calibrations/example/activate", json={"reason": "checked by hand"})
+    job = anna.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
+    anna.post(f"/v1/jobs/{job}/cancel")
+    anna.post(f"/v1/jobs/{job}/cancel")  # has ended: nobody does anything
+    anna.delete("/v1/scans/example")
+    phantom = anna.post("/v1/phantoms", json=DISC).json()["id"]
+    anna.delete(f"/v1/phantoms/{phantom}")
+    entries = [entry for entry in store.audit.all() if entry.number > before]
+    assert [entry.action for entry in entries] == [
+        mill_events.SCANNER_CREATED,
+        mill_events.SCANNER_CHANGED,
+        mill_events.SCANNER_DELETED,
+        mill_events.SCHEDULE_CREATED,
+        mill_events.SCHEDULE_CHANGED,
+        mill_events.SCHEDULE_DELETED,
+        mill_events.CALIBRATION_ROLLED_BACK,
+        event_kinds.JOB_CANCELLED,
+        mill_events.SCAN_DELETED,
+        mill_events.PHANTOM_DELETED,
+    ]
+    assert {(entry.who, entry.key_id, entry.address) for entry in entries} == {("anna", anna.key.id, "127.0.0.1")}
+    was, now = entries[1].detail["tolerances"]
+    assert (was["predicted_ray_error_mm"], now["predicted_ray_error_mm"]) == (0.1, 5.0)
+    assert entries[4].detail == {"on_pass": ["report", "activate"]}
+    assert entries[6].detail == {"scanner_id": "example", "reason": "checked by hand"}
+
+
+def test_what_is_refused_leaves_no_entry_and_an_activation_names_the_key_that_asked(anna, store, worker):
+    before = store.audit.page().items
+    assert anna.delete("/v1/scanners/example").status_code == 409
+    assert anna.put("/v1/scanners/nobody", json=SPEC).status_code == 404
+    assert (anna.delete("/v1/phantoms/l-shape").status_code, store.audit.page().items) == (409, before)
+    anna.post("/v1/calibrations", json={"scan_id": "example", "activate": True})
+    worker.finish_calibration()
+    newest = store.audit.page(limit=1).items[0]
+    assert (newest.action, newest.who, newest.key_id) == (mill_events.CALIBRATION_ACTIVATED, "anna", anna.key.id)
+    assert "the request asked for activation on pass" in newest.detail["reason"]
+
+
+def test_the_audit_is_read_over_http_and_as_a_file(anna, store, tmp_path):
+    anna.delete("/v1/scans/example")
+    entries = list(store.audit.all())
+    first = anna.get("/v1/audit?limit=1").json()
+    assert first["items"][0]["number"] == entries[-1].number
+    following = anna.get("/v1/audit", params={"after": first["next"]}).json()["items"]
+    assert [item["number"] for item in following] == [entry.number for entry in reversed(entries[:-1])]
+    answer = anna.get("/v1/audit.jsonl")
+    assert answer.headers["Content-Type"] == "application/jsonl"
+    lines = [json.loads(line) for line in answer.text.splitlines()]
+    assert lines == [entry.model_dump(mode="json") for entry in entries]
+    out = tmp_path / "audit.jsonl"
+    done = CliRunner().invoke(main, ["audit", "--data", str(store.files.folder), "--output", str(out)])
+    assert (done.exit_code, out.read_text()) == (0, answer.text)
+
+
+# A page: what it hides from a key to read, what it says to it, and what the key may not press.
+LOOKED_AT = {
+    "/jobs": (["Yes, cancel it"], "", ["/jobs/{job}/cancel"]),
+    "/phantoms/new": ([], "Your key may only look", ["/phantoms/preview"]),
+    "/phantoms/l-shape": (["Measure it again", "Compute the plan"], "", ["/phantoms/l-shape/delete"]),
+    "/scanners/example": (["/calibrate?scanner=example"], "", ["/scanners/example/settings"]),
+    "/scans/example": (
+        *(["/scans/example/reconstruct", "/scans/example/delete"], ""),
+        ["/scans/example/reconstruct", "/scans/example/delete"],
+    ),
+    "/calibrate": (['type="file"'], "Your key may only look", ["/calibrate", "/calibrate/dataset"]),
+}
+
+
+@pytest.mark.parametrize("page", LOOKED_AT)
+def test_whoever_may_only_look_finds_no_buttons_and_cannot_press_them(seeded, store, page):
+    plan = store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
+    hidden, said, forms = LOOKED_AT[page]
+    shown = seeded.get(page).text
+    assert [text for text in hidden if text not in shown] == [], "who may press them has them"
+    seeded.bring(Scope.READ)
+    shown = seeded.get(page).text
+    assert said in shown
+    assert [text for text in hidden if text in shown] == []
+    for form in forms:
+        assert refusal(seeded.post(form.format(job=plan.job_id), json={"shapes": []})) == (403, "scope-too-small")

@@ -92,13 +92,13 @@ def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store, publ
     assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": good}).status_code == 200
 
 
-@pytest.mark.parametrize("secret", ["", "sawmill_none", TOKEN[:-1], "\xfc"])
-def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store, secret):
-    answer = log_in(browser, secret, next="/docs")
-    assert answer.status_code == 401
-    assert absent(answer.text, "This key opens nothing here", 'name="next" value="/docs"') == []
-    assert "Set-Cookie" not in answer.headers
-    assert not answer.headers["WWW-Authenticate"].startswith("Basic")
+def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store):
+    for secret in ("", "sawmill_none", TOKEN[:-1], "\xfc"):
+        answer = log_in(browser, secret, next="/docs")
+        assert answer.status_code == 401
+        assert absent(answer.text, "This key opens nothing here", 'name="next" value="/docs"') == []
+        assert "Set-Cookie" not in answer.headers
+        assert not answer.headers["WWW-Authenticate"].startswith("Basic")
     assert event_kinds.LOGGED_IN not in {entry.action for entry in store.audit.all()}
 
 
@@ -137,19 +137,22 @@ def test_a_page_leads_to_the_login_and_from_there_on(browser):
     assert "Your session has ended; nothing was changed" in browser.get(ended).text
 
 
-@pytest.mark.parametrize(
-    "onward",
-    [
-        *("//evil.example", "https://evil.example", "/\\evil.example", "/\t/evil.example", "javascript:x", "", "x"),
-        *("/..//evil.example", "/.//evil.example", "/a//b?next=/c"),
-    ],
-)
-def test_a_login_leads_to_no_other_site(browser, onward):
-    assert log_in(browser, TOKEN, next=onward).headers["Location"] == "/"
-    assert 'name="next" value="/"' in browser.get("/login", params={"next": onward}).text
+def test_a_login_leads_to_no_other_site(browser):
+    elsewhere = (
+        "//evil.example",
+        "https://evil.example",
+        "/\\evil.example",
+        "/\t/evil.example",
+        "javascript:x",
+        "",
+        "x",
+    )
+    for onward in (*elsewhere, "/..//evil.example", "/.//evil.example", "/a//b?next=/c"):
+        assert log_in(browser, TOKEN, next=onward).headers["Location"] == "/", onward
+        assert 'name="next" value="/"' in browser.get("/login", params={"next": onward}).text, onward
 
 
-def test_programs_are_challenged_as_before_and_our_pages_without_the_browser_s_window(browser):
+def test_without_a_session_programs_are_challenged_as_before_and_only_the_login_is_open(browser):
     def challenges(**headers):
         answer = browser.get("/v1/scanners", headers={"Accept": "*/*", **headers})
         assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
@@ -157,9 +160,6 @@ def test_programs_are_challenged_as_before_and_our_pages_without_the_browser_s_w
 
     assert challenges() == challenges(Authorization="Bearer none") == ["Basic", "Bearer"]
     assert challenges(Cookie=f"{NAME}=ended") == challenges(**{"Sec-Fetch-Mode": "cors"}) == ["Bearer"]
-
-
-def test_only_what_the_login_page_needs_is_open(browser):
     page = browser.get("/login")
     assert page.status_code == 200
     named = set(re.findall(r'(?:src|href|action)="([^"]+)"', page.text))
@@ -198,7 +198,7 @@ def test_the_cookie_alone_changes_nothing(browser, store):
     assert browser.delete("/v1/scans/example-spare", headers={"X-CSRF-Token": token}).status_code == 204
 
 
-def test_another_site_can_neither_use_a_session_nor_log_its_visitor_in(browser):
+def test_another_site_can_use_no_session_nor_log_its_visitor_in_and_who_brings_a_key_needs_no_token(browser):
     log_in(browser, TOKEN)
     token = token_in(browser)
     for foreign in ({"Origin": "http://evil.example"}, {"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
@@ -206,9 +206,6 @@ def test_another_site_can_neither_use_a_session_nor_log_its_visitor_in(browser):
         assert code(answer) == "other-site"
         answer = browser.post("/login", data={"key": TOKEN}, headers=foreign)
         assert (code(answer), "Set-Cookie" in answer.headers) == ("other-site", False)
-
-
-def test_who_brings_the_key_itself_needs_no_token(browser):
     browser.headers = {"Authorization": f"Bearer {TOKEN}"}
     assert browser.post("/operator/activate/example").status_code == 303
     assert "Log out" not in browser.get("/").text
@@ -282,18 +279,17 @@ def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
     assert "login/" not in CliRunner().invoke(main, command).stderr
 
 
-@pytest.mark.parametrize("end", ["revoked", "rotated", "token changed"])
-def test_a_session_ends_with_what_opened_it(browser, store, end):
-    key = key_of(store, Scope.ADMIN)
-    log_in(browser, TOKEN if end == "token changed" else key.secret)
-    assert browser.get("/").status_code == 200
-    if end == "revoked":
-        store.keys.revoke(key.id)
-    elif end == "rotated":
-        store.keys.rotate(key.id)
-    else:
-        browser.app = create_app(ServiceSettings(token=TOKEN[::-1]), store, print)
-    assert browser.get("/").status_code == 303
+def test_a_session_ends_with_what_opened_it(browser, store):
+    ends = {"revoked": store.keys.revoke, "rotated": store.keys.rotate, "token changed": None}
+    for end, act in ends.items():
+        key = key_of(store, Scope.ADMIN)
+        log_in(browser, TOKEN if act is None else key.secret)
+        assert browser.get("/").status_code == 200
+        if act is None:
+            browser.app = create_app(ServiceSettings(token=TOKEN[::-1]), store, print)
+        else:
+            act(key.id)
+        assert browser.get("/").status_code == 303, end
 
 
 @pytest.mark.parametrize("display", [True, False])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asgi import refusal
 from page_text import absent, text_of
 from PIL import Image, ImageDraw
 
@@ -16,13 +17,20 @@ from sawmill_vocabulary import Disc
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
 
 
-def test_the_built_in_ones_are_there_and_stay(client):
+def test_the_built_in_ones_stay_and_drawings_are_svg_those_of_an_earlier_version_too(client, store):
     for phantom_id in ("l-shape", "rectangle-with-hole"):
         assert client.get(f"/v1/phantoms/{phantom_id}").json()["state"] == "ready"
         assert client.delete(f"/v1/phantoms/{phantom_id}").json()["code"] == "phantom-built-in"
+    answer = client.get("/v1/phantoms/rectangle-with-hole/drawing.svg")
+    assert (answer.status_code, answer.headers["Content-Type"]) == (200, "image/svg+xml")
+    assert absent(answer.text, "⌀ 52 at (-50, -49)", 'width="360.36mm"') == []
+    assert client.get("/v1/phantoms/l-shape/drawing.svg").headers["ETag"] != answer.headers["ETag"]
+    kept = store.phantoms.create(PhantomDrawing(name="line", shapes=[LINE]))
+    assert client.get(f"/v1/phantoms/{kept.id}").status_code == 200
+    assert client.get(f"/v1/phantoms/{kept.id}/drawing.svg").status_code == 200
 
 
-def test_a_drawn_phantom_is_ready_at_once_and_cannot_say_that_it_follows_another(client):
+def test_a_drawn_phantom_is_ready_at_once_follows_no_other_and_may_be_closed_by_its_first_corner(client):
     drawing = {"name": "disc", "shapes": [disc(0, 0, 50)]}
     created = client.post("/v1/phantoms", json=drawing)
     assert created.status_code == 201
@@ -31,6 +39,8 @@ def test_a_drawn_phantom_is_ready_at_once_and_cannot_say_that_it_follows_another
     assert refused.status_code == 422
     assert "body.follows must be left out, not 'l-shape'" in refused.json()["detail"]
     assert client.post("/v1/phantoms", json=drawing | {"follows": None}).status_code == 201
+    created = client.post("/v1/phantoms", json={"name": "board", "shapes": [polygon(*CORNERS, CORNERS[0])]})
+    assert (created.status_code, created.json()["drawing"]["shapes"][0]["vertices_mm"]) == (201, SQUARE["vertices_mm"])
 
 
 def test_a_picture_is_kept_as_it_came_traced_by_a_job_and_has_no_drawing_until_then(client, store, woken):
@@ -53,16 +63,6 @@ def test_the_picture_offered_to_try_is_the_l_shape():
     expected = np.asarray(drawn.resize((400, 400), Image.Resampling.BOX), dtype=float) / 255
     assert shown.shape == (400, 400)
     assert np.abs(shown - expected).mean() < 0.002
-
-
-def test_drawings_are_svg_and_those_of_an_earlier_version_too(client, store):
-    answer = client.get("/v1/phantoms/rectangle-with-hole/drawing.svg")
-    assert (answer.status_code, answer.headers["Content-Type"]) == (200, "image/svg+xml")
-    assert absent(answer.text, "⌀ 52 at (-50, -49)", 'width="360.36mm"') == []
-    assert client.get("/v1/phantoms/l-shape/drawing.svg").headers["ETag"] != answer.headers["ETag"]
-    kept = store.phantoms.create(PhantomDrawing(name="line", shapes=[LINE]))
-    assert client.get(f"/v1/phantoms/{kept.id}").status_code == 200
-    assert client.get(f"/v1/phantoms/{kept.id}/drawing.svg").status_code == 200
 
 
 def polygon(*corners, **more):
@@ -99,21 +99,7 @@ def test_a_drawing_without_extent_is_a_problem(client, shapes, reported):
     assert reported in answer.json()["detail"]
 
 
-def test_a_polygon_that_is_closed_by_its_first_corner_is_the_same_polygon(client):
-    created = client.post("/v1/phantoms", json={"name": "board", "shapes": [polygon(*CORNERS, CORNERS[0])]})
-    assert (created.status_code, created.json()["drawing"]["shapes"][0]["vertices_mm"]) == (201, SQUARE["vertices_mm"])
-
-
-def test_a_measurement_of_a_day_to_come_is_refused(client):
-    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05, "measured_on": "2999-12-25"}
-    drawing = {"name": "board", "shapes": [polygon((-100, -50), (100, -50), (100, 50))], "measurements": [length]}
-    for path, body in (("/l-shape/measurements", {"measurements": [length]}), ("", drawing)):
-        refused = client.post(f"/v1/phantoms{path}", json=body)
-        assert refused.status_code == 422
-        assert "measured_on 2999-12-25 of x is still to come" in refused.json()["detail"]
-
-
-def test_a_phantom_measured_anew_is_another_one_that_follows_it(client):
+def test_a_phantom_measured_anew_is_another_one_that_follows_it_and_no_day_to_come_is_taken(client):
     length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
     made = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]})
     assert made.status_code == 201
@@ -121,7 +107,13 @@ def test_a_phantom_measured_anew_is_another_one_that_follows_it(client):
     assert (newer["built_in"], newer["drawing"]["follows"]) == (False, "l-shape")
     assert client.get("/v1/phantoms/l-shape").json()["drawing"]["measurements"] == []
     refused = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length | {"measured_mm": 20}]})
-    assert (refused.status_code, refused.json()["code"]) == (422, "measurement-of-another-phantom")
+    assert refusal(refused) == (422, "measurement-of-another-phantom")
+    length["measured_on"] = "2999-12-25"
+    drawing = {"name": "board", "shapes": [polygon((-100, -50), (100, -50), (100, 50))], "measurements": [length]}
+    for path, body in (("/l-shape/measurements", {"measurements": [length]}), ("", drawing)):
+        refused = client.post(f"/v1/phantoms{path}", json=body)
+        assert refused.status_code == 422
+        assert "measured_on 2999-12-25 of x is still to come" in refused.json()["detail"]
 
 
 def drawn(store, *measurements: SizeMeasurement) -> str:
@@ -164,13 +156,10 @@ def test_the_list_says_how_well_each_size_is_known(client, store, measurement, w
     assert "As published" in text
 
 
-def test_a_side_that_was_not_measured_is_said_to_be_as_drawn(client, store):
+def test_a_phantom_measured_anew_takes_the_place_of_the_old_one_and_a_side_that_was_not_is_as_drawn(client, store):
     shown = text_of(client.get(f"/phantoms/{drawn(store, measured(0, 200, 'y'))}").text)
     assert "Measured along y only" in shown
     assert "Measured today by caliper 12, along y only: along x it is as it was drawn. Measure that side too." in shown
-
-
-def test_a_phantom_measured_anew_takes_the_place_of_the_old_one_in_the_list(client, store):
     before = drawn(store)
     length = {"what": "x", "measured_mm": 99.0, "standard_uncertainty_mm": 0.05}
     newer = client.post(f"/v1/phantoms/{before}/measurements", json={"measurements": [length]}).json()["id"]
@@ -209,7 +198,9 @@ def test_a_preview_draws_what_it_can_and_names_the_shape_that_is_wrong(client):
     assert [fault["shape"] for fault in found] == [1, None]
 
 
-def test_a_traced_picture_is_shown_under_its_outline(client, worker):
+def test_a_traced_picture_is_shown_under_its_outline_and_what_is_none_is_refused_with_its_sentence(
+    client, worker, store
+):
     accepted = client.post("/v1/phantoms/pictures?name=ell&width_mm=400", content=PICTURE).json()
     page = f"/phantoms/{accepted['id']}"
     assert "The outline is being traced" in client.get(page).text
@@ -219,23 +210,17 @@ def test_a_traced_picture_is_shown_under_its_outline(client, worker):
     assert absent(traced, "Does the outline follow the wood?", 'viewBox="-200.0 -200.0 400.0 400.0"') == []
     assert client.get(f"{page}/picture.png").content == PICTURE
     assert client.get(f"{page}/outline.svg").headers["Content-Type"] == "image/svg+xml"
-
-
-def test_what_is_no_picture_is_refused_with_its_sentence(client, store):
     accepted = client.post("/v1/phantoms/pictures?name=ell&width_mm=400", content=b"no picture").json()
     store.jobs.request_cancel(accepted["job_id"])
     page = client.get(f"/phantoms/{accepted['id']}").text
     assert absent(page, "The picture could not be traced", "its job was cancelled before it ended") == []
 
 
-def test_a_plan_is_held_against_the_tolerances_of_its_scanner(seeded):
+def test_a_plan_is_held_against_its_scanner_s_tolerances_and_an_unused_phantom_goes(seeded):
     page = text_of(seeded.get("/phantoms/l-shape").text)
     assert absent(page, "Are the rays right?", "In 95 of 100 cases the rays are off by less than 0.0") == []
     assert "Are the millimetres right?" in page
     assert text_of(seeded.get("/phantoms/l-shape/plans").text).strip().startswith("Line &lt;2&gt;, 20 views")
-
-
-def test_a_phantom_in_use_says_so_and_an_unused_one_goes(seeded):
     refused = seeded.post("/phantoms/l-shape/delete")
     assert refused.status_code == 409
     assert "is built in and stays" in text_of(refused.text.replace("&#39;", "'"))

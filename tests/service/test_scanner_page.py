@@ -49,7 +49,7 @@ def movement(days_ago: float, moved_mm: float | None = 0.1, **changes) -> Moveme
     return known._replace(**changes)
 
 
-def test_many_measurements_are_thinned_and_keep_their_extremes():
+def test_many_measurements_are_thinned_and_keep_their_extremes_and_an_absurd_value_has_a_range():
     two_years = [movement(730 - day, 0.1 + 0.0001 * (day % 7)) for day in range(1, 730)]
     two_years[300] = two_years[300]._replace(ray_change_mm=3.0, within_tolerance=False)
     two_years[400] = two_years[400]._replace(cor_column_mm=-140.0)
@@ -59,9 +59,6 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
     assert [one.at for one in shown] == sorted(one.at for one in shown)
     for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):
         assert one in shown
-
-
-def test_the_range_of_an_absurd_value_is_one():
     low, high = range_of([1e300], least=0.01)
     assert low < 1e300 < high
     assert range_of([5.0], least=0.01) == pytest.approx((4.999, 5.001))
@@ -140,7 +137,7 @@ def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
     assert 2 <= len(chart.days) <= 6
 
 
-def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
+def test_the_page_shows_how_a_scanner_stands_and_what_to_do_without_anything_measured(seeded):
     page = seeded.get("/scanners/example")
     assert page.status_code == 200
     for text in ("Fine", "The rays have moved 0.010", "Are the rays right?", "log-before.png", "drift check"):
@@ -150,6 +147,10 @@ def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
     assert "not known" in rows[0]
     assert "0.010" in rows[1]
     assert seeded.get("/scanners/nobody").status_code == 404
+    page = seeded.get("/scanners/example-spare").text
+    for text in ("New", "It has no scan yet", "None was accepted yet"):
+        assert text in page
+    assert "Nothing was measured in this time" in page
 
 
 def test_the_drawing_is_that_of_the_active_calibration_when_the_settings_change(seeded):
@@ -265,13 +266,6 @@ def test_a_scanner_whose_logs_show_nothing_says_so(seeded, store):
     assert '<input type="hidden" name="days" value="0.5">' in history
 
 
-def test_a_scanner_without_anything_says_what_to_do(seeded):
-    page = seeded.get("/scanners/example-spare").text
-    for text in ("New", "It has no scan yet", "None was accepted yet"):
-        assert text in page
-    assert "Nothing was measured in this time" in page
-
-
 def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, newer):
     assert f"/operator/activate/{newer}" in seeded.get("/scanners/example").text
     back = {"next": "/scanners/example", "reason": "the turntable <was> moved"}
@@ -333,7 +327,7 @@ def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence
     assert all(value in page.text for name, value in typed.items() if name != "days")
 
 
-def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
+def test_a_new_scanner_is_added_its_settings_are_changed_and_all_that_is_wrong_is_said_at_once(seeded, store):
     assert "A tape measure" in seeded.get("/scanners/new").text
     made = seeded.post("/scanners/new", data=SCANNER_FORM)
     assert made.status_code == 303
@@ -344,6 +338,10 @@ def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
     assert seeded.post(f"{path}/settings", data=changed).status_code == 303
     scanner = store.scanners.get(identifier)
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
+    wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
+    page = seeded.post("/scanners/new", data={**SCANNER_FORM, **wrong}).text
+    assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)
+    assert "<details open>" in page  # the radius has a good default, and is folded otherwise
 
 
 def test_a_watched_folder_is_set_and_its_rules_stay(seeded, store, tmp_path):
@@ -395,20 +393,12 @@ def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seede
     assert store.scanners.get("example").name == "Line <2>"
 
 
-def test_all_that_is_wrong_is_said_at_once(seeded):
-    wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
-    page = seeded.post("/scanners/new", data={**SCANNER_FORM, **wrong}).text
-    assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)
-    assert "<details open>" in page  # the radius has a good default, and is folded otherwise
-
-
 @pytest.mark.parametrize("language", ["en", "fi"])
-@pytest.mark.parametrize("typed", ["859,46", "859.46"])
-def test_decimals_are_read_with_a_comma_and_with_a_point(seeded, store, language, typed):
-    made = seeded.post(
-        "/scanners/new", data={**SCANNER_FORM, "source_to_cor_mm": typed}, headers={"Accept-Language": language}
-    )
-    assert store.scanners.get(made.headers["location"].rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
+def test_decimals_are_read_with_a_comma_and_with_a_point(seeded, store, language):
+    for typed in ("859,46", "859.46"):
+        form = {**SCANNER_FORM, "source_to_cor_mm": typed}
+        made = seeded.post("/scanners/new", data=form, headers={"Accept-Language": language}).headers["location"]
+        assert store.scanners.get(made.rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
 
 
 def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, store):

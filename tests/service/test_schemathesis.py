@@ -13,7 +13,7 @@ from schemathesis.engine import Status, events, from_schema
 from sawmill_service.settings import ServiceSettings
 
 FUZZED = 50  # requests an operation, by night
-# Phases: test_examples.py sends the document's own examples, and the edges hold more than one random request does.
+# Phases: test_openapi.py sends the document's own examples, and the edges hold more than one random request does.
 BY_NIGHT = ("examples", "fuzzing", "stateful")
 # What one value says of another, or of what is stored: JSON schemas of single parameters and fields cannot tell it,
 # so a request that they allow may be refused with these sentences. Of any other refusal it is a failure.
