@@ -23,12 +23,17 @@ def job_id(seeded):
     return seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
 
 
-def test_jobs_have_their_place_and_are_listed_by_kind_and_state(seeded, job_id):
+def test_jobs_have_their_place_and_a_queued_one_is_cancelled_at_once(seeded, job_id):
     listed = seeded.get("/v1/jobs?kind=calibrate&state=queued").json()["items"]
     assert [job["id"] for job in listed] == [job_id]
     assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
     second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
     assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]
+    answer = seeded.post(f"/v1/jobs/{job_id}/cancel")
+    assert answer.json()["state"] == "cancelled"
+    assert seeded.get(answer.headers["Location"]).json()["state"] == "cancelled"
+    assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
+    assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404
 
 
 def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id):
@@ -55,14 +60,6 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
     states = [(job["state"], (job["progress"] or {}).get("fraction")) for job in jobs]
     assert [state for state in states if state[0] == "running"][-2:] == [("running", 0.25), ("running", 0.5)]
     assert jobs[-1]["failure"]["code"] == "phantom-not-seen"
-
-
-def test_a_queued_job_is_cancelled_at_once_and_what_has_ended_stays(seeded, job_id):
-    answer = seeded.post(f"/v1/jobs/{job_id}/cancel")
-    assert answer.json()["state"] == "cancelled"
-    assert seeded.get(answer.headers["Location"]).json()["state"] == "cancelled"
-    assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
-    assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404
 
 
 def test_a_running_job_is_asked_to_stop(seeded, store, worker, job_id):
@@ -94,23 +91,20 @@ def test_what_can_wait_says_so_and_comes_after_those_who_wait(seeded, store):
 SCAN, PICTURE = "/v1/scans?scanner_id=example&data=counts", "/v1/phantoms/pictures?name=x&width_mm=9"
 
 
-@pytest.mark.parametrize(
-    ("asked", "of_job", "finish", "state"),
-    [
+def test_a_wait_ends_with_the_job(seeded, worker):
+    for asked, of_job, finish, state in (
         ("/v1/calibrations", True, "finish_calibration", "succeeded"),
         ("/v1/calibrations", False, "finish_calibration", "succeeded"),
         (SCAN, False, "finish_scan", "ready"),
         (PICTURE, False, "finish_tracing", "ready"),
-    ],
-)
-def test_a_wait_ends_with_the_job(seeded, worker, asked, of_job, finish, state):
-    sent = {"json": {"scan_id": "example"}} if asked == "/v1/calibrations" else {"content": b"a file"}
-    accepted = seeded.post(asked, **sent)
-    path = f"/v1/jobs/{accepted.json()['job_id']}" if of_job else accepted.headers["Location"]
-    threading.Timer(0.3, getattr(worker, finish)).start()
-    answer = seeded.get(f"{path}?wait=50", timeout=60)
-    assert answer.json()["state"] == state
-    assert "Retry-After" not in answer.headers
+    ):
+        sent = {"json": {"scan_id": "example"}} if asked == "/v1/calibrations" else {"content": b"a file"}
+        accepted = seeded.post(asked, **sent)
+        path = f"/v1/jobs/{accepted.json()['job_id']}" if of_job else accepted.headers["Location"]
+        threading.Timer(0.3, getattr(worker, finish)).start()
+        answer = seeded.get(f"{path}?wait=50", timeout=60)
+        assert answer.json()["state"] == state
+        assert "Retry-After" not in answer.headers
 
 
 def test_a_wait_is_over_in_time_or_when_the_client_goes_or_the_service_stops(seeded, job_id):
@@ -144,7 +138,7 @@ def test_a_wait_is_over_in_time_or_when_the_client_goes_or_the_service_stops(see
     assert (answer.status_code, answer.json()["state"]) == (200, "queued")
 
 
-def test_a_wait_is_over_in_time_though_nobody_reads_events(seeded, store, job_id):
+def test_a_wait_outlives_a_database_that_does_not_answer_and_is_over_in_time_though_nobody_reads(seeded, store, job_id):
     class Hanging(EventFeed):
         async def start(self, _: int | None) -> int:
             return await asyncio.Future()
@@ -158,9 +152,6 @@ def test_a_wait_is_over_in_time_though_nobody_reads_events(seeded, store, job_id
     assert seeded.get(f"/v1/jobs/{job_id}?wait=0.2").json()["state"] == "queued"
     state.job_ends = JobEnds(Failing(store.events, 0.01), state.stopping, 0.01)
     assert refusal(seeded.get(f"/v1/jobs/{job_id}?wait=50")) == (500, "internal")
-
-
-def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id):
     waits = threading.Event()
 
     class Followed(EventFeed):

@@ -40,21 +40,14 @@ HERE = "http://127.0.0.1:8000/health/live"
 CALLED = "http://192.0.2.7:8000/health/live"
 ALL = "0.0.0.0"  # noqa: S104 - nothing listens
 LOOPBACK = ("127.0.0.1", "127.0.0.1:8000", "localhost:9", "LOCALHOST", "[::1]:8000", "[::1]")
-OTHERS = (
-    "mill.example",
-    "127.0.0.1.evil.example",
-    "localhost@evil.example",
-    "",
-    "evil:127.0.0.1",
-    "localhost:80@evil.example",
-)
+OTHERS = ("mill.example", "127.0.0.1.evil.example", "evil:127.0.0.1", "")
+WITH_USER = ("localhost@evil.example", "localhost:80@evil.example")
 
 
-@pytest.mark.parametrize(
-    ("variables", "url", "host", "status"),
-    [
+def test_names_of_the_service_are_answered_and_a_page_behind_a_proxy_that_speaks_tls_is_our_own(client, store):
+    for variables, url, host, status in (
         *(({}, HERE, host, 200) for host in LOOPBACK),
-        *(({}, HERE, host, 421) for host in OTHERS),
+        *(({}, HERE, host, 421) for host in (*OTHERS, *WITH_USER)),
         ({"allowed_hosts": ["Scanner.Mill"]}, HERE, "scanner.mill:8000", 200),
         # A loopback name is not answered from elsewhere, its own and allowed ones are.
         *(({"host": ALL}, CALLED, host, 421) for host in ("localhost", "127.0.0.1:8000", "[::1]", "0.0.0.0:8000")),
@@ -63,46 +56,29 @@ OTHERS = (
         ({"host": "192.0.2.7"}, CALLED, "192.0.2.7:8000", 200),
         ({"host": "scanner.mill"}, CALLED, "Scanner.Mill:8000", 200),
         ({"host": "2001:db8::7"}, CALLED, "[2001:db8::7]:8000", 200),
-    ],
-)
-def test_names_of_the_service_are_answered_and_no_others(client, store, variables, url, host, status):
-    client.app = create_app(ServiceSettings(**variables), store, print)
-    answer = client.get(url, headers={"Host": host})
-    assert answer.status_code == status
-    assert status == 200 or answer.json()["code"] == "unknown-host"
-
-
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Origin": "http://evil.example"},
-        {"Origin": "https://127.0.0.1:8000"},
-        {"Origin": "data://127.0.0.1:8000"},
-        {"Origin": "null"},
-        {"Origin": "null", "Sec-Fetch-Site": "same-origin"},
-        {"Sec-Fetch-Site": "cross-site"},
-        {"Sec-Fetch-Site": "same-site"},
-    ],
-)
-def test_another_sites_page_may_read_nothing_into_and_change_nothing(client, headers):
-    assert refusal(client.post("/v1/scanners", json=SPEC, headers=headers)) == (403, "other-site")
-    assert client.get("/v1/scanners").json()["items"] == []
-    assert "Access-Control-Allow-Origin" not in client.get("/v1/scanners", headers=headers).headers
-
-
-@pytest.mark.parametrize("headers", [{}, {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}])
-def test_programs_and_our_own_pages_may(client, headers):
-    assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == 201
-
-
-@pytest.mark.parametrize(("origin", "status"), [("https", 401), ("http", 401), ("data", 403)])
-def test_a_page_behind_a_proxy_that_speaks_tls_is_our_own(client, store, origin, status):
+    ):
+        client.app = create_app(ServiceSettings(**variables), store, print)
+        answer = client.get(url, headers={"Host": host})
+        assert answer.status_code == status
+        assert status == 200 or answer.json()["code"] == "unknown-host"
     client.app = create_app(ServiceSettings(public_url="https://mill.example"), store, print)
-    headers = {"Host": "mill.example", "Origin": f"{origin}://mill.example"}
-    assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == status
+    for origin, status in {"https": 401, "http": 401, "data": 403}.items():
+        headers = {"Host": "mill.example", "Origin": f"{origin}://mill.example"}
+        assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == status
 
 
-def test_every_answer_is_protected_and_no_browser_writes_json_to_its_disk(client):
+def test_another_sites_page_may_read_and_change_nothing_and_every_answer_is_protected(client):
+    origins = ("http://evil.example", "https://127.0.0.1:8000", "data://127.0.0.1:8000", "null")
+    for headers in (
+        *({"Origin": origin} for origin in origins),
+        *({"Sec-Fetch-Site": site} for site in ("cross-site", "same-site")),
+        {"Origin": "null", "Sec-Fetch-Site": "same-origin"},
+    ):
+        assert refusal(client.post("/v1/scanners", json=SPEC, headers=headers)) == (403, "other-site"), headers
+        assert client.get("/v1/scanners").json()["items"] == []
+        assert "Access-Control-Allow-Origin" not in client.get("/v1/scanners", headers=headers).headers
+    for headers in ({}, {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}):
+        assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == 201
     for path in ("/", "/docs", "/v1/scanners", "/nothing", "/static/console.js"):
         headers = client.get(path).headers
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
@@ -171,13 +147,7 @@ def test_requests_beyond_the_rate_of_their_kind_are_refused_until_there_is_room_
     assert [client.get("/v1/scanners").status_code for _ in range(5)] == [401, 401, 401, 429, 429]
 
 
-@pytest.mark.parametrize("text", ["many", "0/minute", "5", "5/fortnight", ""])
-def test_a_wrong_rate_is_refused_at_the_start(text):
-    with pytest.raises(ValidationError, match="must be as in 1200/minute"):
-        ServiceSettings(rate_limit=text)
-
-
-def test_wrong_keys_of_an_address_are_counted_and_of_no_other(clock):
+def test_wrong_keys_of_an_address_are_counted_and_a_million_addresses_leave_bounded_counts(clock):
     logins = FailedLogins("2/minute")
     for secret in ("a", "b"):
         logins.failed("2001:db8::2", secret)
@@ -186,9 +156,6 @@ def test_wrong_keys_of_an_address_are_counted_and_of_no_other(clock):
     logins.failed("2001:db8:0:1::2", "c")
     clock(120.0)
     logins.failed("2001:db8::2", "d")
-
-
-def test_a_million_addresses_leave_bounded_counts(clock):
     memory = BoundedMemory(most_counts=100)
     for number in range(1000):
         memory.incr(f"requests/{number}", 120)
@@ -197,9 +164,11 @@ def test_a_million_addresses_leave_bounded_counts(clock):
     assert memory.get("requests/999") == 1
     clock(130.0)
     memory.incr("another", 120)
-    assert len(memory.storage) <= 100
-    assert len(memory.expirations) == len(memory.storage)
+    assert len(memory.expirations) == len(memory.storage) <= 100
     assert not memory.locks
+    for text in ("many", "0/minute", "5", "5/fortnight", ""):
+        with pytest.raises(ValidationError, match="must be as in 1200/minute"):
+            ServiceSettings(rate_limit=text)
 
 
 def all_at_once(app: Any, *requests: tuple[str, str], body: bytes | None = None) -> list[httpx.Response]:
@@ -238,18 +207,12 @@ def test_one_caller_has_a_bounded_number_of_requests_at_once(limited):
     assert all_at_once(client.app, ("POST", "/v1/scanners"), body=b"{}")[0].status_code == 422
 
 
-@pytest.mark.parametrize(
-    ("path", "headers", "code"),
-    [
-        ("/v1/scanners", {f"a-{number}": "b" for number in range(101)}, "too-many-headers"),
-        (f"/v1/{'a' * 21_000}", {}, "head-too-large"),
-        (f"/v1/scanners?cursor={'a' * 21_000}", {}, "head-too-large"),
-        ("/v1/scanners", {f"name-{number}": "b" * 300 for number in range(70)}, "head-too-large"),
-    ],
-    ids=["many headers", "path", "query", "headers"],
-)
-def test_a_head_that_is_too_large_is_refused_though_it_came_at_once(client, path, headers, code):
-    assert refusal(client.get(path, headers=headers)) == (431, code)
+def test_a_head_that_is_too_large_is_refused_though_it_came_at_once(client):
+    for path in (f"/v1/{'a' * 21_000}", f"/v1/scanners?cursor={'a' * 21_000}"):
+        assert refusal(client.get(path)) == (431, "head-too-large")
+    long, many = {f"name-{number}": "b" * 300 for number in range(70)}, {f"a-{number}": "b" for number in range(101)}
+    for headers, code in ((long, "head-too-large"), (many, "too-many-headers")):
+        assert refusal(client.get("/v1/scanners", headers=headers)) == (431, code)
 
 
 def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, job_id):
@@ -401,25 +364,22 @@ WITH_FILE = ("inspect_file", "upload_phantom_picture", "upload_scan")
 ASKING = ("ask_calibration", "ask_drift", "ask_plan", "ask_reconstruction", *WITH_FILE)
 
 
-def test_these_are_all_that_ask_for_a_job():
+def test_each_way_to_ask_for_a_job_is_refused_and_nothing_is_made(full, store):
     operations = [item["post"] for item in committed()["paths"].values() if "post" in item]
     assert {post["operationId"] for post in operations if "202" in post["responses"]} == {*ASKING, "cancel_job"}
-
-
-@pytest.mark.parametrize("name", ASKING)
-def test_each_way_to_ask_is_refused_and_nothing_is_made(full, store, name):
-    example = json.loads((REQUESTS / f"{name}.json").read_text())
-    if example["body_file"]:
-        options = with_file(example, full.get(example["body_file"]).content)
-    else:
-        options = {"json": example["body"]}
-    before = store.events.newest_number()
-    answer = full.post(example["path"], params=example["query"], **options)
-    assert (answer.status_code, answer.json()["code"]) == (429, "queue-full"), answer.text
-    assert answer.json()["detail"] == "1 jobs wait, and 1 may in all (SAWMILL_MAX_QUEUED_JOBS): try again in 60 s"
-    assert answer.headers["Retry-After"] == "60"
-    check_documented(answer)
-    assert store.events.newest_number() == before
+    for name in ASKING:
+        example = json.loads((REQUESTS / f"{name}.json").read_text())
+        if example["body_file"]:
+            options = with_file(example, full.get(example["body_file"]).content)
+        else:
+            options = {"json": example["body"]}
+        before = store.events.newest_number()
+        answer = full.post(example["path"], params=example["query"], **options)
+        assert refusal(answer) == (429, "queue-full"), answer.text
+        assert answer.json()["detail"] == "1 jobs wait, and 1 may in all (SAWMILL_MAX_QUEUED_JOBS): try again in 60 s"
+        assert answer.headers["Retry-After"] == "60"
+        check_documented(answer)
+        assert store.events.newest_number() == before
 
 
 def test_a_repeat_of_what_was_accepted_gets_its_answer(seeded, store, settings):

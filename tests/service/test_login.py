@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
+from asgi import refusal
 from machine_faults import database_away
 from page_text import absent
 from typer.testing import CliRunner
@@ -62,37 +63,33 @@ def token_in(browser):
     return re.search(r'name="csrf" value="(\w+)"', browser.get("/").text)[1]
 
 
-@pytest.mark.parametrize("secret", [TOKEN, f" {TOKEN}\n"])
-def test_a_key_opens_a_session_in_a_cookie_that_scripts_cannot_read(browser, secret):
-    answer = log_in(browser, secret)
-    assert (answer.status_code, answer.headers["Location"]) == (303, "/")
-    name, *flags = answer.headers["Set-Cookie"].split("; ")
-    assert re.fullmatch(rf"{NAME}=[\w-]{{43}}", name)
-    assert sorted(flags) == ["HttpOnly", "Path=/", "SameSite=lax"]
-    assert TOKEN not in answer.headers["Set-Cookie"]
-    page = browser.get("/")
-    assert (page.status_code, page.headers["Cache-Control"]) == (200, "no-store")
-    assert browser.get("/v1/keys/own").json()["scope"] == "admin"
+def test_a_key_opens_a_session_in_a_cookie_that_scripts_cannot_read(browser):
+    for secret in (TOKEN, f" {TOKEN}\n"):
+        answer = log_in(browser, secret)
+        assert (answer.status_code, answer.headers["Location"]) == (303, "/")
+        name, *flags = answer.headers["Set-Cookie"].split("; ")
+        assert re.fullmatch(rf"{NAME}=[\w-]{{43}}", name)
+        assert sorted(flags) == ["HttpOnly", "Path=/", "SameSite=lax"]
+        assert TOKEN not in answer.headers["Set-Cookie"]
+        page = browser.get("/")
+        assert (page.status_code, page.headers["Cache-Control"]) == (200, "no-store")
+        assert browser.get("/v1/keys/own").json()["scope"] == "admin"
 
 
-@pytest.mark.parametrize(
-    ("public_url", "there"),
-    [("https://calibration.mill.example", ""), (None, "https://127.0.0.1:8000")],
-    ids=["through a proxy", "to this port"],
-)
-def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store, public_url, there):
-    browser.app = create_app(ServiceSettings(public_url=public_url, token=TOKEN), store, print)
-    answer = browser.post(f"{there}/login", data={"key": key_of(store, Scope.READ).secret})
-    assert answer.headers["Set-Cookie"].startswith(f"{SECURE_NAME}=")
-    assert answer.headers["Set-Cookie"].endswith("HttpOnly; Path=/; SameSite=lax; Secure")
-    # A plain cookie, which another host of the domain or plain HTTP can set, opens nothing there.
-    forged = answer.headers["Set-Cookie"].replace(SECURE_NAME, NAME)
-    assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
-    good = answer.headers["Set-Cookie"].partition(";")[0]
-    assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": good}).status_code == 200
+def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store):
+    for public_url, there in (("https://calibration.mill.example", ""), (None, "https://127.0.0.1:8000")):
+        browser.app = create_app(ServiceSettings(public_url=public_url, token=TOKEN), store, print)
+        answer = browser.post(f"{there}/login", data={"key": key_of(store, Scope.READ).secret})
+        assert answer.headers["Set-Cookie"].startswith(f"{SECURE_NAME}=")
+        assert answer.headers["Set-Cookie"].endswith("HttpOnly; Path=/; SameSite=lax; Secure")
+        # A plain cookie, which another host of the domain or plain HTTP can set, opens nothing there.
+        forged = answer.headers["Set-Cookie"].replace(SECURE_NAME, NAME)
+        assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
+        good = answer.headers["Set-Cookie"].partition(";")[0]
+        assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": good}).status_code == 200
 
 
-def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store):
+def test_a_wrong_key_has_its_sentence_and_too_many_of_an_address_are_refused(browser, store):
     for secret in ("", "sawmill_none", TOKEN[:-1], "\xfc"):
         answer = log_in(browser, secret, next="/docs")
         assert answer.status_code == 401
@@ -100,9 +97,6 @@ def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store):
         assert "Set-Cookie" not in answer.headers
         assert not answer.headers["WWW-Authenticate"].startswith("Basic")
     assert event_kinds.LOGGED_IN not in {entry.action for entry in store.audit.all()}
-
-
-def test_too_many_wrong_keys_of_an_address_are_refused_and_a_good_one_opens(browser, store):
     browser.app = create_app(ServiceSettings(token=TOKEN, failed_login_rate_limit="2/minute"), store, print)
     good = store.keys.create(KeyAsk(name="line 2", scope=Scope.READ))
     assert log_in(browser, "sawmill_wrong").status_code == 401
@@ -113,7 +107,7 @@ def test_too_many_wrong_keys_of_an_address_are_refused_and_a_good_one_opens(brow
     assert "127.0.0.1 may send 2 wrong keys in 60 s" in page.text
     assert 1 <= int(page.headers["Retry-After"]) <= 60
     another = browser.get("/v1/scanners", headers={"Authorization": "Bearer sawmill_and_another"})
-    assert (another.status_code, another.json()["code"]) == (429, "too-many-requests")
+    assert refusal(another) == (429, "too-many-requests")
     assert browser.get("/v1/scanners", headers={"Authorization": f"Bearer {good.secret}"}).status_code == 200
     with database_away(store.database) as met:
         assert browser.get("/v1/scanners", headers=wrong).status_code == 401
@@ -121,7 +115,7 @@ def test_too_many_wrong_keys_of_an_address_are_refused_and_a_good_one_opens(brow
     assert log_in(browser, TOKEN).status_code == 303
 
 
-def test_a_page_leads_to_the_login_and_from_there_on(browser):
+def test_a_page_leads_to_the_login_and_from_there_on_and_to_no_other_site(browser):
     asked = browser.get("/v1/calibrations/example/report.png?dpi=50")
     assert asked.status_code == 303
     location = urlsplit(asked.headers["Location"])
@@ -135,19 +129,8 @@ def test_a_page_leads_to_the_login_and_from_there_on(browser):
     ended = browser.post("/operator/activate/example", headers=pressed).headers["Location"]
     assert parse_qs(urlsplit(ended).query) == {"next": ["/calibrate?calibration=example"], "ended": ["true"]}
     assert "Your session has ended; nothing was changed" in browser.get(ended).text
-
-
-def test_a_login_leads_to_no_other_site(browser):
-    elsewhere = (
-        "//evil.example",
-        "https://evil.example",
-        "/\\evil.example",
-        "/\t/evil.example",
-        "javascript:x",
-        "",
-        "x",
-    )
-    for onward in (*elsewhere, "/..//evil.example", "/.//evil.example", "/a//b?next=/c"):
+    elsewhere = ("//evil.example", "https://evil.example", "/\\evil.example", "/\t/evil.example", "javascript:x")
+    for onward in (*elsewhere, "", "x", "/..//evil.example", "/.//evil.example", "/a//b?next=/c"):
         assert log_in(browser, TOKEN, next=onward).headers["Location"] == "/", onward
         assert 'name="next" value="/"' in browser.get("/login", params={"next": onward}).text, onward
 
@@ -155,15 +138,14 @@ def test_a_login_leads_to_no_other_site(browser):
 def test_without_a_session_programs_are_challenged_as_before_and_only_the_login_is_open(browser):
     def challenges(**headers):
         answer = browser.get("/v1/scanners", headers={"Accept": "*/*", **headers})
-        assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+        assert refusal(answer) == (401, "token-required")
         return [challenge.split()[0] for challenge in answer.headers.get_list("WWW-Authenticate")]
 
     assert challenges() == challenges(Authorization="Bearer none") == ["Basic", "Bearer"]
     assert challenges(Cookie=f"{NAME}=ended") == challenges(**{"Sec-Fetch-Mode": "cors"}) == ["Bearer"]
     page = browser.get("/login")
     assert page.status_code == 200
-    named = set(re.findall(r'(?:src|href|action)="([^"]+)"', page.text))
-    open_paths = {*FILES, LOGIN, LOOK}
+    named, open_paths = set(re.findall(r'(?:src|href|action)="([^"]+)"', page.text)), {*FILES, LOGIN, LOOK}
     assert named == open_paths | {"/", "#content"}
     assert {browser.get(path).status_code for path in open_paths} == {200, 303}
     for path in ("/static/console.js", "/console/swagger-ui.css", "/login/", "/static/pages/base.css/..", "/loginx"):
@@ -173,8 +155,7 @@ def test_without_a_session_programs_are_challenged_as_before_and_only_the_login_
 @pytest.mark.usefixtures("newer")
 def test_the_cookie_alone_changes_nothing(browser, store):
     log_in(browser, TOKEN)
-    token = token_in(browser)
-    form = "application/x-www-form-urlencoded"
+    token, form = token_in(browser), "application/x-www-form-urlencoded"
     for brought in (
         {},
         {"data": {"csrf": ""}},
@@ -245,7 +226,7 @@ def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(br
     assert (store.sessions.find(before), browser.get("/v1/keys/own").json()["scope"]) == (None, "read")
 
 
-def test_a_link_logs_one_display_in_once_until_its_key_ends_and_no_other_secret_is_a_link(browser, store):
+def test_a_display_s_link_is_printed_as_a_code_logs_one_in_once_and_no_other_secret_is_a_link(browser, store):
     key = key_of(store, Scope.READ, display=True)
     link = store.sessions.invite(key.id)
     assert "Log this display in" in browser.get(f"/login/{link}").text  # and a program that only looks uses nothing up
@@ -266,9 +247,6 @@ def test_a_link_logs_one_display_in_once_until_its_key_ends_and_no_other_secret_
         assert browser.post("/login", data={"link": secret}, headers={"Origin": ORIGIN}).status_code == 401
     for secret in (link, hash_of_link(link)):
         assert store.sessions.find(secret) is None
-
-
-def test_the_command_prints_the_link_of_a_display_as_a_qr_code(store):
     command = ["key", "create", "--name", "wall", "--scope", "read", "--data", str(store.files.folder)]
     shown = CliRunner().invoke(main, [*command, "--display", "--url", "https://calibration.mill.example/"])
     link = re.search(r"https://calibration\.mill\.example/login/([\w-]+)\n", shown.stderr)[1]

@@ -47,7 +47,7 @@ def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=kind, code=code, detail="it failed"))
 
 
-def test_a_scrape_of_the_examples(scrape):
+def test_a_scrape_of_the_examples_and_of_a_job_that_waits_for_a_worker(scrape, seeded, store, settings):
     assert scrape("sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
     assert scrape("sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
     assert scrape("sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
@@ -68,6 +68,14 @@ def test_a_scrape_of_the_examples(scrape):
     assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
     assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
     assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    assert scrape("sawmill_jobs_without_worker") == 0
+    later = Store(store.settings, clock=lambda: store.now() + timedelta(minutes=1))
+    seeded.app = create_app(settings, later, print)
+    assert scrape("sawmill_jobs_without_worker") == 1
+    store.jobs.claim("test")
+    assert scrape("sawmill_jobs_without_worker") == 0
+    later.close()
 
 
 def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(seeded, store, scrape):
@@ -103,17 +111,6 @@ def test_movement_and_a_calibration_that_failed_turn_the_scanner_red(store, work
         end()
         assert scrape("sawmill_scanner_calibration_failed", scanner="example") == failed
         assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
-
-
-def test_jobs_that_wait_for_a_worker(seeded, store, settings, scrape):
-    seeded.post("/v1/calibrations", json={"scan_id": "example"})
-    assert scrape("sawmill_jobs_without_worker") == 0
-    later = Store(store.settings, clock=lambda: store.now() + timedelta(minutes=1))
-    seeded.app = create_app(settings, later, print)
-    assert scrape("sawmill_jobs_without_worker") == 1
-    store.jobs.claim("test")
-    assert scrape("sawmill_jobs_without_worker") == 0
-    later.close()
 
 
 def test_a_database_or_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
@@ -183,8 +180,7 @@ def test_a_service_with_nothing_to_do_is_ready_until_its_database_is_away(client
     assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}
     with database_away(store.database):
         answer = client.get("/health/ready")
-        assert refusal(answer) == (503, "storage-unavailable")
-        assert client.get("/health/live").status_code == 200
+        assert (refusal(answer), client.get("/health/live").status_code) == ((503, "storage-unavailable"), 200)
     assert "disk I/O error" not in answer.text, "anybody may ask"
     [line] = [line for line in log_lines() if line["event"] == "not-ready"]
     assert line["reason"].endswith("disk I/O error")
@@ -218,16 +214,17 @@ def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seed
 
 
 def test_jobs_that_nobody_does_or_that_wait_for_a_redis_that_refuses_are_reported(client, store, refusing_redis_url):
-    for running, state in ((0, "without-worker"), (1, "ready")):
-        store.jobs = Waiting(running)
-        answer = client.get("/health/ready")
-        assert (answer.status_code, answer.json()["state"]) == (200, state)
-    client.app.state.broker_url = refusing_redis_url
+    state, client.app.state.broker_url = client.app.state, refusing_redis_url
     assert "refuses the user or the password: jobs do not begin" in client.get("/system").text
     store.jobs = Waiting(running=0)
     health = client.get("/health/ready").json()
     assert health["state"] == "without-worker"
     assert health["detail"].endswith("Redis refuses the user or the password in SAWMILL_BROKER_URL")
+    state.broker_url = None
+    for running, word in ((0, "without-worker"), (1, "ready")):
+        store.jobs = Waiting(running)
+        answer = client.get("/health/ready")
+        assert (answer.status_code, answer.json()["state"]) == (200, word)
 
 
 class Waiting:
@@ -309,7 +306,24 @@ def known(client) -> dict[str, dict[str, set[str]]]:
     return FROM_ELSEWHERE | found
 
 
-def test_every_name_label_and_value_is_of_a_scrape_and_legends_name_labels_that_are_there(known):
+def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(known):
+    page = dashboard()
+    panels = [panel for panel in page["panels"] if panel["type"] != "row"]
+    assert page["title"] == "Sawmill calibration"
+    assert page["schemaVersion"] >= 36
+    assert len({panel["id"] for panel in page["panels"]}) == len(page["panels"])
+    assert all(panel["targets"] and panel["datasource"]["uid"] == "${datasource}" for panel in panels)
+    cells = [(x, y) for panel in page["panels"] for x, y in area(**panel["gridPos"])]
+    assert len(cells) == len(set(cells)), "panels lie over each other"
+    variables = {variable["name"] for variable in page["templating"]["list"]}
+    assert set(re.findall(r"\$\{?([a-z]+)", json.dumps(panels))) <= variables
+    assert len({rule["alert"] for rule in rules()}) == len(rules())
+    for rule in rules():
+        assert rule["labels"]["severity"] in {"warning", "critical"}
+        assert {"summary", "description"} == set(rule["annotations"])
+        selectors, grouped = parsed(rule["expr"])
+        left = grouped if "sum by" in rule["expr"] else {label for name, _ in selectors for label in known[name]}
+        assert set(re.findall(r"\$labels\.(\w+)", str(rule["annotations"]))) <= left
     for expression in expressions():
         selectors, grouped = parsed(expression)
         assert selectors, expression
@@ -325,29 +339,6 @@ def test_every_name_label_and_value_is_of_a_scrape_and_legends_name_labels_that_
             selectors, grouped = parsed(target["expr"])
             left = grouped or {label for name, _ in selectors for label in known[name]}
             assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
-
-
-def test_every_rule_says_how_grave_it_is_and_what_to_do(known):
-    assert len({rule["alert"] for rule in rules()}) == len(rules())
-    for rule in rules():
-        assert rule["labels"]["severity"] in {"warning", "critical"}
-        assert {"summary", "description"} == set(rule["annotations"])
-        selectors, grouped = parsed(rule["expr"])
-        left = grouped if "sum by" in rule["expr"] else {label for name, _ in selectors for label in known[name]}
-        assert set(re.findall(r"\$labels\.(\w+)", str(rule["annotations"]))) <= left
-
-
-def test_the_dashboard_is_one_that_grafana_reads():
-    page = dashboard()
-    panels = [panel for panel in page["panels"] if panel["type"] != "row"]
-    assert page["title"] == "Sawmill calibration"
-    assert page["schemaVersion"] >= 36
-    assert len({panel["id"] for panel in page["panels"]}) == len(page["panels"])
-    assert all(panel["targets"] and panel["datasource"]["uid"] == "${datasource}" for panel in panels)
-    cells = [(x, y) for panel in page["panels"] for x, y in area(**panel["gridPos"])]
-    assert len(cells) == len(set(cells)), "panels lie over each other"
-    variables = {variable["name"] for variable in page["templating"]["list"]}
-    assert set(re.findall(r"\$\{?([a-z]+)", json.dumps(panels))) <= variables
 
 
 def area(x: int, y: int, w: int, h: int) -> Iterator[tuple[int, int]]:

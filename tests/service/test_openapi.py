@@ -123,7 +123,7 @@ def parts(document, place=""):
         yield place, document
 
 
-def test_linters_and_generators_find_what_they_look_for(document):
+def test_linters_and_generators_find_what_they_look_for_and_webhooks_get_what_is_described(document):
     assert (document["servers"], document["info"]["license"]["identifier"]) == ([{"url": "/"}], "Apache-2.0")
     pairs = [part for _, part in parts(document) if "prefixItems" in part]
     assert [pair for pair in pairs if {pair["items"]["type"]} != {item["type"] for item in pair["prefixItems"]}] == []
@@ -135,9 +135,6 @@ def test_linters_and_generators_find_what_they_look_for(document):
     for _, operation in parts(document["paths"]):
         required = [parameter["required"] for parameter in operation.get("parameters", []) if "required" in parameter]
         assert required == sorted(required, reverse=True)
-
-
-def test_a_message_to_a_webhook_is_as_described(document):
     message = document["webhooks"]["event"]["post"]["requestBody"]["content"]["application/json"]["schema"]
     event = Event(number=42, at=datetime.now(UTC), what="alarm-opened", group_id="example", detail={"what": "drift"})
     validator = Draft202012Validator(message | {"components": document["components"]})
@@ -147,20 +144,24 @@ def test_a_message_to_a_webhook_is_as_described(document):
 
 FOLDER = Path(__file__).parents[2] / "openapi"
 FILES = sorted((FOLDER / "requests").glob("*.json"))
+READ_ALONE = {"GET", "HEAD"}
+EVERY = [json.loads(path.read_text()) for path in FILES]
+# Those that only read share a data folder; each of the others has its own.
+EXAMPLES = {each["operation_id"]: [each] for each in EVERY if each["method"] not in READ_ALONE}
+EXAMPLES["reading"] = [each for each in EVERY if each["method"] in READ_ALONE]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_the_committed_example_request_works(seeded, store, path):
-    example = json.loads(path.read_text())
-    options = options_of(seeded, example)
+@pytest.mark.parametrize("asked", EXAMPLES)
+def test_the_committed_example_requests_work(seeded, store, asked):
     add_what_is_decided(store)
     # A fresh data folder holds no key, one that nobody has would guard nothing, and no webhook, nor allows it one.
     key = store.keys.create(KeyAsk(name="example", scope=Scope.READ))
-    asked = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")
-    answer = seeded.request(example["method"], asked, **options)
-    assert answer.status_code < 300, answer.text
-    check_documented(answer)
+    for example in EXAMPLES[asked]:
+        path = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")
+        answer = seeded.request(example["method"], path, **options_of(seeded, example))
+        assert answer.status_code < 300, (path, answer.text)
+        check_documented(answer)
 
 
 def texts(folder: Path) -> dict[str, str]:
@@ -168,14 +169,11 @@ def texts(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): path.read_text() for path in paths}
 
 
-def test_what_is_committed_is_what_the_service_generates(client, tmp_path):
+def test_what_is_committed_is_what_the_service_generates_with_one_example_an_operation(client, tmp_path):
     (tmp_path / "requests").mkdir()
     (tmp_path / "requests/gone.json").write_text("{}")
     write(client.app, tmp_path)
     assert texts(FOLDER) == texts(tmp_path), "stale: run `make openapi`"
-
-
-def test_each_operation_has_one_example_and_every_required_parameter_too(client):
     operations = [operation for item in client.app.openapi()["paths"].values() for operation in item.values()]
     assert {path.stem for path in FILES} == {operation["operationId"] for operation in operations}
     for path, item in client.app.openapi()["paths"].items():
@@ -185,7 +183,6 @@ def test_each_operation_has_one_example_and_every_required_parameter_too(client)
 
 
 QUOTA = UploadQuota(10, 2**30, 2**30)
-READ_ALONE = {"GET", "HEAD"}
 # What each operation that changes something is followed by at least, and of what; others by what their names say.
 FOLLOWED_BY = {
     "upload_phantom_picture": ("queued", "phantom"),
@@ -225,10 +222,10 @@ def options_of(client, example):
 
 
 def test_every_request_that_changes_something_is_followed_by_an_event(changing, worker):
-    store, every = changing.app.state.store, [json.loads(path.read_text()) for path in FILES]
+    store = changing.app.state.store
     # What is made goes before what is deleted.
     examples = sorted(
-        (each for each in every if each["method"] not in READ_ALONE), key=lambda each: each["method"] == "DELETE"
+        (each for each in EVERY if each["method"] not in READ_ALONE), key=lambda each: each["method"] == "DELETE"
     )
     add_what_is_decided(store)
     another = store.calibrations.accept(CalibrationAsk(scan_id="example")).id

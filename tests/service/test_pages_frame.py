@@ -31,14 +31,11 @@ ROOT = Path(__file__).parents[2]
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 
 
-def test_the_language_is_the_one_chosen_else_the_best_accepted():
+def test_the_language_is_the_one_chosen_and_writes_numbers_and_times_its_way():
     accepted = {"fi-FI,fi;q=0.9,en;q=0.8": "fi", "sv,en-GB;q=0.9,fi;q=0.5": "en", "fi;q=0,en": "en", "fi;q=much": "en"}
     accepted |= {"": "en", "*;q=0.1,\xff;q=;,": "en", "EN-US": "en", "FI": "fi", "Fi-fi;q=0.9": "fi"}
     assert {header: preferred_language("", header) for header in accepted} == accepted
     assert (preferred_language("fi", "en"), preferred_language("xx", "fi")) == ("fi", "fi")
-
-
-def test_numbers_and_times_are_written_as_the_language_does_and_unknown_ones_are_said_to_be():
     english, finnish = (Formats(locale_of(name), gettext.NullTranslations()) for name in ("en", "fi"))
     assert (english.mm(0.0431), finnish.mm(0.0431)) == ("0.043\N{NO-BREAK SPACE}mm", "0,043\N{NO-BREAK SPACE}mm")
     assert (english.percent(1.5, signed=True), english.degrees(-0.25)) == ("+1.50\N{NO-BREAK SPACE}%", "-0.250°")
@@ -52,9 +49,8 @@ def test_numbers_and_times_are_written_as_the_language_does_and_unknown_ones_are
     assert english.moment(None) == english.age(None) == english.day(None) == "never"
 
 
-@pytest.mark.parametrize(
-    ("changes", "active", "badges"),
-    [
+def test_each_answer_of_the_three_questions_has_its_colour_word_and_limit():
+    for changes, active, badges in (
         ({"comparison": comparison()}, False, [("good", "Yes"), ("good", "Yes"), ("good", "No")]),
         ({"comparison": comparison(0.9)}, False, [("good", "Yes"), ("good", "Yes"), ("watch", "Look at it")]),
         ({"comparison": comparison(0.9)}, True, [("good", "Yes"), ("good", "Yes"), ("idle", "Accepted")]),
@@ -64,19 +60,27 @@ def test_numbers_and_times_are_written_as_the_language_does_and_unknown_ones_are
             False,
             [("bad", "No"), ("watch", "Look at it"), ("idle", "Not known")],
         ),
-    ],
-)
-def test_each_answer_of_the_three_questions_has_its_colour_and_word(changes, active, badges):
-    limits = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
-    answer = calibration_result(**{"limits": limits, "rays_verdict": "pass"} | changes)
-    text = gettext.NullTranslations()
-    ask = shown_questions(text, Formats(locale_of("en"), text))
-    questions = ask(CalibrationResult.model_validate(answer), None, active)
-    assert [(question.tone, question.word) for question in questions] == badges
-    assert questions[2].question == "Did anything move?"
+    ):
+        limits = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
+        answer = calibration_result(**{"limits": limits, "rays_verdict": "pass"} | changes)
+        text = gettext.NullTranslations()
+        ask = shown_questions(text, Formats(locale_of("en"), text))
+        questions = ask(CalibrationResult.model_validate(answer), None, active)
+        assert [(question.tone, question.word) for question in questions] == badges
+        assert questions[2].question == "Did anything move?"
+    predicted = {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0}
+    changes = {"limits": {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}, "rays_verdict": "pass"}
+    changes |= {"predicted_ray_error_mm": predicted, "scale_uncertainty_percent": 0.8}
+    english, finnish = verdict("en", **changes), verdict("fi", **changes)
+    assert "Are the rays right? Yes 0.040 mm of 0.100 mm allowed" in english
+    assert "Are the millimetres right? Look at it 0.80 % of 0.50 % allowed" in english
+    assert "2.4 mm on a log of 300 mm" in english
+    assert absent(finnish, "0,040 mm", "2,4 mm") == []
+    unknown = verdict("en", predicted_ray_error_mm=None, rays_verdict="watch", limits=None)
+    assert "Are the rays right? Not known" in unknown
 
 
-def test_a_browser_keeps_its_language_and_whoever_is_not_let_in_sees_no_names_of_pages(client):
+def test_a_browser_keeps_its_language_and_a_person_gets_a_problem_as_a_page(client):
     answer = client.get("/look?language=fi&theme=dark&next=/docs?x=1")
     assert answer.headers["Location"] == "/docs?x=1"
     kept = [cookie.partition(";")[0] for cookie in answer.headers.get_list("Set-Cookie")]
@@ -88,9 +92,6 @@ def test_a_browser_keeps_its_language_and_whoever_is_not_let_in_sees_no_names_of
     assert unknown.status_code == 421
     assert "does not answer as" in unknown.text
     assert 'href="/docs"' not in unknown.text
-
-
-def test_a_person_gets_a_problem_as_a_page_and_a_program_as_json(client):
     for path, status, words in (
         ("/nothing/here", 404, "There is nothing here"),
         ("/v1/scanners/none", 404, "there is no scanner &#39;none&#39;"),
@@ -114,36 +115,14 @@ def verdict(language, **changes):
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page.render(it=answer, caller=ANYBODY))).strip()
 
 
-def test_a_verdict_shows_both_questions_with_their_limits_as_the_language_writes_them():
-    predicted = {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0}
-    changes = {
-        "rays_verdict": "pass",
-        "predicted_ray_error_mm": predicted,
-        "scale_uncertainty_percent": 0.8,
-        "limits": {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5},
-    }
-    english, finnish = verdict("en", **changes), verdict("fi", **changes)
-    assert "Are the rays right? Yes 0.040 mm of 0.100 mm allowed" in english
-    assert "Are the millimetres right? Look at it 0.80 % of 0.50 % allowed" in english
-    assert "2.4 mm on a log of 300 mm" in english
-    assert absent(finnish, "0,040 mm", "2,4 mm") == []
-    unknown = verdict("en", predicted_ray_error_mm=None, rays_verdict="watch", limits=None)
-    assert "Are the rays right? Not known" in unknown
-
-
 OTHERS = LANGUAGES.keys() - {ENGLISH}
 
 
 @pytest.fixture(scope="module")
 def texts_of_the_pages(tmp_path_factory):
     template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
-    folders = (
-        "service/sawmill_service",
-        "worker/sawmill_contracts",
-        "worker/sawmill_mill",
-        "worker/sawmill_vocabulary",
-        "worker/sawmill_worker/pictures",
-    )
+    folders = ["service/sawmill_service", "worker/sawmill_worker/pictures"]
+    folders += [f"worker/sawmill_{name}" for name in ("contracts", "mill", "vocabulary")]
     places = [str(ROOT / folder) for folder in folders]
     options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]
     CommandLineInterface().run(["pybabel", "--quiet", "extract", *options, *places])
@@ -236,16 +215,7 @@ def test_every_link_and_picture_of_every_page_leads_somewhere(client):
     assert {f"/help/{document.path}".rstrip("/") for document in all_documents("en")} <= seen.keys()
 
 
-def test_a_link_without_an_address_here_is_to_a_source():
-    for document in all_documents("en"):
-        source = (ROOT / "docs" / f"{document.path}.md") if document.path else ROOT / "docs/README.md"
-        for text in re.findall(r"<span>(.*?)</span>", document.html):
-            plain = re.escape(unescape(re.sub(r"<[^>]+>", "", text)))
-            links = re.findall(rf"\[`?{plain}`?\]\(([^)#]+)", source.read_text())
-            assert all((source.parent / link).resolve().relative_to(ROOT).parts[0] in SOURCES for link in links), links
-
-
-def test_every_page_of_the_product_names_a_page_that_helps(client):
+def test_every_page_of_the_product_names_a_page_that_helps_and_links_without_address_are_sources(client):
     named = {}
     for path in TEMPLATES.glob("*.html"):
         for page in re.findall(r"""set help = (?:help \| default\()?"([\w/-]+)"|"/help/([\w/-]+)""", path.read_text()):
@@ -259,6 +229,12 @@ def test_every_page_of_the_product_names_a_page_that_helps(client):
         if '{% extends "pages/base.html" %}' in path.read_text() and "set help" not in path.read_text()
     }
     assert without == {"login.html", "login_display.html", "help.html", "help_search.html"}
+    for document in all_documents("en"):
+        source = (ROOT / "docs" / f"{document.path}.md") if document.path else ROOT / "docs/README.md"
+        for text in re.findall(r"<span>(.*?)</span>", document.html):
+            plain = re.escape(unescape(re.sub(r"<[^>]+>", "", text)))
+            links = re.findall(rf"\[`?{plain}`?\]\(([^)#]+)", source.read_text())
+            assert all((source.parent / link).resolve().relative_to(ROOT).parts[0] in SOURCES for link in links), links
 
 
 def test_a_page_is_rendered_in_the_reader_s_language_as_the_repository_s_host_renders_it(client):
@@ -294,7 +270,19 @@ def test_a_search_finds_what_is_known_first_and_takes_any_text(client):
     assert client.get("/help", params={"search": "x" * 201}).status_code == 422
 
 
-def test_nothing_else_is_served(client):
+def test_files_are_sent_as_downloads_with_a_tag_and_nothing_else_is_served(client):
+    picture = client.get("/help/pictures/geometry.svg")
+    assert (picture.headers["Content-Type"], picture.status_code) == ("image/svg+xml", 200)
+    again = client.get("/help/pictures/geometry.svg", headers={"If-None-Match": picture.headers["ETag"]})
+    assert again.status_code == 304
+    script = client.get("/help/examples/clients/whole_job.sh")
+    assert script.headers["Content-Disposition"] == 'attachment; filename="whole_job.sh"'
+    assert script.text == (ROOT / "examples/clients/whole_job.sh").read_text()
+    script = client.get("/static/console.js").text
+    assert "validatorUrl: null" in script
+    assert "http" not in script
+    assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
+    assert client.get("/examples/phantom-scan.npz").json()["code"] == "file-missing"
     below_help = (
         *("../settings.py", "%2e%2e/settings.py", "..%2f..%2fpyproject.toml", "do/../../../pyproject.toml"),
         *("//etc/passwd", "%2Fetc%2Fpasswd", "do/run%00", "do\\run", "generate.py", "docs/do/run.md", "do/run.md"),
@@ -311,21 +299,6 @@ def test_nothing_else_is_served(client):
         answer = client.get(path)
         assert answer.status_code in {404, 422}, path
         assert answer.headers["Content-Type"] == "application/problem+json", path
-
-
-def test_files_are_sent_as_downloads_with_a_tag_and_the_console_asks_no_validator_elsewhere(client):
-    picture = client.get("/help/pictures/geometry.svg")
-    assert (picture.headers["Content-Type"], picture.status_code) == ("image/svg+xml", 200)
-    again = client.get("/help/pictures/geometry.svg", headers={"If-None-Match": picture.headers["ETag"]})
-    assert again.status_code == 304
-    script = client.get("/help/examples/clients/whole_job.sh")
-    assert script.headers["Content-Disposition"] == 'attachment; filename="whole_job.sh"'
-    assert script.text == (ROOT / "examples/clients/whole_job.sh").read_text()
-    script = client.get("/static/console.js").text
-    assert "validatorUrl: null" in script
-    assert "http" not in script
-    assert client.get("/openapi.json").json()["openapi"].startswith("3.1")
-    assert client.get("/examples/phantom-scan.npz").json()["code"] == "file-missing"
 
 
 def test_an_installation_without_documents_names_the_remedy(tmp_path):

@@ -65,7 +65,7 @@ def test_a_repeat_makes_nothing_and_gets_the_first_answer(seeded, store, woken, 
     assert not list((store.files.folder / "incoming").iterdir())
 
 
-def test_every_route_that_makes_something_documents_the_key(seeded):
+def test_keys_are_documented_may_stand_in_quotes_and_bad_ones_are_refused(seeded):
     operations = {
         (path, method): [parameter["name"] for parameter in operation.get("parameters", [])]
         for path, item in seeded.app.openapi()["paths"].items()
@@ -75,9 +75,17 @@ def test_every_route_that_makes_something_documents_the_key(seeded):
         assert ("Idempotency-Key" in names) is (method == "post"), (path, method)
     made = seeded.app.openapi()["paths"]["/v1/scanners"]["post"]["responses"]["201"]
     assert made["headers"]["Idempotency-Replayed"]["schema"]["const"] == "true"
+    first = seeded.post("/v1/scanners", json=SCANNER, headers=named('"a\\"b"'))
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named('a"b')).status_code == 400
+    other = seeded.post("/v1/scanners", json=SCANNER, headers=named('"ab"'))
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("ab")).content == other.content
+    assert first.json()["id"] != other.json()["id"]
+    for bad in ("", '""', "two words", '"half', "k" * 201):
+        refused = seeded.post("/v1/scanners", json=SCANNER, headers=named(bad))
+        assert refusal(refused) == (400, "bad-idempotency-key"), bad
 
 
-def test_the_key_of_another_request_is_refused(seeded, store):
+def test_the_key_of_another_request_is_refused_and_that_of_another_caller_is_another(seeded, store):
     seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
     made = numbers(store)
     for path, options in (
@@ -87,9 +95,17 @@ def test_the_key_of_another_request_is_refused(seeded, store):
         ("/v1/scans?scanner_id=example&data=counts", {"content": b"no scan"}),
     ):
         refused = seeded.post(path, headers=named("once"), **options)
-        assert (refused.status_code, refused.json()["code"]) == (422, "idempotency-key-reused"), refused.text
+        assert refusal(refused) == (422, "idempotency-key-reused"), refused.text
         assert "take a new key" in refused.json()["detail"]
     assert numbers(store) == made
+    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
+    ids = set()
+    for name in ("one", "other"):
+        secret = store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret
+        headers = named("once") | {"Authorization": f"Bearer {secret}"}
+        answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
+        ids |= set(answers)
+    assert (len(ids), len(store.jobs.page(kind=kinds.CALIBRATE).items)) == (2, 5)
 
 
 def test_another_file_under_the_same_key_is_refused_and_not_kept(seeded, store):
@@ -122,18 +138,7 @@ def test_a_repeat_that_names_a_file_has_no_body_and_the_digest_of_none(seeded, n
     assert seeded.post(path, headers=key).content == first.content
 
 
-def test_keys_in_quotes_and_without_are_the_same_and_bad_ones_are_refused(seeded):
-    first = seeded.post("/v1/scanners", json=SCANNER, headers=named('"a\\"b"'))
-    assert seeded.post("/v1/scanners", json=SCANNER, headers=named('a"b')).status_code == 400
-    other = seeded.post("/v1/scanners", json=SCANNER, headers=named('"ab"'))
-    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("ab")).content == other.content
-    assert first.json()["id"] != other.json()["id"]
-    for bad in ("", '""', "two words", '"half', "k" * 201):
-        refused = seeded.post("/v1/scanners", json=SCANNER, headers=named(bad))
-        assert (refused.status_code, refused.json()["code"]) == (400, "bad-idempotency-key"), bad
-
-
-def test_a_refused_request_may_be_mended_under_its_key_and_a_repeated_cancellation_is_as_the_first(seeded, store):
+def test_a_refused_request_may_be_mended_and_a_secret_is_in_the_first_answer_alone(seeded, store):
     assert seeded.post("/v1/calibrations", json={"scan_id": "gone"}, headers=named("once")).status_code == 404
     mended = seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
     assert (mended.status_code, mended.headers.get("Idempotency-Replayed")) == (202, None)
@@ -143,9 +148,6 @@ def test_a_refused_request_may_be_mended_under_its_key_and_a_repeated_cancellati
         first = seeded.post(path, headers=named(f"once-{number}"))
         assert (first.status_code, seeded.post(path, headers=named(f"once-{number}")).content) == (202, first.content)
     assert store.jobs.get(job_id).state == "cancelled"
-
-
-def test_a_secret_is_in_the_first_answer_alone_and_never_stored(seeded, store):
     made = seeded.post("/v1/keys", json={"name": "line 2", "scope": "read"}, headers=named("key"))
     rotated = seeded.post(f"/v1/keys/{made.json()['id']}/rotate", headers=named("rotation"))
     for first, path, options in (
@@ -154,24 +156,13 @@ def test_a_secret_is_in_the_first_answer_alone_and_never_stored(seeded, store):
     ):
         secret = first.json()["secret"]
         again = seeded.post(path, headers=named({made: "key", rotated: "rotation"}[first]), **options)
-        assert (again.status_code, again.json()["code"]) == (409, "secret-not-repeated")
+        assert refusal(again) == (409, "secret-not-repeated")
         assert made.json()["id"] in again.json()["detail"]
         with store.database.read() as session:
             kept = str([row.answer for row in session.query(RepeatRow)])
         assert "line 2" in kept
         assert secret not in kept
     assert len(store.keys.all().keys) == 1
-
-
-def test_keys_of_different_callers_are_different_keys(seeded, store):
-    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
-    ids = set()
-    for name in ("one", "other"):
-        secret = store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret
-        headers = named("once") | {"Authorization": f"Bearer {secret}"}
-        answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
-        ids |= set(answers)
-    assert (len(ids), len(store.jobs.page(kind=kinds.CALIBRATE).items)) == (2, 5)
 
 
 AT_ONCE = 8

@@ -4,6 +4,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from asgi import refusal
 from documented import check_documented
 from page_text import absent, text_of
 from sqlalchemy import event, insert
@@ -30,7 +31,14 @@ def asked(store) -> str:
     return store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
-def test_what_runs_what_waits_and_what_ended_stand_in_their_order(seeded, store, worker):
+def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ended_in_their_order(seeded, store, worker):
+    job_id, sentence = asked(store), "the phantom is too large for the detector"
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="phantom-too-large", detail=sentence))
+    shown = text_of(seeded.get("/jobs?state=failed").text)
+    assert f"Plan of a calibration Failed {sentence} phantom-too-large Asked for by the service" in shown
+    assert "The queue" not in shown
+    history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
+    assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good: {sentence}") == []
     asked(store)
     claim = worker.claim()
     store.jobs.heartbeat(claim, Progress(fraction=0.42, stage="search", seconds_left=75.0))
@@ -44,33 +52,16 @@ def test_what_runs_what_waits_and_what_ended_stand_in_their_order(seeded, store,
     assert re.search(r"Ended, those asked for last first .*Drift check Done", now)
 
 
-def test_a_failure_s_sentence_comes_first_and_its_attempts_are_listed(seeded, store, worker):
-    job_id = asked(store)
-    sentence = "the phantom is too large for the detector"
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="phantom-too-large", detail=sentence))
-    shown = text_of(seeded.get("/jobs?state=failed").text)
-    assert f"Plan of a calibration Failed {sentence} phantom-too-large Asked for by the service" in shown
-    assert "The queue" not in shown
-    history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
-    assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good: {sentence}") == []
-
-
-def test_what_a_job_made_is_linked(seeded):
+def test_jobs_are_shown_by_kind_what_one_made_is_linked_and_one_is_cancelled_twice_without_harm(seeded, store):
     page = seeded.get("/jobs").text
     assert absent(page, 'href="/logs/example"', 'href="/calibrations/example/report"') == []
     assert 'href="/v1/drifts/example"' in page
-
-
-def test_jobs_are_shown_by_kind(seeded, store):
     asked(store)
     shown = text_of(seeded.get("/jobs?kind=ingest&state=").text)
     assert "Nothing waits." in shown
     assert shown.count("Reading a scan Done") == 2
     assert "Drift check Done" not in shown
     assert seeded.get("/jobs?kind=painting").status_code == 422
-
-
-def test_a_job_is_cancelled_from_the_page_and_twice_does_no_harm(seeded, store):
     job_id = asked(store)
     assert "What it has done so far is lost." in seeded.get("/jobs").text
     for _ in range(2):
@@ -127,24 +118,21 @@ def test_a_service_in_order_says_so_and_a_worker_is_shown_with_its_job(seeded, s
     assert "test Plan of a calibration" in text_of(seeded.get("/system").text)
 
 
-@pytest.mark.parametrize(
-    ("free_gib", "word", "ready"),
-    [(0.1, "Full", "Disk full"), (1, "Nearly full", "Ready"), (50, "Room enough", "Ready")],
-)
-def test_a_disk_that_fills_is_seen_before_it_is_full(client, full_disk, free_gib, word, ready):
-    full_disk(int(free_gib * GIB), size_bytes=100 * GIB)
-    text = text_of(client.get("/system").text)
-    assert absent(text, f"Disk {word} Free", f"Is it ready? {ready}") == []
-
-
-def test_redis_that_is_away_is_named_without_its_password(client, store, settings):
+def test_a_disk_that_fills_is_seen_before_it_is_full_and_redis_that_is_away_named(client, full_disk, store, settings):
+    for free_gib, word, ready in (
+        (0.1, "Full", "Disk full"),
+        (1, "Nearly full", "Ready"),
+        (50, "Room enough", "Ready"),
+    ):
+        full_disk(int(free_gib * GIB), size_bytes=100 * GIB)
+        assert absent(text_of(client.get("/system").text), f"Disk {word} Free", f"Is it ready? {ready}") == []
     client.app = create_app(settings, store, print, broker_url="redis://:secret-word@127.0.0.1:1/0")
     page = client.get("/system").text
     assert "127.0.0.1 does not answer: jobs begin a few seconds later" in page
     assert "secret-word" not in page
 
 
-def test_an_administrator_sees_keys_and_the_audit_without_secrets(client, store):
+def test_an_administrator_alone_sees_keys_audit_and_rules_and_nobody_secrets(client, store):
     key = store.keys.create(KeyAsk(name="scanner <2>", scope=Scope.SUBMIT))
     page = client.get("/system").text
     assert key.secret not in page
@@ -152,15 +140,16 @@ def test_an_administrator_sees_keys_and_the_audit_without_secrets(client, store)
     assert "made the key" in text_of(client.get("/audit").text)
     store.keys.revoke(key.id)
     assert "scanner &lt;2&gt; Revoked" in text_of(client.get("/system/keys", follow_redirects=True).text)
-
-
-def test_nobody_else_does_and_is_told_so(client):
     client.bring(Scope.ACTIVATE, name="line 2")
     text = text_of(client.get("/system").text)
     assert "Keys and the audit Your key may not see them. A key of the scope “admin” may." in text
     assert "Make a key" not in text
     assert "made the key" not in text
     assert client.get("/audit").status_code == 403
+    client.bring(Scope.ACTIVATE, name="line 2")
+    assert (client.get("/v1/retention").status_code, client.get("/v1/retention/preview").status_code) == (200, 403)
+    assert (client.put("/v1/retention", json={}).status_code, client.get("/retention").status_code) == (403, 403)
+    assert "How long things are kept" not in client.get("/system").text
 
 
 def test_the_audit_answers_who_changed_a_tolerance_and_when(seeded):
@@ -177,22 +166,19 @@ def test_the_audit_answers_who_changed_a_tolerance_and_when(seeded):
     assert {seeded.get(f"/audit?{query}").status_code for query in ("action=queue", "first=soon")} == {422}
 
 
-def test_every_action_of_the_audit_has_words():
-    decisions = {kind for kind in EventKind.all() if kind.is_decision}
-    assert not (decisions - ACTIONS.keys()), "add them to ACTIONS in service/sawmill_service/pages/system/system.py"
-    assert not ACTIONS.keys() - decisions, "no audit keeps these: remove them from ACTIONS"
-
-
 @pytest.fixture
 def in_forty_days(store):
     store.database.now = lambda: datetime.now(UTC) + timedelta(days=40)
 
 
 @pytest.mark.usefixtures("in_forty_days")
-def test_rules_are_tried_confirmed_and_carried_out(seeded, store):
+def test_rules_are_tried_confirmed_and_carried_out_and_a_wrong_one_is_refused(seeded, store):
+    for given in ({"log_scans_days": 0}, {"log_scans_bytes": 10**9}, {"log_scans_days": 36_501}):
+        assert seeded.put("/v1/retention", json=given).status_code == 422
+    assert seeded.get("/v1/retention/preview?log_scans_days=soon").status_code == 422
     refused = seeded.put("/v1/retention", json={"drifts_days": 30})
     check_documented(refused)
-    assert (refused.status_code, refused.json()["code"]) == (409, "retention-unconfirmed")
+    assert refusal(refused) == (409, "retention-unconfirmed")
     shown = seeded.get("/v1/retention/preview?drifts_days=30&calibrations_days=30").json()
     by_kind = {kind["kind"]: kind for kind in shown["kinds"]}
     assert (by_kind["drifts"]["number"], by_kind["calibrations"]["number"]) == (1, 0)
@@ -206,19 +192,6 @@ def test_rules_are_tried_confirmed_and_carried_out(seeded, store):
     [removed] = [each for each in seeded.get("/v1/retention").json()["removed"] if each["number"]]
     assert (removed["kind"], removed["number"]) == ("drifts", 1)
     assert 'sawmill_retention_removed_total{kind="drifts"} 1.0' in seeded.get("/metrics").text
-
-
-def test_a_wrong_rule_is_refused_with_its_value(seeded):
-    for given in ({"log_scans_days": 0}, {"log_scans_bytes": 10**9}, {"log_scans_days": 36_501}):
-        assert seeded.put("/v1/retention", json=given).status_code == 422
-    assert seeded.get("/v1/retention/preview?log_scans_days=soon").status_code == 422
-
-
-def test_rules_are_an_administrators(client):
-    client.bring(Scope.ACTIVATE, name="line 2")
-    assert (client.get("/v1/retention").status_code, client.get("/v1/retention/preview").status_code) == (200, 403)
-    assert (client.put("/v1/retention", json={}).status_code, client.get("/retention").status_code) == (403, 403)
-    assert "How long things are kept" not in client.get("/system").text
 
 
 @pytest.mark.usefixtures("in_forty_days")
@@ -243,5 +216,8 @@ def test_the_page_shows_first_and_changes_what_was_confirmed_alone(seeded, store
     assert 'value="1000"' in seeded.get("/retention").text
 
 
-def test_every_kind_has_words():
+def test_every_kind_and_every_action_of_the_audit_has_words():
     assert set(KINDS) == set(RetentionKind)
+    decisions = {kind for kind in EventKind.all() if kind.is_decision}
+    assert not (decisions - ACTIONS.keys()), "add them to ACTIONS in service/sawmill_service/pages/system/system.py"
+    assert not ACTIONS.keys() - decisions, "no audit keeps these: remove them from ACTIONS"

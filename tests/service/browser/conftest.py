@@ -30,13 +30,8 @@ PROGRAMS = ("chromium-headless-shell", "chromium")
 START_S, PATIENCE_MS = 120.0, 120_000  # only a hang reaches them
 # No sandbox, for that needs a user of its own; and nothing that Chromium does on its own account.
 FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
 )
 
 

@@ -9,20 +9,10 @@ from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 SCANNER_ID = {"name": "scanner_id", "in": "path", "required": True, "schema": {"type": "string"}}
-ONE_OPERATION = {
-    "openapi": "3.1.0",
-    "info": {"title": "Sawmill calibration", "version": "0"},
-    "paths": {
-        "/v1/scanners/{scanner_id}": {
-            "delete": {
-                "operationId": "delete_scanner",
-                "tags": ["scanners"],
-                "parameters": [SCANNER_ID],
-                "responses": {"default": {"description": "A problem."}},
-            }
-        }
-    },
-}
+NO_ANSWERS = {"default": {"description": "A problem."}}
+DELETE = {"operationId": "delete_scanner", "tags": ["scanners"], "parameters": [SCANNER_ID], "responses": NO_ANSWERS}
+ONE_OPERATION = {"openapi": "3.1.0", "info": {"title": "Sawmill calibration", "version": "0"}}
+ONE_OPERATION |= {"paths": {"/v1/scanners/{scanner_id}": {"delete": DELETE}}}
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
