@@ -187,6 +187,17 @@ def client(store: Store, settings: ServiceSettings, woken: list[str]) -> Client:
 
 
 @pytest.fixture
+def limited(client: Client, store: Store) -> Callable[..., Client]:
+    """Makes it the client of a service with these bounds."""
+
+    def limit(**bounds: Any) -> Client:
+        client.app = create_app(ServiceSettings(**bounds), store, print)
+        return client
+
+    return limit
+
+
+@pytest.fixture
 def worker(store: Store) -> "FakeWorker":
     return FakeWorker(store)
 

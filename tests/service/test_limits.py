@@ -100,15 +100,6 @@ def test_a_request_takes_no_thread_before_its_route_does():
 
 
 @pytest.fixture
-def limited(client, store) -> Callable[..., Any]:
-    def limit(**bounds: Any) -> Any:
-        client.app = create_app(ServiceSettings(**bounds), store, print)
-        return client
-
-    return limit
-
-
-@pytest.fixture
 def job_id(store) -> str:
     """The job that reads a scan."""
     scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))

@@ -6,10 +6,9 @@ import hashlib
 import socket
 import threading
 from base64 import b64encode
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from json import dumps
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.files.upload_stream import STEP_BYTES
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_service.app import create_app
-from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
 
 SCANS = "/v1/scans?scanner_id=example&data=counts"
@@ -197,17 +195,6 @@ def test_the_digest_of_any_other_body_is_checked_before_anything_is_done(seeded,
         assert seeded.post(path, headers={"Content-Digest": digest(b"")}).status_code == 202
 
 
-@pytest.fixture
-def waiting(seeded, store) -> Callable[..., Any]:
-    """Make a service that waits for bodies as the bounds say."""
-
-    def make(**bounds: float) -> Any:
-        seeded.app = create_app(ServiceSettings(**bounds), store, print)
-        return seeded
-
-    return make
-
-
 async def standing_still() -> AsyncIterator[bytes]:
     yield b"half"
     await asyncio.Event().wait()
@@ -219,22 +206,24 @@ async def byte_by_byte() -> AsyncIterator[bytes]:
         yield b"a"
 
 
-def test_a_body_that_comes_too_slowly_is_refused_and_a_slow_line_is_fast_enough(waiting, store):
+@pytest.mark.usefixtures("seeded")
+def test_a_body_that_comes_too_slowly_is_refused_and_a_slow_line_is_fast_enough(limited, store):
     for bounds, body, reason in (
         ({"client_silence_s": 0.3}, standing_still, "nothing came for 0.3 s"),
         ({"body_grace_s": 0.05, "min_client_bytes_per_s": 1e6}, byte_by_byte, "bytes came in"),
     ):
-        answer = waiting(**bounds).post(SCANS, content=body())
+        answer = limited(**bounds).post(SCANS, content=body())
         assert (*refusal(answer), answer.headers["Connection"]) == (408, "slow-body", "close")
         assert reason in answer.json()["detail"]
         assert incoming(store) == []
     for grace_s, least in ((600.0, 1e6), (0.0, 1e-3)):
-        client = waiting(body_grace_s=grace_s, min_client_bytes_per_s=least)
+        client = limited(body_grace_s=grace_s, min_client_bytes_per_s=least)
         assert client.post(SCANS, content=byte_by_byte()).status_code == 202
 
 
-def test_half_bodies_over_sockets_leave_nothing_without_a_proxy(waiting, store):
-    app = waiting(client_silence_s=0.3).app
+@pytest.mark.usefixtures("seeded")
+def test_half_bodies_over_sockets_leave_nothing_without_a_proxy(limited, store):
+    app = limited(client_silence_s=0.3).app
     head = b"POST /v1/scans?scanner_id=example&data=counts HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n"
     server = uvicorn.Server(uvicorn.Config(app, http="h11", ws="none", lifespan="off", log_config=None))
     with socket.create_server(("127.0.0.1", 0)) as listening:
