@@ -1,10 +1,9 @@
-"""Downloads as programs meet them: tags and digests of the bytes, ranges, names, and HEAD wherever GET is."""
+"""Downloads as programs meet them: tags and digests of the bytes, ranges, and names."""
 
 import asyncio
 import hashlib
 import os
 from base64 import b64encode
-from collections import defaultdict
 from threading import Event
 
 import pytest
@@ -25,10 +24,6 @@ PICTURES = (f"{LOG}/slices/1.png", f"{LOG}/slices/1.jpg", f"{LOG}/thumbnail.png"
 DRAWN = ("/v1/scans/example/sinogram.png?row=1", "/v1/phantoms/l-shape/drawing.svg", "/v1/scans/example/preview")
 STORED = (f"{LOG}/slices/1.npy", VOLUME, f"{FOUND}/result.h5")
 FILES = dict.fromkeys((*PICTURES, *DRAWN), "inline") | dict.fromkeys(STORED, "attachment")
-# Of a path's parameters.
-ANY = defaultdict(lambda: "example", index="0")
-# Differs from answer to answer, or is of the way alone.
-OWN = {"x-request-id", "date"}
 
 
 def test_a_download_is_known_by_its_bytes(seeded):
@@ -245,21 +240,3 @@ def test_conditions_of_time_are_kept_where_the_time_is_known(seeded):
     assert seeded.get(VOLUME, headers={"If-None-Match": '"x"', "If-Modified-Since": after}).status_code == 200
     # A picture that is drawn for the request has no such time.
     assert seeded.get(f"{LOG}/slices/1.png", headers={"If-Unmodified-Since": before}).status_code == 200
-
-
-@pytest.mark.slow
-def test_head_has_the_headers_of_get_wherever_get_is(seeded):
-    for path, operations in seeded.app.openapi()["paths"].items():
-        if "get" not in operations:
-            continue
-        address = path.format_map(ANY)
-        head = seeded.request("HEAD", address, headers={"Range": "bytes=0-1"}, timeout=60)
-        assert head.content == b"", path
-        if path == "/v1/events":
-            assert (head.status_code, head.headers["Content-Type"]) == (200, "text/event-stream; charset=utf-8")
-            continue
-        got = seeded.get(address, timeout=60)
-        assert head.status_code == got.status_code, path
-        expected = {name: value for name, value in got.headers.items() if name not in OWN}
-        if path != "/metrics":  # counts these requests
-            assert {name: value for name, value in head.headers.items() if name not in OWN} == expected, path

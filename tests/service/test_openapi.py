@@ -151,17 +151,33 @@ EXAMPLES = {each["operation_id"]: [each] for each in EVERY if each["method"] not
 EXAMPLES["reading"] = [each for each in EVERY if each["method"] in READ_ALONE]
 
 
+def check_head(client, path, options, got):
+    """HEAD has the headers of GET; but what differs from answer to answer, or counts these requests."""
+    options = {"params": options["params"], "headers": options["headers"] | {"Range": "bytes=0-1"}}
+    head = client.request("HEAD", path, **options)
+    assert (head.content, head.status_code) == (b"", got.status_code), path
+    if path == "/v1/events":
+        assert head.headers["Content-Type"] == "text/event-stream; charset=utf-8"
+    elif path != "/metrics":
+        given = [{**answer.headers} | {"x-request-id": "", "date": ""} for answer in (head, got)]
+        assert given[0] == given[1], path
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", EXAMPLES)
-def test_the_committed_example_requests_work(seeded, store, asked):
+def test_the_committed_example_requests_work_and_head_is_wherever_get_is(seeded, store, asked):
     add_what_is_decided(store)
     # A fresh data folder holds no key, one that nobody has would guard nothing, and no webhook, nor allows it one.
     key = store.keys.create(KeyAsk(name="example", scope=Scope.READ))
     for example in EXAMPLES[asked]:
-        path = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")
-        answer = seeded.request(example["method"], path, **options_of(seeded, example))
+        path, options = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}"), options_of(seeded, example)
+        answer = seeded.request(example["method"], path, **options)
         assert answer.status_code < 300, (path, answer.text)
         check_documented(answer)
+        if example["method"] == "GET":
+            check_head(seeded, path, options, answer)
+    nobody = "/v1/scans/nobody"
+    check_head(seeded, nobody, {"params": {}, "headers": {}}, seeded.get(nobody))
 
 
 def texts(folder: Path) -> dict[str, str]:
