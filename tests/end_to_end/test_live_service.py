@@ -85,14 +85,14 @@ def to_decide(seeded):
 
 
 # What deletes an example comes after what needs it. Nothing may be sent from here, so that there are no webhooks:
-# tests/service/test_examples.py tries theirs where there is one.
+# tests/service/test_openapi.py tries theirs where there is one.
 IN_ORDER = sorted(
     (path for path in REQUESTS.glob("*.json") if not json.loads(path.read_text())["path"].startswith("/v1/webhooks")),
     key=lambda path: (path.stem.startswith("delete"), path.stem),
 )
 
 
-# By day the whole job of other tests asks for these, and tests/service/test_examples.py sends every request.
+# By day the whole job of other tests asks for these, and tests/service/test_openapi.py sends every request.
 @pytest.mark.nightly
 @pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
 @pytest.mark.usefixtures("to_decide")
