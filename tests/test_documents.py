@@ -189,10 +189,7 @@ def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
         for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Opening a volume"], "python")
     ]
-    assert reported == [
-        "(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n",
-        "(6, 6) 1/mm 120.0\n",
-    ]
+    assert reported == ["(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n", "(6, 6) 1/mm 120.0\n"]
 
 
 # CIL is not to be had from the registry that the rest is installed from: its signatures, after its documentation.

@@ -41,7 +41,7 @@ def test_the_citation_names_this_version_and_the_paper():
     assert citation["version"] == VERSION
     paper = citation["preferred-citation"]
     assert [author["family-names"] for author in paper["authors"]] == [
-        *("Senchukova", "Suuronen", "Heikkinen", "Roininen"),
+        *("Senchukova", "Suuronen", "Heikkinen", "Roininen")
     ]
     assert paper["identifiers"][0]["value"] == "arXiv:2206.14444"
 

@@ -113,6 +113,7 @@ def test_commands_stop_at_tables_of_a_later_version(run, data, tmp_path, command
     arguments = [tmp_path] if command == "backup" else []
     ended = run(*command.split(), *arguments, "--data", data, code=1)
     assert LATER in " ".join(ended.stderr.split())
+    assert list(tmp_path.glob("sawmill-*")) == [], "no backup"
 
 
 @pytest.mark.nightly

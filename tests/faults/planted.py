@@ -44,7 +44,7 @@ DEFECTS = (
         "wait_estimate.py",
         "order_by(groups.c.priority, last_turn, groups.c.oldest",
         "order_by(groups.c.priority, groups.c.oldest",
-        "test_turns.py",
+        "test_queue.py",
     ),
     Defect(
         "patience.py",
@@ -62,7 +62,7 @@ DEFECTS = (
         "verified_results.py",
         "if outcome is None or outcome[0] != identity:",
         "if outcome is None:",
-        "test_verified_results.py",
+        "store/test_files.py",
     ),
     Defect("key_store.py", "return row.revoked_at is None and (", "return (", "store/test_keys.py"),
     Defect("events.py", "EventRow.number > number, published()", "published()", "store/test_events.py"),

@@ -13,7 +13,6 @@ import pytest
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid
 
-HELSINKI = "Europe/Helsinki"
 # Forward and back: in the north, in the south, by half an hour, at midnight, by two hours, against the summer, never.
 CHANGES = {
     "Europe/Helsinki": ("2026-03-29", "2026-10-25"),
@@ -85,15 +84,6 @@ def test_a_named_hour_comes_once_on_each_day_of_change(zone, cron):
                 assert next_due(cron, zone, now) == after
 
 
-def test_the_hour_that_is_left_out_and_the_one_that_comes_twice_are_run_once_in_finland():
-    spring = list(following("30 3 * * *", HELSINKI, utc("2026-03-28", "12:00"), utc("2026-03-30", "12:00")))
-    assert spring == [utc("2026-03-29", "01:00"), utc("2026-03-30", "00:30")]  # 04:00, and 03:30 of the next day
-    autumn = list(following("30 3 * * *", HELSINKI, utc("2026-10-24", "12:00"), utc("2026-10-26", "12:00")))
-    assert autumn == [utc("2026-10-25", "00:30"), utc("2026-10-26", "01:30")]
-    # In the second hour of the two it has come already.
-    assert next_due("30 3 * * *", HELSINKI, utc("2026-10-25", "01:10")) == utc("2026-10-26", "01:30")
-
-
 @pytest.mark.parametrize("zone", [zone for zone in CHANGES if zone != "Australia/Lord_Howe"])
 def test_every_hour_is_each_hour_that_passes(zone):
     for day in CHANGES[zone]:
@@ -109,12 +99,6 @@ def test_every_hour_stays_at_its_minute_where_clocks_move_by_half_an_hour():
         due = list(following("30 * * * *", "Australia/Lord_Howe", *days_around(day)))
         assert {moment.astimezone(ZoneInfo("Australia/Lord_Howe")).minute for moment in due} == {30}
         assert max(after - one for one, after in pairwise(due)) <= timedelta(minutes=90)
-
-
-def test_a_year_of_mornings_has_each_day_once():
-    due = list(following("30 3 * * *", HELSINKI, utc("2025-12-31", "22:00"), utc("2026-12-31", "22:00")))
-    days = [moment.astimezone(ZoneInfo(HELSINKI)).date() for moment in due]
-    assert len(days) == len(set(days)) == 365
 
 
 @pytest.mark.parametrize("zone", ["Helsinki", "europe/helsinki", "localtime", "Factory", "", "/etc/passwd", "a\x00b"])

@@ -1,4 +1,4 @@
-"""What kills and failed commits leave goes with time, and nothing else does."""
+"""What kills and failed commits leave goes with time, and nothing else; files that somebody took away are named."""
 
 import errno
 import sqlite3
@@ -15,6 +15,8 @@ from sqlalchemy.exc import OperationalError
 from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
@@ -192,10 +194,7 @@ def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan
     with at_call("os.rename", lambda _: 1 / 0, below=store.files.folder), pytest.raises(ZeroDivisionError):
         store.scans.delete(ready_scan.id)
     observer.look()
-    gone = [
-        store.files.results(kinds.INGEST, ready_scan.id),
-        store.files.upload(kinds.INGEST, ready_scan.id).parent,
-    ]
+    gone = [store.files.results(kinds.INGEST, ready_scan.id), store.files.upload(kinds.INGEST, ready_scan.id).parent]
     assert sorted(observer.look(GRACE_S)) == sorted(gone)
 
 
@@ -227,3 +226,39 @@ def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
         observer.look(GRACE_S)
     assert stuck.exists()
     assert not other.exists()
+
+
+def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
+    scan = upload(store)
+    finish(store)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    finish(store)
+    reconstruction = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=calibration.id))
+    finish(store)
+    unread = upload(store)
+    files = [
+        store.files.results(kinds.CALIBRATE, calibration.id) / "result.h5",
+        store.files.results(kinds.RECONSTRUCT, reconstruction.id) / "volume.h5",
+        store.files.results(kinds.INGEST, scan.id) / "scan.h5",
+        *sorted(store.files.upload(kinds.INGEST, one.id) for one in (scan, unread)),
+    ]
+    for file in files[:3]:
+        file.touch()
+    assert store.lost_files() == []
+    for file in files:
+        file.unlink()
+    assert store.lost_files() == [file.relative_to(store.files.folder).as_posix() for file in files]
+
+
+def test_what_is_deleted_meanwhile_is_not_lost(store, ready_scan):
+    """The transaction that has read the rows shows them as they were."""
+    deleted = []
+
+    def delete_once(*given):
+        if "FROM scans" in given[2] and not deleted:
+            deleted.append(given[2])
+            store.scans.delete(ready_scan.id)
+
+    event.listen(store.database.engine, "after_cursor_execute", delete_once)
+    assert store.lost_files() == []
+    assert len(deleted) == 1

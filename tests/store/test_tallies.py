@@ -1,4 +1,6 @@
-"""Counts for metrics, on both databases; the clock is the test's."""
+"""Counts for metrics, and what people see of the workers and the database, on both databases."""
+
+from datetime import timedelta
 
 import pytest
 from results import answer_of
@@ -7,6 +9,7 @@ from sawmill_contracts import kinds
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventKind
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.database.database import newest_revision
 from sawmill_platform.jobs.job_store import Pulse
 from sawmill_platform.jobs.tallies import SETTLED, Amount, Fate, Tallies
 
@@ -100,3 +103,27 @@ def test_workers_are_seen_for_a_while(store, end, upload, clock):
     assert store.tallies.read().workers == 2
     clock.advance(hours=1)
     assert store.tallies.read().workers == 1  # it holds its attempt still
+
+
+@pytest.mark.dialect
+def test_workers_are_known_by_their_last_attempt(store, upload, clock):
+    for _ in range(2):
+        upload(store)
+    begun = clock()
+    store.jobs.claim("mill-1")
+    clock.advance(minutes=5)
+    store.jobs.claim("mill-2")
+    assert list(store.events.workers_since(begun).items()) == [("mill-2", clock()), ("mill-1", begun)]
+    assert list(store.events.workers_since(begun + timedelta(seconds=1))) == ["mill-2"]
+
+
+@pytest.mark.dialect
+def test_a_database_reports_what_it_is(store, database_url, upload):
+    report = store.database_report()
+    assert report.system.startswith("PostgreSQL" if database_url else "SQLite")
+    assert report.migration == report.newest_migration == newest_revision()
+    assert 0 < report.answered_s < 60  # it answered; how fast is the machine's
+    assert report.size_bytes > 100_000  # thirty tables and indexes of a page each, at least
+    before = store.scans.uploaded_bytes()
+    scan = upload(store)
+    assert store.scans.uploaded_bytes() == before + scan.size_bytes
