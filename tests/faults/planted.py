@@ -129,7 +129,7 @@ DEFECTS = (
         "return activated.order_by(ActivationRow.number).limit(1)",
         "test_history.py",
     ),
-    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
+    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_automatic.py"),
     Defect(
         "calibrations.py",
         'needs=Scope.ACTIVATE,\n    summary="Make a calibration the active one"',
