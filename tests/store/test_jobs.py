@@ -163,8 +163,8 @@ def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
     assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.FAILED
 
 
-def test_waits_double_up_to_a_minute_and_are_spread(clocked_store, clock, upload):
-    store = clocked_store
+@pytest.mark.clocked
+def test_waits_double_up_to_a_minute_and_are_spread(store, clock, upload):
     scan = upload(store)
     waits = []
     for _ in range(6):
@@ -186,9 +186,9 @@ def test_a_job_that_waits_is_cancelled_at_once(store, upload):
     assert (ended.state, ended.not_before, ended.waiting_for) == (JobState.CANCELLED, None, None)
 
 
+@pytest.mark.clocked
 @pytest.mark.dialect
-def test_a_wait_ends(clocked_store, clock, upload):
-    store = clocked_store
+def test_a_wait_ends(store, clock, upload):
     upload(store)
     store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=20.0))
     clock.advance(seconds=10)

@@ -3,9 +3,7 @@
 import errno
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from databases import sqlite_alone
@@ -21,8 +19,6 @@ from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.files.leftovers import NAMES_A_ROUND
-from sawmill_platform.jobs.job_store import Claim
-from sawmill_store.store import Store
 
 GRACE_S = 3600.0
 AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")
@@ -34,36 +30,36 @@ INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phan
 class Observer:
     """Looks through a store at times of its own clock."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store):
         self.now_s = 0.0
         self.leftovers = store.leftovers(grace_s=GRACE_S, now_s=lambda: self.now_s)
 
-    def look(self, after_s: float = 0.0) -> list[Path]:
+    def look(self, after_s=0.0):
         self.now_s += after_s
         return self.leftovers.remove_some()
 
 
 @pytest.fixture
-def observer(store: Store) -> Observer:
+def observer(store):
     return Observer(store)
 
 
 @pytest.fixture
-def claimed(store: Store, upload: Callable[..., object]) -> Claim:
+def claimed(store, upload):
     upload(store)
     claim = store.jobs.claim("test")
     assert claim is not None
     return claim
 
 
-def made(path: Path) -> Path:
+def made(path):
     path.mkdir(parents=True)
     (path / "file").write_text("")
     return path
 
 
 @contextmanager
-def failing_commit(store: Store, error: Exception) -> Iterator[None]:
+def failing_commit(store, error):
     """The next commit fails."""
 
     def fail(_):
@@ -203,7 +199,7 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
     number = 2 * NAMES_A_ROUND + 1
     for index in range(number):
         (store.files.folder / "plans" / f"nobodys-{index}").mkdir()
-    statements: list[str] = []
+    statements = []
     event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     counts = []
     for _ in range(3):

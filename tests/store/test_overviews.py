@@ -72,10 +72,8 @@ def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan
     with pytest.raises(Conflict, match="is in use"):
         store.calibrations.discard("used", "by mistake")
     entries = store.history.page(scanner.id, kind=HistoryKind.DISCARD).items
-    assert [(entry.subject_id, entry.why) for entry in entries] == [
-        ("wrong", "wrong phantom"),
-        ("failed", "wrong file"),
-    ]
+    decided = [(entry.subject_id, entry.why) for entry in entries]
+    assert decided == [("wrong", "wrong phantom"), ("failed", "wrong file")]
     assert store.history.newest(scanner.id, HistoryKind.DISCARD, "failed") == entries[1]
     store.calibrations.activate("better", "by hand")
     assert undecided() == (None, "better", False)
@@ -131,27 +129,26 @@ def rows_of(name, history, start):
             if letter != "none":
                 measured = {"kind": MeasurementKind.CALIBRATION, "at": ended_at, "subject_id": subject}
                 verdicts = {"verdict": "fail" if letter == "fail" else "pass", "within_tolerance": letter != "moved"}
-                yield (
-                    MeasurementRow,
-                    mine | measured | verdicts | ZEROS | {"against_id": against and f"{name}-{against}"},
-                )
+                verdicts |= {"against_id": against and f"{name}-{against}"}
+                yield MeasurementRow, mine | measured | verdicts | ZEROS
 
 
-def test_every_history_to_length_four_has_the_newest_undecided_results_of_a_plain_model(clocked_store, scanner):
+@pytest.mark.clocked
+def test_every_history_to_length_four_has_the_newest_undecided_results_of_a_plain_model(store, scanner):
     """The rows of all histories are written at once, with a scanner for each."""
     words = chain.from_iterable(product(LETTERS, repeat=length) for length in range(5))
     histories = {f"s{number}": played(letters) for number, letters in enumerate(words)}
     histories = {name: history for name, history in histories.items() if history is not None}
-    start, tables = clocked_store.now(), defaultdict(list)
+    start, tables = store.now(), defaultdict(list)
     spec = scanner.model_dump(mode="json", include=set(ScannerSpec.model_fields))
     for name, (history, *_) in histories.items():
         tables[ScannerRow].append({"id": name, "created_at": start, "spec": spec})
         for table, row in rows_of(name, history, start):
             tables[table].append(row)
-    with clocked_store.database.write() as session:
+    with store.database.write() as session:
         for table in (ScannerRow, JobRow, CalibrationRow, ActivationRow, EventRow, MeasurementRow):
             session.execute(insert(table), tables[table])
-    found = {each.scanner.id: each for each in clocked_store.overviews.read(limit=len(histories) + 1)}
+    found = {each.scanner.id: each for each in store.overviews.read(limit=len(histories) + 1)}
     for name, (_, *ids) in histories.items():
         seen = found[name]
         newest = seen.scanner.active_calibration_id, seen.ended_id, seen.succeeded_id, seen.red_id
