@@ -59,32 +59,21 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock)
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 * * * *", kind="check-drift"))
     clock.advance(hours=1)
     store.schedules.run_due()
-    by_schedule = f"schedule {schedule.id}"
+    by_schedule, renamed = f"schedule {schedule.id}", 'name: "Line 3", was "Line 2"'
     assert entered(store, scanner, since=since)[::-1] == [
         ("drift-check", "succeeded", "anna", "the turntable moved"),
         ("calibration", "failed", "anna", "no phantom is seen"),
-        (
-            "settings",
-            "scanner-changed",
-            "ben",
-            'name: "Line 3", was "Line 2"; alarms.quiet_after_hours: 24.0, was null',
-        ),
+        ("settings", "scanner-changed", "ben", f"{renamed}; alarms.quiet_after_hours: 24.0, was null"),
         ("calibration", "cancelled", "ben", None),
         ("alarm", "alarm-opened", "the service", "no scan came after 2026-03-02 05:00 UTC for 24 hours"),
         ("schedule", "schedule-created", "the service", None),
         ("schedule", "schedule-missed", by_schedule, "there was no new scan of a log that a drift check could use"),
     ]
     alarm = store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0]
-    assert (alarm.alarm, alarm.at, alarm.link) == (
-        "scanner-quiet",
-        clock.now - timedelta(hours=1),
-        f"/v1/scanners/{scanner.id}",
-    )
-    marks = store.history.marks(scanner.id, since - timedelta(hours=2))
-    assert [(mark.kind, mark.at) for mark in marks] == [
-        ("activation", since - timedelta(seconds=1)),
-        ("alarm", alarm.at),
-    ]
+    opened_at = clock.now - timedelta(hours=1)
+    assert (alarm.alarm, alarm.at, alarm.link) == ("scanner-quiet", opened_at, f"/v1/scanners/{scanner.id}")
+    marks = [(mark.kind, mark.at) for mark in store.history.marks(scanner.id, since - timedelta(hours=2))]
+    assert marks == [("activation", since - timedelta(seconds=1)), ("alarm", opened_at)]
 
 
 @pytest.mark.dialect
