@@ -13,9 +13,8 @@ import bundle
 import pytest
 
 ROOT = Path(__file__).parents[2]
-DECLARED = re.findall(
-    r"Python :: (3\.\d+)", "\n".join(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["classifiers"])
-)
+CLASSIFIERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["classifiers"]
+DECLARED = re.findall(r"Python :: (3\.\d+)", "\n".join(CLASSIFIERS))
 SCAN = ("simulate", "l-shape", "--theta", "146.1deg,714.7,319.9,43.7,15.7deg", "--views", "20", "--noise", "0.02")
 
 
@@ -34,9 +33,8 @@ def interpreter(version: str) -> str | None:
 def run(*command: object, folder: Path) -> str:
     """The standard output of a command, in an environment without this one's packages."""
     clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
-    done = subprocess.run(
-        [str(part) for part in command], cwd=folder, env=clean, capture_output=True, text=True, check=False
-    )
+    words = [str(part) for part in command]
+    done = subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -60,10 +58,7 @@ def scan(tmp_path_factory) -> Path:
 
 def theta(sawmill: Path, scan: Path) -> dict[str, float]:
     constants = ("--data", "counts", "--source-to-cor-mm", "859.46", "--phantom", "l-shape")
-    found: dict[str, float] = json.loads(run(sawmill, "calibrate", scan, *constants, "--json", folder=scan.parent))[
-        "theta"
-    ]
-    return found
+    return json.loads(run(sawmill, "calibrate", scan, *constants, "--json", folder=scan.parent))["theta"]
 
 
 @pytest.mark.nightly
