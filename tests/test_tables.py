@@ -5,6 +5,7 @@ import importlib
 import re
 from collections.abc import Collection, Iterator
 from enum import Enum, StrEnum
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -47,11 +48,10 @@ class Table(NamedTuple):
     lacks: frozenset[str]
 
 
-def sources() -> Iterator[tuple[Path, ast.Module]]:
-    for folder in ("service", "worker"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            if "migrations" not in path.parts:
-                yield path, ast.parse(path.read_text())
+@cache
+def sources() -> list[tuple[Path, ast.Module]]:
+    paths = sorted(path for folder in ("service", "worker") for path in (ROOT / folder).rglob("*.py"))
+    return [(path, ast.parse(path.read_text())) for path in paths if "migrations" not in path.parts]
 
 
 def attribute(path: Path, name: str) -> object:

@@ -266,6 +266,7 @@ def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
         ((*THETA, "--method", "guess"), "'guess'"),
         ((*THETA, "--filter", "boxcar"), "'boxcar' is not one of"),
         ((*THETA, "--frequency-scaling", 1.5), "--frequency-scaling"),
+        ((*THETA, "--sigma", 0), "'--sigma': must be above 0, not 0"),
         ((*THETA, "--size", 8), "--size"),
         ((*THETA, "--field-mm", -1), "must be above 0 and at most 100000, not -1"),
         ((*THETA, "--rows", "x"), "'--rows': rows must be A:B"),
