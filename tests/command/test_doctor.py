@@ -102,6 +102,11 @@ def tables_of(data, revision, version):
     connection.close()
 
 
+def revision_of(data):
+    with closing(sqlite3.connect(data / "sawmill.db")) as connection:
+        return connection.execute("SELECT version_num FROM alembic_version").fetchone()[0]
+
+
 @pytest.mark.parametrize(
     ("revision", "version", "tables"),
     [("0012", None, "revision 0012"), ("9999", "9.0.0", "version 9.0.0 (revision 9999)")],
@@ -117,12 +122,16 @@ LATER = f"has tables of version 9.0.0 (revision 9999), which this program, versi
 
 
 @pytest.mark.parametrize("command", ["audit", "backup", "key list", "migrate"])
-def test_commands_stop_at_tables_of_a_later_version(run, data, tmp_path, command):
+def test_commands_stop_at_tables_of_a_later_version_or_of_no_release(run, data, tmp_path, command):
     tables_of(data, "9999", "9.0.0")
     arguments = [tmp_path] if command == "backup" else []
     ended = run(*command.split(), *arguments, "--data", data, code=1)
     assert LATER in " ".join(ended.stderr.split())
     assert list(tmp_path.glob("sawmill-*")) == [], "no backup"
+    tables_of(data, "0020", None)
+    ended = run(*command.split(), *arguments, "--data", data, code=1)
+    assert f"tables of revision 0020, which this program, version {VERSION}" in " ".join(ended.stderr.split())
+    assert revision_of(data) == "0020", "they stay"
 
 
 @pytest.mark.nightly
@@ -138,9 +147,7 @@ def test_services_stop_at_tables_of_a_later_version(data, command):
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):
     tables_of(data, "0001", None)
     assert "take a backup" in found("database", code=0)["cure"]
-    connection = sqlite3.connect(data / "sawmill.db")
-    assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
-    connection.close()
+    assert revision_of(data) == "0001"
 
 
 def test_a_damaged_and_a_destroyed_database(found, data):

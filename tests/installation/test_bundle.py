@@ -1,8 +1,10 @@
-"""What is packed for a machine without a network (`make try-bundle` is whole), and what `install.sh` refuses to begin."""
+"""What is packed for a machine without a network, what `install.sh` refuses, and the wheel on each declared Python."""
 
+import json
 import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -214,3 +216,67 @@ def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpac
 @pytest.mark.parametrize("arguments", [(), ("--fast", "/opt"), ("/opt", "/srv"), ("--python",)])
 def test_wrong_use_is_answered_with_the_usage(refused, arguments):
     assert "usage: sh install.sh [--python PROGRAM] FOLDER" in refused(*arguments, code=2)
+
+
+CLASSIFIERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["classifiers"]
+DECLARED = re.findall(r"Python :: (3\.\d+)", "\n".join(CLASSIFIERS))
+SCAN = ("simulate", "l-shape", "--theta", "146.1deg,714.7,319.9,43.7,15.7deg", "--views", "20", "--noise", "0.02")
+
+
+def interpreter(wanted):
+    """A Python of this version: on the path, or one that pyenv has."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
+    candidates = [shutil.which(f"python{wanted}"), *sorted(pyenv.glob(f"{wanted}.*/bin/python{wanted}"))]
+    for candidate in filter(None, candidates):
+        asked = [str(candidate), "-c", "import ensurepip, sys; print('%d.%d' % sys.version_info[:2])"]
+        found = subprocess.run(asked, capture_output=True, text=True, check=False)
+        if (found.returncode, found.stdout.strip()) == (0, wanted):
+            return str(candidate)
+    return None
+
+
+def run(*command, folder):
+    """The standard output of a command, in an environment without this one's packages."""
+    clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    words = [str(part) for part in command]
+    done = subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    bundle.export(ROOT, folder / "sources")
+    build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder)
+    run(sys.executable, *build, folder / "sources", folder=folder)
+    (made,) = folder.glob("*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("scan")
+    run(Path(sys.executable).with_name("sawmill"), *SCAN, "--output", "scan.h5", folder=folder)
+    return folder / "scan.h5"
+
+
+def theta(sawmill, scan):
+    constants = ("--data", "counts", "--source-to-cor-mm", "859.46", "--phantom", "l-shape")
+    return json.loads(run(sawmill, "calibrate", scan, *constants, "--json", folder=scan.parent))["theta"]
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("declared", DECLARED)
+def test_the_wheel_gives_the_same_theta_on_each_declared_python(declared, wheel, scan, tmp_path):
+    python = interpreter(declared)
+    if python is None:
+        pytest.skip(f"there is no Python {declared} with ensurepip here")
+    run(python, "-m", "venv", tmp_path / "environment", folder=tmp_path)
+    programs = tmp_path / "environment/bin"
+    pip = (programs / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet")
+    run(*pip, "--constraint", ROOT / "constraints.txt", wheel, folder=tmp_path)
+    # Kernels that are compiled in another order may differ in the last digit.
+    run(programs / "sawmill", "compile", folder=tmp_path)
+    assert theta(programs / "sawmill", scan) == theta(Path(sys.executable).with_name("sawmill"), scan)

@@ -6,7 +6,6 @@ import pytest
 
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
-from sawmill_mill import schedules
 from sawmill_mill.scanner_state import DriftCheck, activation_reason, counts_for_chart
 from sawmill_mill.schedules import FEWEST_VIEWS, LogScan, PhantomScan, log_scan_to_check, phantom_scan_to_use
 from sawmill_vocabulary import DetectorEstimate, Rotation
@@ -14,7 +13,6 @@ from sawmill_vocabulary import DetectorEstimate, Rotation
 NOON = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
 SCAN = PhantomScan("newest", ScanState.READY, PhantomState.READY, is_used=False)
 LOG = LogScan("newest", NOON, ScanState.READY, FEWEST_VIEWS, is_checked=False)
-WHY = "there was no new scan of a phantom"
 
 
 def test_the_newest_usable_phantom_scan_is_taken_once():
@@ -30,27 +28,6 @@ def test_the_newest_usable_phantom_scan_is_taken_once():
 )
 def test_the_newest_log_that_is_fit_is_taken(unfit):
     assert log_scan_to_check([unfit, LOG._replace(id="taken"), LOG], None) == "taken"
-
-
-def test_a_log_before_the_last_one_that_was_checked_shows_the_past():
-    assert log_scan_to_check([LOG], NOON) is None
-    assert log_scan_to_check([LOG], NOON - timedelta(seconds=1)) == "newest"
-
-
-@pytest.mark.parametrize(
-    ("late", "outcome", "missed_before", "announced"),
-    [
-        (False, "queued", True, None),
-        (False, "no-new-phantom-scan", False, WHY),
-        (False, "no-new-phantom-scan", True, None),
-        (True, "queued", True, "nothing ran schedules then"),
-        (True, "no-new-phantom-scan", True, f"nothing ran schedules then; later {WHY}"),
-    ],
-)
-def test_a_schedule_that_keeps_missing_is_announced_when_that_begins(late, outcome, missed_before, announced):
-    due_at = NOON + timedelta(days=7 * late)
-    missed = schedules.missed_due_time(NOON, due_at, outcome, missed_before=missed_before)
-    assert missed == (None if announced is None else (NOON, announced))
 
 
 PASSED = {"wanted": True, "schedule_id": None, "rays_verdict": "pass", "has_moved": False}

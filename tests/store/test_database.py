@@ -13,7 +13,7 @@ from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base
-from sawmill_platform.errors import StorageFull, StorageMisconfigured, StorageUnavailable
+from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
@@ -60,22 +60,6 @@ def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(sett
     upgraded.close()
     assert [claim.job_id for claim in held] == revisions
     assert {(claim.attempt, claim.job.losses, claim.job.background) for claim in held} == {(3, 0, False)}
-
-
-@pytest.mark.parametrize("revision", ["0004", "0020", "9999"])
-def test_tables_of_no_release_or_of_a_later_one_are_refused_in_a_sentence_and_stay(settings, empty_url, revision):
-    database = Database(make_engine(empty_url))
-    database.upgrade("0003")
-    with database.write() as session:
-        session.execute(text("UPDATE alembic_version SET version_num = :revision"), {"revision": revision})
-    database.engine.dispose()
-    this = rf"this program, version {VERSION} \(revision {newest_revision()}\), cannot read"
-    sentence = rf"tables of revision {revision}, which {this}: start the version that wrote them"
-    with pytest.raises(StorageMisconfigured, match=sentence):
-        Store.open(settings.model_copy(update={"database_url": empty_url}))
-    with database.read() as session:
-        assert session.scalar(text("SELECT version_num FROM alembic_version")) == revision
-    database.engine.dispose()
 
 
 def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_the_same(settings, empty_url):

@@ -266,18 +266,6 @@ def test_a_job_brings_forward_what_it_needs(store, example):
     assert claim(store).job_id == scans[1].job_id
 
 
-@pytest.mark.dialect
-def test_jobs_are_counted_and_listed_by_state(store, upload):
-    for _ in range(3):
-        upload(store)
-    held = claim(store)
-    assert store.jobs.counts()[JobState.QUEUED] == 2
-    assert store.jobs.counts()[JobState.FAILED] == 0
-    assert [job.id for job in store.jobs.page(state=JobState.RUNNING).items] == [held.job_id]
-    with pytest.raises(NotFound):
-        store.jobs.get("nothing")
-
-
 def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     scan = upload(store)
     claim(store)
