@@ -47,13 +47,9 @@ def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(sett
     for number, revision in enumerate(revisions):
         database.upgrade(revision)
         with database.write() as session:
-            session.execute(
-                text(
-                    "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
-                    " VALUES (:id, :created_at, 'ingest', 'queued', 'old', 2, false)"
-                ),
-                {"id": revision, "created_at": f"2026-03-02 05:00:{number:02}"},
-            )
+            columns = "id, created_at, kind, state, subject_id, attempt, cancel_requested"
+            values = f"'{revision}', '2026-03-02 05:00:{number:02}', 'ingest', 'queued', 'old', 2, false"
+            session.execute(text(f"INSERT INTO jobs ({columns}) VALUES ({values})"))  # noqa: S608 - constants
     database.engine.dispose()
     upgraded = Store.open(settings.model_copy(update={"database_url": empty_url}))
     held = [upgraded.jobs.claim("test") for _ in revisions]

@@ -99,9 +99,8 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
 
 def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store, clock, reader):
     quota = UploadQuota(5, 100, 100)
-    other, stands_still = (
-        store.uploads.create(UploadAsk(size_bytes=4, sha256=sha256), quota) for sha256 in ("0" * 64, None)
-    )
+    asks = (UploadAsk(size_bytes=4, sha256=sha256) for sha256 in ("0" * 64, None))
+    other, stands_still = (store.uploads.create(ask, quota) for ask in asks)
     part = store.uploads.begin_part(other.id, 0)
     part.take(AsSent(), b"scan", commits=True)
     part.finish(AsSent())

@@ -3,6 +3,7 @@
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
+from itertools import count, islice
 
 import pytest
 from results import answer_of, plan_result
@@ -166,19 +167,10 @@ def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs,
 
 def test_what_is_known_to_take_seconds_is_short(store, upload):
     scan = upload(store)
-    by_method = {
-        method: store.calibrations.accept(CalibrationAsk(scan_id=scan.id, method=method))
-        for method in CalibrationMethod
-    }
-    slices = store.reconstructions.accept(
-        ReconstructionAsk(scan_id=scan.id, calibration_id=by_method[CalibrationMethod.DEFAULT].id)
-    )
-    asked = [scan, *by_method.values(), slices]
-    assert [store.jobs.get(each.job_id).short for each in asked] == [
-        True,
-        *(method is CalibrationMethod.DEFAULT for method in CalibrationMethod),
-        False,
-    ]
+    asked = [store.calibrations.accept(CalibrationAsk(scan_id=scan.id, method=each)) for each in CalibrationMethod]
+    slices = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=asked[0].id))
+    short = [store.jobs.get(each.job_id).short for each in (scan, *asked, slices)]
+    assert short == [True, *(method is CalibrationMethod.DEFAULT for method in CalibrationMethod), False]
 
 
 def test_short_jobs_can_be_claimed_alone(store, add_jobs):
@@ -221,24 +213,27 @@ def settings(settings) -> StorageSettings:
 
 @pytest.fixture
 def plan(store, scanner):
-    def ask(views=20):
-        ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=views)
-        return store.plans.accept(ask, given={"phantom_id": "l-shape"})
+    """Ask for plans, each of another number of views."""
+    numbers = count(20)
 
-    return ask
+    def plan(times=1):
+        for views in islice(numbers, times):
+            ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=views)
+            store.plans.accept(ask, given={"phantom_id": "l-shape"})
+
+    return plan
 
 
 def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_back(store, plan):
     with acting_as(SOMEBODY):
-        for views in range(20, 26):
-            plan(views)
+        plan(6)
         claim = store.jobs.claim("test")
-        plan(26)
+        plan()
         lost = Failure(kind=FailureKind.PASSING, code="worker-lost", detail="killed")
         assert store.jobs.fail(claim, lost, retries=Retries(loss_wait_s=1000.0)) is JobState.QUEUED
         assert store.places.waiting().in_all == 7  # its delay is a wait like any other
         with pytest.raises(QueueFull, match="7 jobs wait, and 6 may"):
-            plan(27)
+            plan()
 
 
 def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):
@@ -248,8 +243,7 @@ def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, 
             store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
 
     with acting_as(SOMEBODY):
-        for views in range(20, 25):
-            plan(views)
+        plan(5)
         with pytest.raises(QueueFull):
             both()
         assert store.scans.page().items == []
@@ -260,19 +254,16 @@ def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, 
 def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits_beyond_the_limit(store, scanner, plan):
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
     with acting_as(SOMEBODY):
-        for views in range(20, 26):
-            plan(views)
+        plan(6)
     with store.database.write() as session:
         session.get(ScheduleRow, schedule.id).next_due_at = store.now()
     (run,) = store.schedules.run_due()
     assert run.outcome == "queued"
     job_id = store.calibrations.get(run.calibration_id).job_id
     [event] = [event for event in store.events.following(0) if event.job_id == job_id]
+    full = "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS)"
     assert event.what is event_kinds.QUEUED
-    assert event.detail == {
-        "reason": "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS): this one is the service's own and waits as "
-        "well"
-    }
+    assert event.detail == {"reason": f"{full}: this one is the service's own and waits as well"}
 
 
 def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(store, plan, clock):
@@ -287,8 +278,7 @@ def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(store,
         answer = answer_of(claim.job.kind, plan_result())
         store.jobs.succeed(claim, answer, store.files.make_attempt_folder(claim.job_id, claim.attempt))
 
-    for views in range(20, 30):
-        plan(views)
+    plan(10)
     assert retry_after_s() == RETRY_IF_UNKNOWN_S
     take(20.0)
     assert retry_after_s() == RETRY_IF_UNKNOWN_S  # nothing runs: there may be no worker
