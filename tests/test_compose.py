@@ -118,14 +118,11 @@ def test_a_service_starts_when_what_it_needs_is_there(services):
     assert needs["proxy"] == {"api": {"condition": "service_healthy"}}
 
 
-def test_what_is_stopped_has_time_to_end(services):
+def test_what_is_stopped_has_time_to_end_and_a_worker_s_limits_are_those_of_its_jobs(services):
     settings = ExecutionSettings()
     needed = settings.stop_grace_s + settings.kill_grace_s + settings.housekeeping_s
     for name in ("api", "worker", "short-worker"):
         assert int(services[name]["stop_grace_period"].removesuffix("s")) > needed
-
-
-def test_a_worker_s_limits_are_those_of_its_jobs(services):
     for name in ("worker", "short-worker"):
         limits, given = services[name]["deploy"]["resources"]["limits"], services[name]["environment"]
         assert limits["cpus"] == given["SAWMILL_NUMBA_NUM_THREADS"]

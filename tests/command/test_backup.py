@@ -60,14 +60,11 @@ def test_a_backup_that_cannot_be_noted_is_there_still(run, data, tmp_path):
     assert "is whole." in run("restore", made.stdout.strip(), "--check").stderr
 
 
-def test_a_folder_that_is_served_is_refused_with_who_serves_it(run, data, tmp_path):
+def test_a_folder_that_is_served_and_one_that_is_not_there_are_refused(run, data, tmp_path, wrong_use):
     backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
     with sole_service(StorageSettings(data_folder=data)):
         assert "is served by process" in run("restore", backup, "--data", data, code=1).stderr
         run("backup", tmp_path / "disk", "--data", data)
-
-
-def test_a_backup_into_nowhere_is_one_sentence(run, data, tmp_path, wrong_use):
     said = run("backup", tmp_path / "none", "--data", data, code=1).stderr
     assert said.startswith("There is no backup: there is no folder")
     assert "Missing argument 'FOLDER'" in wrong_use("backup")

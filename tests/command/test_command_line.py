@@ -31,10 +31,6 @@ def scan(tmp_path):
     return path
 
 
-def options_of(command: str):
-    return {parameter.name: parameter for parameter in typer.main.get_command(main).commands[command].params}
-
-
 @pytest.mark.parametrize(
     ("command", "contract", "prefix"),
     [
@@ -46,7 +42,8 @@ def options_of(command: str):
     ],
 )
 def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contract, prefix):
-    options = options_of(command)
+    parameters = typer.main.get_command(main).commands[command].params
+    options = {parameter.name: parameter for parameter in parameters}
     fields = {name: field for name, field in contract.model_fields.items() if name != "paper"}
     for name, field in fields.items():
         flag = options[prefix + name]

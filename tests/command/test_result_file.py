@@ -107,10 +107,7 @@ def test_what_is_neither_is_refused_in_one_sentence(failure, stack, result_hdf5,
 
 
 VIEWS, CELLS = 8, 12
-ARRAYS = {
-    "sinogram": np.ones((VIEWS, CELLS)),
-    "model": np.ones((VIEWS, CELLS)),
-    "residual": np.ones((VIEWS, CELLS)),
+ARRAYS = dict.fromkeys(("sinogram", "model", "residual"), np.ones((VIEWS, CELLS))) | {
     "angles_rad": np.linspace(0.0, 5.5, VIEWS),
     "phantom_image": np.eye(16),
     "phantom_field_mm": np.array(200.0),

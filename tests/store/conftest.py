@@ -13,7 +13,7 @@ from sqlalchemy import insert
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import JobRow
@@ -124,6 +124,17 @@ def finish():
         return claim
 
     return do
+
+
+@pytest.fixture
+def refuse(store):
+    """Do the oldest job and find that its file cannot be used."""
+
+    def fail(detail="no phantom is seen"):
+        failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail=detail)
+        return store.jobs.fail(store.jobs.claim("test"), failure)
+
+    return fail
 
 
 @pytest.fixture

@@ -1,3 +1,5 @@
+from contextlib import closing
+
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
@@ -64,13 +66,12 @@ def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_th
     spec = ScheduleSpec(scanner_id="old", cron="30 5 * * *")
     scanner = ScannerSpec(name="Line 1", constants=ScannerConstants(**CONSTANTS)).model_dump_json()
     due = {"at": "2026-03-02 05:30:00", "options": spec.options.model_dump_json(), "scanner": scanner}
+    columns = "id, created_at, scanner_id, cron, enabled, on_pass, options, next_due_at"
+    values = "'daily', :at, 'old', '30 5 * * *', true, 'report', :options, :at"
     with database.write() as session:
         for statement in (
             "INSERT INTO scanners (id, created_at, spec) VALUES ('old', :at, :scanner)",
-            (
-                "INSERT INTO schedules (id, created_at, scanner_id, cron, enabled, on_pass, options, next_due_at)"
-                " VALUES ('daily', :at, 'old', '30 5 * * *', true, 'report', :options, :at)"
-            ),
+            f"INSERT INTO schedules ({columns}) VALUES ({values})",  # noqa: S608 - constants
             "INSERT INTO schedule_runs (schedule_id, due_at, outcome) VALUES ('daily', :at, 'no-new-phantom-scan')",
         ):
             names = {name for name in due if f":{name}" in statement}
@@ -118,18 +119,14 @@ def test_a_database_that_is_no_database_is_reported_in_a_sentence(tmp_path):
         session.execute(text("SELECT 1"))
 
 
-def test_check_reports_what_is_wrong_with_the_data_folder(store, monkeypatch):
+def test_check_reports_a_folder_that_cannot_be_written_to_and_a_disk_below_its_reserve(store, monkeypatch):
     store.check()
+    with pytest.raises(StorageFull, match=f"and writing a result needs {2**61};"):
+        store.check(reserve_bytes=2**61)
+    low = store.settings.model_copy(update={"disk_reserve_bytes": 2**62})
+    with closing(Store(low)) as reserved, pytest.raises(StorageFull, match=f"SAWMILL_DISK_RESERVE_BYTES needs {2**62}"):
+        reserved.check()
+    assert list((store.files.folder / "incoming").iterdir()) == []
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     with pytest.raises(StorageUnavailable, match="cannot be written to"):
         store.check()
-
-
-def test_a_disk_below_its_reserve_counts_as_full(store):
-    reserved = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
-    with pytest.raises(StorageFull, match=f"SAWMILL_DISK_RESERVE_BYTES needs {2**62}"):
-        reserved.check()
-    with pytest.raises(StorageFull, match=f"and writing a result needs {2**61};"):
-        store.check(reserve_bytes=2**61)
-    reserved.close()
-    assert list((store.files.folder / "incoming").iterdir()) == []

@@ -10,7 +10,6 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import mill_events
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.contracts.uploads import UploadAsk
 from sawmill_platform.errors import Damaged
@@ -58,12 +57,11 @@ def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(
     assert reader.read() == []
 
 
-def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock, reader):
+def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock, reader, refuse):
     refused = upload(store)
     clock.advance(seconds=1)
     cancelled = upload(store)
-    failure = Failure(kind=FailureKind.INPUT, code="unknown-format", detail="the file holds no stack")
-    store.jobs.fail(store.jobs.claim("test"), failure)
+    refuse("the file holds no stack")
     store.jobs.request_cancel(cancelled.job_id)
     store.scans.delete(refused.id)
     seen = [(event.what, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]

@@ -7,7 +7,6 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Lock
 
 import pytest
 
@@ -16,18 +15,18 @@ from sawmill_platform.errors import DamagedResult, NotFound, StorageFull, disk_o
 from sawmill_platform.files.file_store import IDENTITY, FileStore
 from sawmill_platform.files.verified_results import VerifiedResults, compute_digest
 
-LOCK = Lock()
+LOCK = threading.Lock()
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> FileStore:
+def files(tmp_path):
     store = FileStore(tmp_path)
     store.make_folders()
     (tmp_path / IDENTITY).write_text("of a test")
     return store
 
 
-def incoming(files: FileStore) -> list[Path]:
+def incoming(files):
     return list((files.folder / "incoming").iterdir())
 
 
@@ -38,7 +37,9 @@ def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
         files.kept(kinds.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0), one_at_a_time=LOCK)
     assert list(folder.iterdir()) == []
     for content in (b"drawn", b"drawn again"):
-        path = files.kept(kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=Lock())
+        path = files.kept(
+            kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=threading.Lock()
+        )
         assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
     assert incoming(files) == []
 

@@ -11,7 +11,6 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow
 
@@ -37,15 +36,14 @@ def entered(store, scanner, **which):
 
 
 @pytest.mark.usefixtures("calibrated")
-def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock):
+def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock, refuse):
     since = clock.now + timedelta(seconds=1)
     clock.advance(hours=1)
     with acting_as(ANNA):
         store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
         finish(store, within_tolerance=False, reason="the turntable moved")
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="failing")
-        no_phantom = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom is seen")
-        store.jobs.fail(store.jobs.claim("test"), no_phantom)
+        refuse("no phantom is seen")
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="stopped")
     running = store.jobs.claim("test")
     with acting_as(BEN):

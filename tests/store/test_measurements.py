@@ -11,7 +11,6 @@ from sqlalchemy import insert
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.measurements import MeasurementKind
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.measurements import MOST_READ
 from sawmill_store.mill_tables import MeasurementRow
@@ -54,10 +53,9 @@ def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
     assert changes == (None, None, None, None)
 
 
-def test_what_fails_measures_nothing(store, scanner, ready_scan):
+def test_what_fails_measures_nothing(store, scanner, ready_scan, refuse):
     store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
-    claim = store.jobs.claim("test")
-    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom"))
+    refuse()
     assert store.measurements.page(scanner.id).items == []
 
 

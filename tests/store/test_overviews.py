@@ -14,7 +14,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.kinds import CALIBRATE
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Conflict
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, MeasurementRow, ScannerRow
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.dialect
-def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish):
+def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish, refuse):
     other = store.scanners.create(ScannerSpec(name="Line 9", constants=scanner.constants))
     ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
     store.calibrations.accept(ask, identifier="first")
@@ -31,9 +31,9 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
     saw = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
     finish(store)
     drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="no-log", detail="none"))
+    refuse()
     store.calibrations.accept(ask, identifier="second")
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="none"))
+    refuse()
     store.calibrations.accept(ask, identifier="third")
 
     new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)
@@ -46,7 +46,7 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
 
 
 @pytest.mark.dialect
-def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan, finish):
+def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan, finish, refuse):
     asks = {name: CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape") for name in ("used", "better", "wrong")}
     for name, ask in asks.items():
         store.calibrations.accept(ask, identifier=name)
@@ -62,7 +62,7 @@ def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan
     store.calibrations.accept(asks["wrong"], identifier="failed")
     with pytest.raises(Conflict, match="is queued: cancel its job"):
         store.calibrations.discard("failed", "wrong file")
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="none"))
+    refuse()
     assert undecided() == ("failed", "wrong", False)
     store.calibrations.discard("failed", "wrong file")
     assert undecided() == ("wrong", "wrong", True)

@@ -11,7 +11,6 @@ from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec, ScanState
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE, DataKind, Disc, Polygon, Theta
 
@@ -26,13 +25,6 @@ def refused(sentence):
 
 
 @pytest.fixture
-def fail(store):
-    """Do the oldest job, whose file cannot be used."""
-    failure = Failure(kind=FailureKind.INPUT, code="unreadable", detail="the file carries no angles")
-    return lambda: store.jobs.fail(store.jobs.claim("test"), failure)
-
-
-@pytest.fixture
 def traced(store):
     """A phantom whose picture is being traced."""
     return store.phantoms.accept_picture(
@@ -40,14 +32,14 @@ def traced(store):
     )
 
 
-def test_what_was_refused_is_of_no_use_and_gives_its_reason(store, scanner, upload, fail, traced):
+def test_what_was_refused_is_of_no_use_and_gives_its_reason(store, scanner, upload, refuse, traced):
     with refused("is tracing and has no drawing to measure"):
         store.phantoms.measure(traced.id, MeasurementsAsk(measurements=[length("x", 20.0)]))
-    fail()
+    refuse("the file carries no angles")
     with refused("cannot be used: the file carries no angles"):
         store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": traced.id})
     scan = upload(store)
-    fail()
+    refuse("the file carries no angles")
     seen = store.scans.get(scan.id)
     assert (seen.state, seen.reason) == (ScanState.REFUSED, "the file carries no angles")
     with refused("was refused and cannot be used: the file carries no angles"):

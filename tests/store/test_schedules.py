@@ -8,7 +8,7 @@ from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.jobs import Failure, FailureKind, Priority
+from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
@@ -142,14 +142,13 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
 
 @pytest.mark.usefixtures("active", "checks")
 @pytest.mark.parametrize("end", ["failed", "cancelled"])
-def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, log_scan, clock, end):
+def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, log_scan, clock, end, refuse):
     older, newer = log_scan(), log_scan()
     asked = store.drifts.accept(DriftAsk(scan_id=newer))
     if end == "cancelled":
         store.jobs.request_cancel(asked.job_id)
     else:
-        failure = Failure(kind=FailureKind.INPUT, code="moved-too-far", detail="it moved")
-        store.jobs.fail(store.jobs.claim("test"), failure)
+        refuse("it moved too far")
     clock.advance(minutes=30)
     (run,) = store.schedules.run_due()
     assert store.drifts.get(run.drift_id).scan_id == older
