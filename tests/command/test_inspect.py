@@ -1,7 +1,6 @@
 """`sawmill inspect`: what is in a file, what would be read, what is missing; fields apart, linked HDF5 and folders."""
 
 import json
-from pathlib import Path
 from zipfile import ZipFile
 
 import h5py
@@ -21,7 +20,7 @@ ANGLES = ("--angles-deg", "0:30")
 def inspect(run):
     """The one JSON object about a file."""
 
-    def inspected(path: Path, *flags: object):
+    def inspected(path, *flags):
         result = run("inspect", path, "--json", *flags)
         assert result.stdout.count("\n") == 1
         return json.loads(result.stdout)

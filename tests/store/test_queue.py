@@ -21,7 +21,6 @@ from sawmill_platform.errors import QueueFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Retries
 from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S
 from sawmill_platform.jobs.wait_estimate import Selection
-from sawmill_platform.settings import StorageSettings
 from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import CalibrationMethod, Progress, Theta
@@ -207,7 +206,7 @@ SOMEBODY = Actor("somebody without a key")
 
 
 @pytest.fixture
-def settings(settings) -> StorageSettings:
+def settings(settings):
     return settings.model_copy(update={"max_queued_jobs": 6, "max_queued_jobs_per_key": 4})
 
 

@@ -9,7 +9,6 @@ from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_platform.settings import StorageSettings
 from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
@@ -252,7 +251,7 @@ def test_after_the_clock_was_put_back_schedules_run_as_before(store, schedule, c
         again.close()
 
 
-def run_due_at(settings: StorageSettings, moment: datetime) -> int:
+def run_due_at(settings, moment):
     store = Store(settings, clock=lambda: moment)
     ran = len(store.schedules.run_due())
     store.close()

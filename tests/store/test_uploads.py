@@ -3,7 +3,6 @@
 import hashlib
 import os
 import signal
-from typing import Any
 
 import pytest
 from results import CONSTANTS
@@ -13,7 +12,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.contracts.uploads import UploadAsk, UploadState
 from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
 from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
@@ -25,11 +24,11 @@ CONTENT = b"0123456789"
 QUOTA = UploadQuota(3, 25, 40)
 
 
-def create(store: Store, **given: Any) -> Upload:
+def create(store, **given):
     return store.uploads.create(UploadAsk(size_bytes=len(CONTENT), **given), QUOTA)
 
 
-def send(store: Store, upload: Upload, first: int, end: int, *, content: bytes = CONTENT) -> Upload:
+def send(store, upload, first, end, *, content=CONTENT):
     part = store.uploads.begin_part(upload.id, first)
     part.take(AsSent(), content[first:end], commits=True)
     part.finish(AsSent())
