@@ -87,6 +87,12 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
     return {name for name in modules if any(name == package or name.startswith(f"{package}.") for package in packages)}
 
 
+BELOW_PICTURES = (
+    *("sawmill_worker.templating", "sawmill_mill", "sawmill_contracts", "sawmill_platform.contracts"),
+    "sawmill_vocabulary",
+)
+
+
 @pytest.mark.parametrize(
     ("package", "allowed", "never"),
     [
@@ -94,16 +100,7 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
         ("sawmill_contracts", ("sawmill_platform.contracts", "sawmill_vocabulary"), ("numpy", "sqlalchemy")),
         ("sawmill_formats", ("sawmill_platform", "sawmill_vocabulary"), ("sqlalchemy", "fastapi")),
         ("sawmill_platform.contracts", ("sawmill_vocabulary",), ("sqlalchemy", "numpy", "fastapi")),
-        (
-            "sawmill_calibration.pictures",
-            (
-                "sawmill_mill",
-                "sawmill_contracts",
-                "sawmill_platform.contracts",
-                "sawmill_vocabulary",
-            ),
-            ("sqlalchemy", "fastapi", "h5py"),
-        ),
+        ("sawmill_worker.pictures", BELOW_PICTURES, ("sqlalchemy", "fastapi", "h5py")),
     ],
 )
 def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
@@ -153,9 +150,8 @@ def test_results_are_opened_through_one_door():
 NUMERICAL = ("numpy", "scipy", "numba", "h5py", "PIL", "skimage", "matplotlib", "tifffile")
 SERVER = ("sqlalchemy", "celery", "fastapi", "uvicorn")
 # Numba imports SciPy's linear algebra when it loads its first kernel.
-SCIPY_OF_NUMBA = {
-    f"scipy.{name}" for name in ("linalg", "version", "_lib", "__config__", "_cyutility", "_distributor_init")
-}
+OF_SCIPY = ("linalg", "version", "_lib", "__config__", "_cyutility", "_distributor_init")
+SCIPY_OF_NUMBA = {f"scipy.{name}" for name in OF_SCIPY}
 
 
 def started_by(*line: str) -> frozenset[str]:
@@ -188,15 +184,8 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
     assert "sawmill_tomography.calibration.judgement" in modules
     assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
     assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
-    other_work = (
-        "sawmill_calibration.pictures",
-        "sawmill_worker.jobs",
-        "sawmill_store",
-        "sawmill_contracts.drifts",
-        "sawmill_contracts.reconstructions",
-        "sawmill_contracts.inspections",
-    )
-    assert not of(other_work, modules)
+    other_contracts = {f"sawmill_contracts.{name}" for name in ("drifts", "reconstructions", "inspections")}
+    assert not of(("sawmill_worker.pictures", "sawmill_worker.jobs", "sawmill_store", *other_contracts), modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported_and_no_library_that_none_needs():
@@ -225,13 +214,8 @@ def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_p
     started = "import sys, sawmill_worker.attempt, sawmill_worker.poller\n"
     tells = "def main():\n    print(*(name for name, module in sys.modules.items() if module is not None))\n"
     (tmp_path / "program.py").write_text(started + tells)
-    done = subprocess.run(
-        [*PROGRAM, "program"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
-    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([*PROGRAM, "program"], capture_output=True, text=True, check=True, env=environment)
     loaded = set(done.stdout.split())
     assert {"structlog", "numba", "sqlalchemy"} <= loaded
     assert not loaded & {*UNUSED}

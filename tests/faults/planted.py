@@ -45,7 +45,7 @@ DEFECTS = (
         "wait_estimate.py",
         "order_by(groups.c.priority, last_turn, groups.c.oldest",
         "order_by(groups.c.priority, groups.c.oldest",
-        "test_turns.py",
+        "test_queue.py",
     ),
     Defect(
         "patience.py",
@@ -63,7 +63,7 @@ DEFECTS = (
         "verified_results.py",
         "if outcome is None or outcome[0] != identity:",
         "if outcome is None:",
-        "test_verified_results.py",
+        "store/test_files.py",
     ),
     Defect("key_store.py", "return row.revoked_at is None and (", "return (", "store/test_keys.py"),
     Defect("events.py", "EventRow.number > number, published()", "published()", "store/test_events.py"),
@@ -130,7 +130,7 @@ DEFECTS = (
         "return activated.order_by(ActivationRow.number).limit(1)",
         "test_history.py",
     ),
-    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
+    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_automatic.py"),
     Defect(
         "calibrations.py",
         'needs=Scope.ACTIVATE,\n    summary="Make a calibration the active one"',
