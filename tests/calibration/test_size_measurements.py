@@ -8,10 +8,7 @@ from pydantic import ValidationError
 from sawmill_calibration.calibration.calibrate import measurement_reasons
 from sawmill_contracts.phantoms import PhantomAsk, PhantomDrawing
 
-BOARD = {
-    "kind": "polygon",
-    "vertices_mm": [(-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)],
-}
+BOARD = {"kind": "polygon", "vertices_mm": [(-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)]}
 ACROSS = {"what": "x", "measured_mm": 200.0, "standard_uncertainty_mm": 0.2, "moisture_percent": 12.0}
 ALONG = {"what": "y", "measured_mm": 300.0, "standard_uncertainty_mm": 0.06, "instrument": "caliper 12"}
 

@@ -115,10 +115,7 @@ def by_curl(url: httpx.URL, body: bytes, *options: str) -> tuple[int, str]:
 @pytest.mark.parametrize("send", [by_httpx, by_http_client, by_curl])
 @pytest.mark.parametrize(
     ("path", "status", "code"),
-    [
-        ("/v1/scanners", 413, "body-too-large"),
-        ("/v1/scans?scanner_id=nobody&data=counts", 404, "scanner-not-found"),
-    ],
+    [("/v1/scanners", 413, "body-too-large"), ("/v1/scans?scanner_id=nobody&data=counts", 404, "scanner-not-found")],
 )
 def test_a_refusal_reaches_a_client_that_has_sent_a_small_body(
     live: Service, send: Callable[..., Any], path: str, status: int, code: str

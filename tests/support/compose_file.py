@@ -112,10 +112,7 @@ class Place:
 
     def command(self, name: str, words: list[str]) -> list[str]:
         """With what a container's network and its host's name decide otherwise."""
-        added = {
-            "redis": ["--port", self.ports["redis"], "--bind", "127.0.0.1"],
-            "celery": ["-n", f"celery@{name}"],
-        }
+        added = {"redis": ["--port", self.ports["redis"], "--bind", "127.0.0.1"], "celery": ["-n", f"celery@{name}"]}
         moved = [self.moved(interpolated(word, self.variables)) for word in words]
         return [*moved, *added.get(name, []), *added.get(words[0], [])]
 

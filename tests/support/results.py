@@ -197,8 +197,5 @@ RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
     kinds.PLAN: plan_result,
     kinds.DRIFT: drift_result,
     kinds.INSPECT: inspection_result,
-    kinds.TRACE_PHANTOM: lambda: {
-        "name": "traced",
-        "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],
-    },
+    kinds.TRACE_PHANTOM: lambda: {"name": "traced", "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}]},
 }

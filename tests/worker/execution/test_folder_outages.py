@@ -6,6 +6,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from live_service import wait_until
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
 
@@ -24,7 +25,7 @@ def storage(storage, empty_data, tmp_path):
     return storage.model_copy(update={"database_url": f"sqlite:///{tmp_path}/apart.db"})
 
 
-def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, program, queue, wait_for):
+def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, program, queue):
     job, stop = queue("succeed"), threading.Event()
     folder, aside = store.files.folder, store.files.folder.with_name("mounted elsewhere")
     folder.rename(aside)
@@ -35,11 +36,11 @@ def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store,
             return [entry for entry in log if entry["event"] == event]
 
         outcome = pool.submit(run_worker, program, store, settings, stop)
-        wait_for(lambda: said("claim-put-off") and said("files-not-looked-after"))
+        wait_until(lambda: said("claim-put-off") and said("files-not-looked-after"))
         assert (list(folder.iterdir()), store.jobs.get(job.id).state) == ([], JobState.QUEUED)
         folder.rmdir()
         aside.rename(folder)
-        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
+        wait_until(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
         stop.set()
         outcome.result(timeout=60)
         assert [len(said(event)) for event in ("claim-put-off", "files-not-looked-after")] == [1, 1]

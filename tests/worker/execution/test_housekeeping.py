@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import structlog
+from live_service import wait_until
 from machine_faults import database_away
 from sqlalchemy import insert, text, update
 from structlog.testing import capture_logs
@@ -30,7 +31,7 @@ from sawmill_worker.housekeeping import MillHousekeeping
 pytestmark = pytest.mark.slow
 
 
-def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):
+def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue):
     job = queue("succeed")
     store.jobs.claim("lost")
     schedule = store.schedules.create(
@@ -41,8 +42,8 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     stop = threading.Event()
     housekeeping = MillHousekeeping(store, settings, stop)
     housekeeping.start()
-    wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
-    wait_for(lambda: store.schedules.get(schedule.id).last_run is not None)
+    wait_until(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
+    wait_until(lambda: store.schedules.get(schedule.id).last_run is not None)
     stop.set()
     housekeeping.join()
 
@@ -166,7 +167,7 @@ def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, housekeepin
     assert batch < went <= 2 * batch, "the newest scan's event stays, and decisions"
 
 
-def test_trouble_is_logged_and_the_next_round_comes(store_with, settings, wait_for):
+def test_trouble_is_logged_and_the_next_round_comes(store_with, settings):
     class Trouble(Jobs):
         """Jobs of a database that does not answer at first."""
 
@@ -182,7 +183,7 @@ def test_trouble_is_logged_and_the_next_round_comes(store_with, settings, wait_f
     with capture_logs() as log:
         housekeeping = MillHousekeeping(troubled, settings, stop)
         housekeeping.start()
-        wait_for(lambda: troubled.jobs.looks > 1)
+        wait_until(lambda: troubled.jobs.looks > 1)
         stop.set()
         housekeeping.join()
     assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "take_back_silent")]
@@ -195,7 +196,7 @@ def test_an_outage_of_all_duties_is_one_line(store, housekeeping):
     assert [entry["event"] for entry in log] == ["files-not-looked-after", "housekeeping-put-off"]
 
 
-def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings, wait_for):
+def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings):
     """Standard error is often a file on the disk that is full."""
 
     class Trouble(Jobs):
@@ -215,7 +216,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings, wait_f
         housekeeping = MillHousekeeping(troubled, settings, stop)
         housekeeping.start()
         try:
-            wait_for(lambda: troubled.jobs.looks > 2)
+            wait_until(lambda: troubled.jobs.looks > 2)
         finally:
             stop.set()
             housekeeping.join()

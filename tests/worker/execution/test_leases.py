@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+from live_service import wait_until
 from write_lock import write_lock
 
 from sawmill_platform.attempts.patience import LeaseObserver
@@ -88,7 +89,7 @@ def housekeeping(store, settings) -> MillHousekeeping:
 
 
 @pytest.mark.slow
-def test_a_worker_that_could_not_write_keeps_its_job(store, settings, queue, housekeeping, wait_for):
+def test_a_worker_that_could_not_write_keeps_its_job(store, settings, queue, housekeeping):
     job = queue("succeed")
     store.jobs.claim("held up")
     # Reads go on while a write lock is held: the look sees silence, and a trial write why.
@@ -98,14 +99,14 @@ def test_a_worker_that_could_not_write_keeps_its_job(store, settings, queue, hou
             housekeeping.once()
             time.sleep(0.1)
     assert store.jobs.get(job.id).state is JobState.RUNNING
-    wait_for(lambda: housekeeping.once() or store.jobs.get(job.id).state is JobState.QUEUED)
+    wait_until(lambda: housekeeping.once() or store.jobs.get(job.id).state is JobState.QUEUED)
 
 
 @pytest.mark.slow
-def test_a_cancelled_job_of_a_dead_worker_ends_before_its_lease(store, settings, queue, wait_for):
+def test_a_cancelled_job_of_a_dead_worker_ends_before_its_lease(store, settings, queue):
     patient = settings.model_copy(update={"lease_s": 86_400.0, "heartbeat_s": 0.3})
     housekeeping = MillHousekeeping(store, patient, threading.Event())
     job = queue("succeed")
     store.jobs.claim("dead")
     store.jobs.request_cancel(job.id)
-    wait_for(lambda: housekeeping.once() or store.jobs.get(job.id).state is JobState.CANCELLED)
+    wait_until(lambda: housekeeping.once() or store.jobs.get(job.id).state is JobState.CANCELLED)

@@ -23,8 +23,7 @@ pytestmark = pytest.mark.slow
 THETA = Theta(0.0, 700.0, 0.0, 0.0, 0.0)
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
-    name="Line 2",
-    constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5),
+    name="Line 2", constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
 )
 
 

@@ -12,11 +12,7 @@ from sawmill_vocabulary import DataKind
 from sawmill_worker.jobs.running import needs_of
 
 THETA = GivenTheta(
-    initial_angle_rad=2.55,
-    detector_to_cor_mm=714.7,
-    source_shift_mm=319.9,
-    detector_shift_mm=43.7,
-    detector_tilt=0.281,
+    initial_angle_rad=2.55, detector_to_cor_mm=714.7, source_shift_mm=319.9, detector_shift_mm=43.7, detector_tilt=0.281
 )
 VIEWS, ROWS, CELLS = 360, 2500, 768
 STACK = 4 * VIEWS * ROWS * CELLS
