@@ -98,6 +98,10 @@ class Service:
     def upload(self, content: Any, **spec: str) -> dict[str, Any]:
         return self.post("/v1/scans", params=spec, content=content)
 
+    def upload_phantom(self, content: bytes, scanner_id: str | None = None) -> dict[str, Any]:
+        spec = {"scanner_id": scanner_id or self.create_scanner(), "data": "counts", "phantom_id": "l-shape"}
+        return self.upload(content, **spec)
+
     def wait(self, job_id: str) -> dict[str, Any]:
         deadline = time.monotonic() + JOB_S
         while time.monotonic() < deadline:

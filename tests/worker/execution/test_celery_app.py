@@ -27,14 +27,12 @@ from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.workers.celery_app import CeleryWorker, Waker, make_celery, sweep_until
 from sawmill_platform.workers.program import environment_with
-from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_worker import celery_app
 from sawmill_worker.program import MILL
 
 pytestmark = pytest.mark.slow
 
-HERE = Path(__file__).parent
-CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery"]
+CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery", "worker", "--loglevel", "warning"]
 NEVER_S = 80_000
 
 
@@ -44,12 +42,8 @@ def never(_job_id):
 
 @contextlib.contextmanager
 def celery_worker(storage, settings, *options, **streams):
-    process = subprocess.Popen(
-        [*CELERY, "worker", "--loglevel", "warning", *options],
-        cwd=HERE,
-        env=environment_with(storage, settings),
-        **streams,
-    )
+    at = {"cwd": Path(__file__).parent, "env": environment_with(storage, settings)}
+    process = subprocess.Popen([*CELERY, *options], **at, **streams)
     try:
         yield process
     finally:
@@ -171,8 +165,8 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings):
     assert [(entry["event"], entry["job_id"]) for entry in log] == [("wake-up-not-sent", "some-job")]
 
 
-def thread_of_wake_ups():
-    return next((thread for thread in threading.enumerate() if thread.name == "wake-ups"), None)
+def sends_wake_ups():
+    return any(thread.name == "wake-ups" for thread in threading.enumerate())
 
 
 def test_waking_never_waits_for_a_silent_redis(settings, silent_redis_url):
@@ -182,8 +176,8 @@ def test_waking_never_waits_for_a_silent_redis(settings, silent_redis_url):
         for number in range(200):
             waker(f"job-{number}")
         waker.close()
-        assert thread_of_wake_ups(), "not even the end waits while the silence lasts"
-        wait_until(lambda: thread_of_wake_ups() is None)  # nor does its thread for ever
+        assert sends_wake_ups(), "not even the end waits while the silence lasts"
+        wait_until(lambda: not sends_wake_ups())  # nor does its thread for ever
     dropped = [entry["job_id"] for entry in log if entry["event"] == "wake-up-dropped"]
     assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
 
@@ -206,16 +200,18 @@ def test_waking_outlives_what_nobody_foresaw():
 
 def test_a_sweep_without_redis_is_put_off(store, settings, queue):
     queue("succeed")
-    (entry,) = lines_of_sweeps(store, settings, "redis://127.0.0.1:1/0")
-    assert (entry["event"], entry["reason"]) == ("sweep-put-off", "Redis (SAWMILL_BROKER_URL) does not answer")
+    assert reasons_of_sweeps(store, settings, "redis://127.0.0.1:1/0") == [
+        ("sweep-put-off", "Redis (SAWMILL_BROKER_URL) does not answer")
+    ]
 
 
 def test_a_redis_that_refuses_the_password_is_named_once(store, settings, refusing_redis_url):
-    (entry,) = lines_of_sweeps(store, settings, refusing_redis_url)
-    assert entry["reason"] == "Redis refuses the user or the password in SAWMILL_BROKER_URL"
+    assert reasons_of_sweeps(store, settings, refusing_redis_url) == [
+        ("sweep-put-off", "Redis refuses the user or the password in SAWMILL_BROKER_URL")
+    ]
 
 
-def lines_of_sweeps(store, settings, broker_url):
+def reasons_of_sweeps(store, settings, broker_url):
     """The log of a worker that has tried several times to sweep."""
     settings = settings.model_copy(update={"broker_url": broker_url, "sweep_s": 1e-9, "housekeeping_s": 0.01})
     app = make_celery(settings)
@@ -223,7 +219,7 @@ def lines_of_sweeps(store, settings, broker_url):
     stop = SimpleNamespace(wait=lambda _: next(rounds))
     with capture_logs() as log:
         sweep_until(stop, store, app, settings, wake=lambda _: None)
-    return log
+    return [(entry["event"], entry["reason"]) for entry in log]
 
 
 def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_housekeeping_nor_the_end(
@@ -269,11 +265,6 @@ def test_a_misspelt_setting_is_refused(capsys, monkeypatch):
         _ = celery_app.app
     assert ended.value.code == 2
     assert capsys.readouterr().err == "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?\n"
-
-
-def test_a_broker_must_be_named():
-    with pytest.raises(ValueError, match="SAWMILL_BROKER_URL"):
-        make_celery(ExecutionSettings(broker_url=None))
 
 
 def test_importing_the_module_makes_nothing(capsys, monkeypatch):

@@ -1,11 +1,21 @@
+"""Settings from the environment to workers and attempts, and their shares of the cores."""
+
 import re
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
+from structlog.testing import capture_logs
 
+from sawmill_platform.attempts.limits import cores
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.program import environment_of_attempts, environment_with
+from sawmill_platform.workers.program import (
+    attempt_environment,
+    environment_of_attempts,
+    environment_with,
+    say_if_crowded,
+    threads_each,
+)
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.variables import (
     KNOWN,
@@ -41,16 +51,8 @@ def test_the_service_s_token_stays_with_the_service(monkeypatch):
 
 
 def test_attempts_have_no_secret_in_their_environment(monkeypatch):
-    secrets = (
-        "SAWMILL_TOKEN",
-        "SAWMILL_TOKEN_FILE",
-        "SAWMILL_DATABASE_URL",
-        "SAWMILL_BROKER_URL",
-        "PGPASSWORD",
-        "AWS_SECRET_ACCESS_KEY",
-        "ANYTHING_ELSE",
-    )
-    for name in secrets:
+    ours = ("SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE", "SAWMILL_DATABASE_URL", "SAWMILL_BROKER_URL")
+    for name in (*ours, "PGPASSWORD", "AWS_SECRET_ACCESS_KEY", "ANYTHING_ELSE"):
         monkeypatch.setenv(name, "redis://:canary@broker/0")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/var/cache/sawmill")
     environment = environment_of_attempts(ExecutionSettings(lease_s=77))
@@ -117,3 +119,45 @@ def test_an_address_of_the_broker_that_cannot_be_read_is_refused_without_the_pas
 @pytest.mark.parametrize("url", ["redis://host", "rediss://user:a%23b@[::1]:6379/0", "redis+socket:///run/redis.sock"])
 def test_an_address_of_the_broker_that_can_be_read_is_kept(url):
     assert ExecutionSettings(broker_url=url).broker_url == url
+
+
+def asked(workers, threads=None):
+    return ExecutionSettings(workers=workers, numba_num_threads=threads, broker_url=None)
+
+
+@pytest.mark.parametrize(("workers", "threads"), [(1, 8), (2, 4), (3, 2), (8, 1), (20, 1)])
+def test_each_worker_has_its_share_of_the_cores(workers, threads):
+    assert threads_each(asked(workers), {}, on_cores=8) == threads
+    assert workers * threads <= max(8, workers)
+
+
+def test_what_somebody_asked_for_is_kept():
+    assert threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 6
+    assert threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 3
+
+
+@pytest.mark.parametrize(
+    ("workers", "threads", "said"),
+    [
+        (1, None, []),
+        (4, None, []),
+        (4, 2, []),
+        (4, 3, ["more-threads-than-cores"]),
+        (9, None, ["more-workers-than-cores"]),
+    ],
+)
+def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    with capture_logs() as log:
+        say_if_crowded(asked(workers, threads), on_cores=8)
+    assert [entry["event"] for entry in log] == said
+
+
+def test_attempts_get_their_share_for_kernels_and_one_thread_for_linear_algebra(store, monkeypatch):
+    for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    environment = attempt_environment(store, asked(2))
+    share = str(max(1, cores() // 2))
+    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == [share, "1"]
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    assert attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"

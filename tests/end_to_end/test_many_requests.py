@@ -1,11 +1,16 @@
-"""The API while another process holds SQLite's write lock."""
+"""The API on SQLite while another process holds the write lock, and with many posts at once."""
 
+import subprocess
+import sys
 import threading
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from uuid import uuid4
 
 import httpx
 import pytest
-from live_service import wait_until
+from live_service import serving, wait_until
 from small_scanner import SCANNER
 from write_lock import write_lock
 
@@ -15,10 +20,10 @@ CLIENTS = 45  # more than the API has threads (40)
 READS = 5
 
 
-def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(tmp_path, offline, serve):
+def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(tmp_path, offline):
     # All these clients have one address, and it is not their number that they are to be refused for.
     environment = {**offline.variables, "SAWMILL_CHANGE_RATE_LIMIT": "10000/minute"}
-    with serve(tmp_path, environment, "--no-examples", "--workers", "0") as service:
+    with serving(tmp_path, environment, "--no-examples", "--workers", "0") as service:
         scanner_id = service.create_scanner()
         read = threading.Event()
 
@@ -44,3 +49,28 @@ def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(tmp
     assert {response.status_code for response in written} == {503}
     assert {response.json()["code"] for response in written} == {"storage-unavailable"}
     assert {int(response.headers["retry-after"]) > 0 for response in written} == {True}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("number", "busy_loops"), [(200, 0), (60, 4)])
+def test_of_many_posts_at_once_none_is_refused(tmp_path, offline, phantom_scan, number, busy_loops):
+    with serving(tmp_path, offline.variables, "--no-examples", "--workers", "1") as service, ExitStack() as running:
+        scan = service.upload_phantom(phantom_scan())
+        for _ in range(busy_loops):
+            loop = running.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            running.callback(loop.kill)
+        together = threading.Barrier(number, timeout=60)
+
+        def post(seed: int) -> int:
+            together.wait()
+            ask = {"scan_id": scan["id"], "seed": seed}
+            headers = {"Idempotency-Key": str(uuid4())}
+            return client.post("/v1/calibrations", json=ask, headers=headers).status_code
+
+        limits = httpx.Limits(max_connections=number)
+        with (
+            httpx.Client(base_url=service.client.base_url, limits=limits, timeout=120.0) as client,
+            ThreadPoolExecutor(number) as pool,
+        ):
+            statuses = Counter(pool.map(post, range(number)))
+    assert statuses == {202: number}
