@@ -208,12 +208,10 @@ def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequ
 
 
 def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", log: Path) -> None:
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
+    def ready() -> bool:
         assert server.poll() is None, log.read_text()
-        try:
-            if client.get("/health/ready").is_success:
-                return
-        except httpx.TransportError:
-            time.sleep(0.05)
-    raise AssertionError(log.read_text())
+        with suppress(httpx.TransportError):
+            return client.get("/health/ready").is_success
+        return False
+
+    wait_until(ready, START_S)
