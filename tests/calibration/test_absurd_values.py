@@ -237,11 +237,8 @@ def test_a_calibration_with_anything_is_an_answer_or_a_sentence():
 
     def calibrate(_draw, drawing, scanner, _theta):
         cells = sinogram[:, : scanner.num_detector_pixels]
-        run_calibration(
-            CalibrationInput(cells, scan.angles_rad, (0, 1), scanner, None, drawing, "0" * 64),
-            CalibrationOptions(),
-            lambda _: None,
-        )
+        given = CalibrationInput(cells, scan.angles_rad, (0, 1), scanner, None, drawing, "0" * 64)
+        run_calibration(given, CalibrationOptions(), lambda _: None)
 
     assert outcomes_of(16, 5, calibrate)["failed"] > 3
 
@@ -281,14 +278,11 @@ def test_what_no_drawing_can_be_made_of_is_refused(tmp_path, picture, width_mm, 
     assert failure.value.code == "phantom"
 
 
-def test_rows_are_those_named_or_all():
+def test_rows_are_those_named_or_all_and_refused_where_there_are_none():
     assert chosen_rows(None, 5) == slice(0, 5)
     assert chosen_rows("1:3", 5) == slice(1, 3)
     assert chosen_rows("4:5", 5) == slice(4, 5)
     assert chosen_rows("0:5:2", 5) == slice(0, 5, 2)
-
-
-def test_rows_that_are_not_there_are_refused():
     with pytest.raises(JobFailure, match="rows 4:6 were asked for, but the scan has rows 0:5") as refusal:
         chosen_rows("4:6", 5)
     assert (refusal.value.kind, refusal.value.code) == (FailureKind.INPUT, "rows-outside")
@@ -303,15 +297,12 @@ def test_views_are_spread_evenly_and_start_with_the_first(views, available):
     assert gaps.max() - gaps.min() <= 1
 
 
-def test_all_views_are_used_by_default():
+def test_all_views_are_used_by_default_and_no_more_than_there_are():
     assert np.array_equal(chosen_views(None, 4), [0, 1, 2, 3])
     assert np.array_equal(chosen_views(None, 6, [0, 4]), [1, 2, 3, 5])
     assert np.array_equal(chosen_views(2, 6, [0, 4]), [1, 3])
     with pytest.raises(JobFailure, match="6 of which 2 are corrupt"):
         chosen_views(5, 6, [0, 4])
-
-
-def test_more_views_than_there_are_are_refused():
     with pytest.raises(JobFailure, match="361 views were asked for, but the scan has 360"):
         chosen_views(361, 360)
 

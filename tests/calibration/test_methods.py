@@ -266,7 +266,6 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"alpha": 1.0}, "alpha belongs to method tikhonov, not auto"),
         ({"method": "tikhonov", "filter": "ram-lak"}, "filter belongs to method auto or fbp, not tikhonov"),
         ({"method": "tikhonov", "alpha": 1.0, "alpha_rule": "gcv"}, "alpha_rule has nothing to choose"),
         ({"method": "fbp", "prefer": "speed"}, "prefer belongs to method auto, not fbp"),

@@ -43,8 +43,15 @@ def remarks(scan, theta=THETA, **options):
         pytest.param(90, FILTERED, {"motion": {"slip_mm": 20.0}}, THETA, True, marks=pytest.mark.nightly),
     ],
     ids=[
-        *("hardening", "scatter", "blur", "column", "tilt", "slip"),
-        *("filtered, scatter", "filtered, column", "filtered, slip"),
+        "hardening",
+        "scatter",
+        "blur",
+        "column",
+        "tilt",
+        "slip",
+        "filtered-scatter",
+        "filtered-column",
+        "filtered-slip",
     ],
 )
 def test_the_named_cause_is_the_true_one(views, options, physics, theta, displaced):

@@ -64,13 +64,10 @@ def mill(composed: Composed) -> Iterator[httpx.Client]:
     composed.up()
     composed.wait_for("proxy", "service_healthy")
     trusted = ssl.create_default_context(cafile=composed.place.folder / "secrets/tls_certificate")
-    with httpx.Client(
-        # By the name: the certificate has no other.
-        base_url=f"https://{NAME}:{composed.place.ports['tls']}",
-        transport=ToLoopback(verify=trusted, local_address=CLIENT),
-        headers={"Authorization": f"Bearer {secret(composed, 'sawmill_token')}"},
-        timeout=120.0,
-    ) as client:
+    address = f"https://{NAME}:{composed.place.ports['tls']}"  # by the name: the certificate has no other
+    token = {"Authorization": f"Bearer {secret(composed, 'sawmill_token')}"}
+    by_name = ToLoopback(verify=trusted, local_address=CLIENT)
+    with httpx.Client(base_url=address, transport=by_name, headers=token, timeout=120.0) as client:
         yield client
 
 

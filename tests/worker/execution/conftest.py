@@ -61,22 +61,10 @@ def store_with(store: Store) -> Iterator[Callable[[type[Jobs]], Store]]:
 @pytest.fixture
 def settings(request: pytest.FixtureRequest) -> ExecutionSettings:
     """The product's, made quick; the parameter is whether attempts are forked."""
-    return ExecutionSettings(
-        lease_s=2,
-        heartbeat_s=0.2,
-        progress_s=0.05,
-        poll_s=0.05,
-        housekeeping_s=0.2,
-        sweep_s=0.5,
-        stop_grace_s=1,
-        loss_wait_s=0,
-        outage_wait_s=0,
-        kill_grace_s=0.3,
-        spare_processes=1,
-        fork_attempts=getattr(request, "param", True),
-        broker_url=None,
-        memory_limit_bytes=2**29,
-    )
+    waits = {"lease_s": 2, "heartbeat_s": 0.2, "progress_s": 0.05, "poll_s": 0.05, "housekeeping_s": 0.2}
+    waits |= {"sweep_s": 0.5, "stop_grace_s": 1, "loss_wait_s": 0, "outage_wait_s": 0, "kill_grace_s": 0.3}
+    limits = {"spare_processes": 1, "broker_url": None, "memory_limit_bytes": 2**29}
+    return ExecutionSettings(**waits, **limits, fork_attempts=getattr(request, "param", True))
 
 
 @pytest.fixture

@@ -95,34 +95,17 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
         active = ActivationRow(**about, activated_at=since, reason="by hand")
         session.add(active)
         session.flush()
-        session.add(
-            MeasurementRow(
-                scanner_id=scan.scanner_id,
-                at=store.now(),
-                kind=MeasurementKind.DRIFT,
-                subject_id="check",
-                cor_column_mm=-209.0,
-                cor_column_standard_deviation_mm=0.05,
-                cor_column_change_mm=0.1,
-                tilt_rad=-0.08,
-                tilt_standard_deviation_rad=0.002,
-                tilt_change_rad=0.0,
-                covariance=[[0.0025, 0.0], [0.0, 4e-6]],
-                source_to_detector_mm=1619.3,
-                relative_residual=0.01,
-                method="view-pairs",
-                activation_number=active.number,
-                awaits_chart=True,
-            )
-        )
-        (check,) = (row for row in session.new if isinstance(row, MeasurementRow))
+        values = {"cor_column_mm": -209.0, "cor_column_standard_deviation_mm": 0.05, "cor_column_change_mm": 0.1}
+        values |= {"tilt_rad": -0.08, "tilt_standard_deviation_rad": 0.002, "tilt_change_rad": 0.0}
+        values |= {"covariance": [[0.0025, 0.0], [0.0, 4e-6]], "source_to_detector_mm": 1619.3}
+        values |= {"relative_residual": 0.01, "method": "view-pairs", "awaits_chart": True, "at": store.now()}
+        values |= {"kind": MeasurementKind.DRIFT, "subject_id": "check"}
+        session.add(MeasurementRow(scanner_id=scan.scanner_id, activation_number=active.number, **values))
         known = session.get_one(ScannerRow, scan.scanner_id)
         session.add(ScannerRow(id="a-first-one", created_at=since, spec=known.spec))
         session.flush()
         # Of an activation that is not there: its chart cannot be made.
-        columns = {column.name for column in MeasurementRow.__table__.columns} - {"number"}
-        values = {name: getattr(check, name) for name in columns}
-        session.add(MeasurementRow(**values | {"scanner_id": "a-first-one", "activation_number": 1_000}))
+        session.add(MeasurementRow(scanner_id="a-first-one", activation_number=1_000, **values))
     with capture_logs() as log:
         MillHousekeeping(store, settings, threading.Event()).once()
     put_off = [(entry["event"], entry["scanner_id"]) for entry in log if entry["log_level"] == "error"]
