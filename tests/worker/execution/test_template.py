@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_service import running, wait_until
+from live_service import descendants, running, wait_until
 from missing_parts import skip_without
 
 from sawmill_command import examples
@@ -229,21 +229,15 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
 def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_the_next_job(
     store, settings, command, program, queue, in_background, stop
 ):
-    def children():
-        found = set()
-        for file in Path("/proc/self/task").glob("*/children"):
-            with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
-                found.update(file.read_text().split())
-        return found
-
     def templates():
-        lines = {}
-        for child in children() - others:
-            with suppress(FileNotFoundError, ProcessLookupError):  # a process that has just ended
-                lines[child] = Path(f"/proc/{child}/cmdline").read_bytes()
-        return [child for child, line in lines.items() if command[-1].encode() in line]
+        return [child for child in descendants(os.getpid()) - others if starts_attempts(child)]
 
-    others = children()  # processes that earlier tests have left behind
+    def starts_attempts(child):
+        with suppress(FileNotFoundError, ProcessLookupError):  # a process that has just ended
+            return command[-1].encode() in Path(f"/proc/{child}/cmdline").read_bytes()
+        return False
+
+    others = descendants(os.getpid())  # processes that earlier tests have left behind
     first = queue("succeed")
     outcome = in_background(run_worker, program, store, settings.model_copy(update={"spare_idle_s": 0.3}), stop)
     try:
