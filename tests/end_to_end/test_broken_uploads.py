@@ -1,4 +1,4 @@
-"""Raw sockets and clients: uploads over lines that break, and requests that their head refuses or that are none."""
+"""Uploads over lines that break, requests that their head refuses or that are none, and many requests at once."""
 
 import fcntl
 import http.client
@@ -8,15 +8,23 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
+import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from random import Random
 from typing import Any
+from uuid import uuid4
 
 import httpx
 import pytest
 from live_service import ANSWER_S, Offline, Service, serving, wait_until
 from missing_parts import skip_without
+from results import SCANNER_SPEC
 from tiers import first_by_day
+from write_lock import write_lock
 
 from sawmill_platform.files.file_store import UNFINISHED
 
@@ -147,13 +155,11 @@ HOST = b"Host: 127.0.0.1\r\n"
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator[Service]:
-    limits = {
-        "SAWMILL_MAX_JSON_BYTES": str(LIMIT_BYTES),
-        "SAWMILL_MAX_UPLOAD_BYTES": str(10**16),
-        "SAWMILL_MAX_WAITING_UPLOAD_BYTES": str(QUOTA_BYTES),
-    }
+    limits = {"JSON_BYTES": LIMIT_BYTES, "UPLOAD_BYTES": 10**16, "WAITING_UPLOAD_BYTES": QUOTA_BYTES}
+    environment = offline.variables | {f"SAWMILL_MAX_{name}": str(limit) for name, limit in limits.items()}
+    environment["SAWMILL_CHANGE_RATE_LIMIT"] = "10000/minute"  # many clients have one address here
     folder, flags = tmp_path_factory.mktemp("refusing"), ("--no-examples", "--workers", "0")
-    with serving(folder, offline.variables | limits, *flags) as service:
+    with serving(folder, environment, *flags) as service:
         yield service
 
 
@@ -304,3 +310,58 @@ def test_an_unread_body_without_an_end_is_cut_off(live, line):
         assert connection.recv(2**16).startswith(b"HTTP/1.1 ")
         with pytest.raises(ConnectionError):
             connection.sendall(bytes(2**30))
+
+
+CLIENTS = 45  # more than the API has threads (40)
+READS = 5
+
+
+def test_writers_are_refused_and_readers_are_answered_while_the_lock_is_held(live, scanner_id):
+    read = threading.Event()
+
+    def write() -> list[httpx.Response]:
+        """Write at least once, and again and again until the reader has been answered."""
+        answers = []
+        while not answers or not read.is_set():
+            query = {"scanner_id": scanner_id, "data": "counts"}
+            answers.append(live.client.post("/v1/scans", params=query, content=b"a scan"))
+        return answers
+
+    with ThreadPoolExecutor(CLIENTS) as pool, write_lock(live.data / "sawmill.db"):
+        writers = [pool.submit(write) for _ in range(CLIENTS)]
+        try:
+            statuses = [live.client.get("/v1/scanners").status_code for _ in range(READS)]
+        finally:
+            read.set()
+        written = [answer for writer in writers for answer in writer.result()]
+    # The lock is released here: every answer came before. A refused client comes back.
+    wait_until(lambda: live.client.post("/v1/scanners", json=SCANNER_SPEC).is_success)
+    assert statuses == [200] * READS
+    assert {response.status_code for response in written} == {503}
+    assert {response.json()["code"] for response in written} == {"storage-unavailable"}
+    assert {int(response.headers["retry-after"]) > 0 for response in written} == {True}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("number", "busy_loops"), [(200, 0), (60, 4)])
+def test_of_many_posts_at_once_none_is_refused(tmp_path, offline, phantom_scan, number, busy_loops):
+    with serving(tmp_path, offline.variables, "--no-examples", "--workers", "1") as service, ExitStack() as running:
+        scan = service.upload_phantom(phantom_scan())
+        for _ in range(busy_loops):
+            loop = running.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            running.callback(loop.kill)
+        together = threading.Barrier(number, timeout=60)
+
+        def post(seed: int) -> int:
+            together.wait()
+            ask = {"scan_id": scan["id"], "seed": seed}
+            headers = {"Idempotency-Key": str(uuid4())}
+            return client.post("/v1/calibrations", json=ask, headers=headers).status_code
+
+        limits = httpx.Limits(max_connections=number)
+        with (
+            httpx.Client(base_url=service.client.base_url, limits=limits, timeout=120.0) as client,
+            ThreadPoolExecutor(number) as pool,
+        ):
+            statuses = Counter(pool.map(post, range(number)))
+    assert statuses == {202: number}
