@@ -32,15 +32,6 @@ def supervisor(storage, settings):
         yield running
 
 
-def test_a_worker_that_is_woken_for_a_job_does_not_wait_for_its_next_look(store, storage, settings, queue):
-    seldom = settings.model_copy(update={"poll_s": 600.0})
-    with WorkerSupervisor(storage, seldom, command=WORKER) as supervisor:
-        for _ in range(2):  # until the worker listens it looks by itself, so it may find the first job unasked
-            job = queue("succeed")
-            supervisor.wake(job.id)
-            wait_until(lambda job=job: store.jobs.get(job.id).state is JobState.SUCCEEDED)
-
-
 def test_waking_workers_that_have_ended_does_no_harm(storage, settings):
     with WorkerSupervisor(storage, settings, command=[sys.executable, "-c", ""]) as supervisor:
         for _ in range(200):
@@ -97,14 +88,22 @@ def test_jobs_run_without_a_wake_up_and_again_when_their_worker_was_killed_and_r
     assert victim not in supervisor.process_ids
 
 
-def test_a_busy_worker_reports_that_it_works_and_leaving_ends_everything_and_gives_its_job_back(
+def test_a_busy_worker_reports_that_it_works_is_woken_for_the_next_job_and_gives_its_job_back_when_it_is_left(
     store, storage, settings, queue
 ):
-    job = queue("talk")
-    with WorkerSupervisor(storage, settings, command=WORKER) as supervisor:
+    first = queue("talk")
+    with WorkerSupervisor(storage, settings.model_copy(update={"poll_s": 600.0}), command=WORKER) as supervisor:
         wait_until(lambda: heard(supervisor))  # that its worker works, before the first job has ended
-        wait_until(lambda: store.jobs.get(job.id).progress is not None)
-    assert store.jobs.get(job.id).state is JobState.QUEUED
+        store.jobs.request_cancel(first.id)
+        wait_until(lambda: store.jobs.get(first.id).state is JobState.CANCELLED)
+        for _ in range(2):  # it may still look for the first one by itself
+            job = queue("succeed")
+            supervisor.wake(job.id)
+            wait_until(lambda job=job: store.jobs.get(job.id).state is JobState.SUCCEEDED)
+        last = queue("talk")
+        supervisor.wake(last.id)
+        wait_until(lambda: store.jobs.get(last.id).progress is not None)
+    assert store.jobs.get(last.id).state is JobState.QUEUED
     assert processes_of(storage.data_folder) == []
 
 
