@@ -38,11 +38,6 @@ def forking():
 
 
 @pytest.fixture
-def talking(runner, talk):
-    return talk(runner)
-
-
-@pytest.fixture
 def impatient(store, start, command, settings):
     """A runner that soon gives up its template, and the template."""
     environment, library = attempt_environment(store, settings), template_library()
@@ -56,21 +51,12 @@ def template(starter):
     return starter.starter
 
 
-def test_a_child_leads_a_session_of_its_own(template, talking, stop):
-    _, outcome, child = talking
-    assert os.getsid(child) == os.getpgid(child) == child
-    assert os.getsid(template.process_id) == template.process_id
-    stop.set()
-    assert outcome.result(timeout=60) is JobState.QUEUED
-
-
-def test_the_limits_of_a_child_are_not_the_templates(runner, template, queue):
+def test_the_limits_of_a_child_are_not_its_templates_and_a_running_child_outlives_its_template_which_is_replaced(
+    runner, template, queue, in_background, store
+):
     queue("tell-limits")
     assert runner.run_next() is JobState.SUCCEEDED
     assert Path(f"/proc/{template.process_id}/limits").read_text() == Path("/proc/self/limits").read_text()
-
-
-def test_a_running_child_outlives_its_template_which_is_replaced(runner, template, queue, in_background, store):
     job = queue("pause")
     queue("succeed")
     outcome = in_background(runner.run_next)
@@ -83,8 +69,12 @@ def test_a_running_child_outlives_its_template_which_is_replaced(runner, templat
     assert template.process_id != first
 
 
-def test_a_child_killed_after_its_template_is_a_lost_attempt(template, talking, store):
-    job, outcome, child = talking
+def test_a_child_leads_a_session_of_its_own_and_one_killed_after_its_template_is_a_lost_attempt(
+    template, runner, talk, store
+):
+    job, outcome, child = talk(runner)
+    assert os.getsid(child) == os.getpgid(child) == child
+    assert os.getsid(template.process_id) == template.process_id
     os.kill(template.process_id, signal.SIGKILL)
     os.killpg(child, signal.SIGKILL)
     assert outcome.result(timeout=60) is JobState.QUEUED
