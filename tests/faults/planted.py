@@ -51,7 +51,7 @@ DEFECTS = (
         "patience.py",
         "silence.seconds >= self._lease_s or",
         "silence.seconds >= 2.0 * self._lease_s or",
-        "test_leases.py",
+        "test_patience.py",
     ),
     Defect(
         "landlock.py",
