@@ -88,7 +88,7 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
 
 
 BELOW_PICTURES = (
-    *("sawmill_worker.templating", "sawmill_mill", "sawmill_contracts", "sawmill_platform.contracts"),
+    *("sawmill_calibration.pictures.templating", "sawmill_mill", "sawmill_contracts", "sawmill_platform.contracts"),
     "sawmill_vocabulary",
 )
 
@@ -100,7 +100,7 @@ BELOW_PICTURES = (
         ("sawmill_contracts", ("sawmill_platform.contracts", "sawmill_vocabulary"), ("numpy", "sqlalchemy")),
         ("sawmill_formats", ("sawmill_platform", "sawmill_vocabulary"), ("sqlalchemy", "fastapi")),
         ("sawmill_platform.contracts", ("sawmill_vocabulary",), ("sqlalchemy", "numpy", "fastapi")),
-        ("sawmill_worker.pictures", BELOW_PICTURES, ("sqlalchemy", "fastapi", "h5py")),
+        ("sawmill_calibration.pictures", BELOW_PICTURES, ("sqlalchemy", "fastapi", "h5py")),
     ],
 )
 def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
@@ -185,7 +185,7 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
     assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
     assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
     other_contracts = {f"sawmill_contracts.{name}" for name in ("drifts", "reconstructions", "inspections")}
-    assert not of(("sawmill_worker.pictures", "sawmill_worker.jobs", "sawmill_store", *other_contracts), modules)
+    assert not of(("sawmill_calibration.pictures", "sawmill_worker.jobs", "sawmill_store", *other_contracts), modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported_and_no_library_that_none_needs():

@@ -320,7 +320,7 @@ def given(scanner, theta, sinogram, turn):
 
 def test_a_volume_of_several_blocks_reports_its_range_and_the_time_left(given, tmp_path):
     reported = []
-    result = run_reconstruction(given, IN_BLOCKS, tmp_path / "volume.h5", reported.append)
+    result = run_reconstruction(given, given.geometry, IN_BLOCKS, tmp_path / "volume.h5", reported.append)
     with h5py.File(tmp_path / "volume.h5") as file:
         volume = file["entry/reconstruction/data"][()]
         assert file["entry/process/parameters/rows"][()] == b"100:170"
@@ -341,7 +341,7 @@ def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_don
     reported = []
     given = replace(given, rows=(100, 100 + rows), counts=False)
     options = ReconstructionOptions(size=32, field_mm=420.0, method=method)
-    run_reconstruction(given, options, tmp_path / "volume.h5", reported.append)
+    run_reconstruction(given, given.geometry, options, tmp_path / "volume.h5", reported.append)
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
     # Sixteen slices are a block; the last slices are still to be written when they are done.
@@ -353,7 +353,7 @@ def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_don
 
 def test_slices_lie_where_their_rows_are_in_the_scan(given, tmp_path):
     given = replace(given, row_step=30, scanner=replace(given.scanner, row_pitch_mm=2.0))
-    result = run_reconstruction(given, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
+    result = run_reconstruction(given, given.geometry, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
     assert (result.rows, result.row_step, result.shape[0]) == ((100, 170), 30, 3)
     with h5py.File(tmp_path / "volume.h5") as file:
         assert file["entry/reconstruction/z"][()].tolist() == [200.0, 260.0, 320.0]
@@ -367,14 +367,16 @@ def test_rows_that_cannot_be_read_leave_no_volume(given, tmp_path):
         return given.read(start, stop)
 
     with pytest.raises(OSError, match="damaged"):
-        run_reconstruction(replace(given, read=failing), IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
+        run_reconstruction(
+            replace(given, read=failing), given.geometry, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None
+        )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, full_disk):
     full_disk(10**5, size_bytes=10**9)
     with pytest.raises(JobFailure, match=r"70 x 32 x 32 needs up to 0\.000287 GB and 0\.0001 GB are free") as failure:
-        run_reconstruction(given, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
+        run_reconstruction(given, given.geometry, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"
     assert list(tmp_path.iterdir()) == []
 

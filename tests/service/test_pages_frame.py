@@ -121,7 +121,7 @@ OTHERS = LANGUAGES.keys() - {ENGLISH}
 @pytest.fixture(scope="module")
 def texts_of_the_pages(tmp_path_factory):
     template = tmp_path_factory.mktemp("texts") / "sawmill.pot"
-    folders = ["service/sawmill_service", "worker/sawmill_worker/pictures"]
+    folders = ["service/sawmill_service", "worker/sawmill_calibration/pictures"]
     folders += [f"worker/sawmill_{name}" for name in ("contracts", "mill", "vocabulary")]
     places = [str(ROOT / folder) for folder in folders]
     options = ["--mapping-file", str(ROOT / "pyproject.toml"), "--output-file", str(template)]

@@ -14,11 +14,11 @@ from damaged_files import written_by_its_job
 from PIL import Image
 from results import THETA
 
+from sawmill_calibration.pictures.arrays import averaged
+from sawmill_calibration.pictures.windows import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap
-from sawmill_worker.pictures.arrays import averaged
-from sawmill_worker.pictures.windows import painted
 
 
 def test_what_contradicts_itself_is_refused_and_a_theta_of_ones_own_needs_no_calibration(seeded):

@@ -11,13 +11,13 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 
+from sawmill_calibration.pictures.images import image_png, image_png16, sinogram_png
+from sawmill_calibration.pictures.log_pictures import TILE_PX, mosaic_png, side_view_png, spread
+from sawmill_calibration.pictures.phantom_drawing import phantom_svg
+from sawmill_calibration.pictures.round_numbers import round_length, ticks
+from sawmill_calibration.pictures.windows import painted, window_of
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary import ColorMap, Disc, Polygon
-from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
-from sawmill_worker.pictures.log_pictures import TILE_PX, mosaic_png, side_view_png, spread
-from sawmill_worker.pictures.phantom_drawing import phantom_svg
-from sawmill_worker.pictures.round_numbers import round_length, ticks
-from sawmill_worker.pictures.windows import painted, window_of
 
 PLACE = {"pixel_mm": 0.5, "first_pixel_mm": (60.25, -40.0)}
 
@@ -161,13 +161,13 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == str(
         [
-            "sawmill_worker",
-            "sawmill_worker.pictures",
-            "sawmill_worker.pictures.images",
-            "sawmill_worker.pictures.log_pictures",
-            "sawmill_worker.pictures.pages",
-            "sawmill_worker.pictures.round_numbers",
-            "sawmill_worker.pictures.windows",
+            "sawmill_calibration",
+            "sawmill_calibration.pictures",
+            "sawmill_calibration.pictures.images",
+            "sawmill_calibration.pictures.log_pictures",
+            "sawmill_calibration.pictures.pages",
+            "sawmill_calibration.pictures.round_numbers",
+            "sawmill_calibration.pictures.windows",
         ]
     )
 
