@@ -87,7 +87,7 @@ clients: install-dev
 # New texts of the pages into the catalogues, where a person translates them.
 texts: install-dev
 	@cd service && ../$(BIN)/pybabel --quiet extract --mapping-file ../pyproject.toml --add-location file --sort-output \
-		--output-file ../$(VENV)/sawmill.pot sawmill_service ../worker/sawmill_contracts ../worker/sawmill_mill ../worker/sawmill_vocabulary ../worker/sawmill_worker/pictures
+		--output-file ../$(VENV)/sawmill.pot sawmill_service ../worker/sawmill_contracts ../worker/sawmill_mill ../worker/sawmill_vocabulary ../worker/sawmill_calibration/pictures
 	@cd service && ../$(BIN)/pybabel update --input-file ../$(VENV)/sawmill.pot --output-dir sawmill_service/locale \
 		--domain sawmill --width 120 --no-fuzzy-matching --ignore-obsolete --ignore-pot-creation-date
 

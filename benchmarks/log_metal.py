@@ -20,9 +20,7 @@ from nailed_logs import SCANNER, THETA, Nail, NailedLog, views_all_round
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
-from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_calibration import Scan, reconstruct
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
@@ -30,7 +28,7 @@ from sawmill_tomography.projection.projector import Image
 from sawmill_tomography.reconstruction.metal import MetalSearch
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.quality import relative_error
-from sawmill_vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
+from sawmill_vocabulary import MetalHandling, Rotation
 
 FIELD_MM = 320.0
 # Diameter in mm, length in mm (0 across the slice), attenuation as a multiple of the wood's.
@@ -49,19 +47,8 @@ Cell = NDArray[np.float64]
 
 def image_of(lines: Image, fan: FanBeamGeometry, method: str, metal: MetalHandling, size: int) -> Image:
     """Reconstruct a slice (size, size) as the command does."""
-    given = ReconstructionInput(
-        read=lambda start, stop: lines[:, None][:, start:stop],
-        angles_rad=fan.angles_rad,
-        rows=(0, 1),
-        scanner=ScannerConstants(**vars(SCANNER)),
-        theta=THETA,
-        rotation=Rotation.AS_GIVEN,
-        handedness=Handedness.AS_DRAWN,
-        input_sha256="0" * 64,
-        counts=True,
-    )
-    options = ReconstructionOptions(method=ReconstructionMethod(method), size=size, field_mm=FIELD_MM, metal=metal)
-    return reconstruct_in_memory(given, options, lambda _: None).data[0]
+    given = Scan.from_arrays(lines, fan.angles_rad, SCANNER, from_counts=True)
+    return reconstruct(given, THETA, method=method, size=size, field_mm=FIELD_MM, metal=metal).image
 
 
 def ratios(log: NailedLog, fan: FanBeamGeometry, seed: int, size: int) -> tuple[float, Cell]:

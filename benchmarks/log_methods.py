@@ -14,18 +14,13 @@ from scanners import SCANNER
 from scans import TRUE_THETA
 from whole_logs import Rows
 
-from sawmill_calibration.reconstruction.reconstruct import (
-    SLICES_AROUND,
-    ReconstructionInput,
-    reconstruct_in_memory,
-)
-from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_calibration import Scan, reconstruct
+from sawmill_calibration.reconstruction.reconstruct import SLICES_AROUND
+from sawmill_contracts.reconstructions import ReconstructionResult
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import mean_along_rays, typical_attenuation
 from sawmill_tomography.reconstruction.iterative.cross_validation import parabola_minimum
 from sawmill_tomography.reconstruction.iterative.descent import Floats
 from sawmill_tomography.reconstruction.total_variation import total_variation
-from sawmill_vocabulary import Handedness, Rotation
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
@@ -76,20 +71,9 @@ def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
 def reconstruct_rows(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
     """Reconstruct some rows of a scan, as the job, the command line and Python users do it."""
     grid = scan.projector.grid
-    given = ReconstructionInput(
-        read=lambda start, stop: np.ascontiguousarray(lines[start:stop].transpose(1, 0, 2)),
-        angles_rad=scan.projector.geometry.angles_rad,
-        rows=(0, len(lines)),
-        scanner=ScannerConstants(**vars(SCANNER)),
-        theta=TRUE_THETA,
-        rotation=Rotation.AS_GIVEN,
-        handedness=Handedness.AS_DRAWN,
-        input_sha256="0" * 64,
-        counts=False,
-    )
-    asked = ReconstructionOptions.model_validate({"size": grid.size, "field_mm": grid.field_mm, **options})
-    volume = reconstruct_in_memory(given, asked, lambda _: None)
-    return volume.data, volume.result
+    given = Scan.from_arrays(lines.transpose(1, 0, 2), scan.projector.geometry.angles_rad, SCANNER)
+    made = reconstruct(given, TRUE_THETA, size=grid.size, field_mm=grid.field_mm, **options)
+    return made.volume, made.result
 
 
 def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool = False, **options: object) -> Method:

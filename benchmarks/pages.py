@@ -46,7 +46,7 @@ from sawmill_platform.settings import StorageSettings  # noqa: E402
 from sawmill_service.app import create_app  # noqa: E402
 from sawmill_service.pages.all_pages import PAGES  # noqa: E402
 from sawmill_service.settings import ServiceSettings  # noqa: E402
-from sawmill_store.measurements import record_measurement  # noqa: E402
+from sawmill_store.drift.measurements import record_measurement  # noqa: E402
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, DriftRow, ReconstructionRow, ScanRow  # noqa: E402
 from sawmill_store.store import Store  # noqa: E402
 

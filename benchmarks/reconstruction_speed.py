@@ -28,7 +28,9 @@ from published_pipeline import PublishedObjective
 from scanners import SCANNER
 from scipy.optimize import nnls
 
-from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_calibration.known_geometry import GivenGeometry
+from sawmill_calibration.reconstruction.reconstruct import run_reconstruction
+from sawmill_calibration.scans.scan_rows import rows_of
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_formats.output.scan_reader import open_scan
@@ -44,7 +46,7 @@ from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction._fbp_numba import back_project_16
 from sawmill_tomography.reconstruction.fbp import Preparation, fbp
 from sawmill_tomography.reconstruction.stack import most_concurrent, reconstruct_stack
-from sawmill_vocabulary import FilterName, Handedness, Progress, ReconstructionMethod, Rotation
+from sawmill_vocabulary import FilterName, Progress, ReconstructionMethod
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500
@@ -254,20 +256,11 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
     """Reconstruct that scan as the job does; runs in a separate process."""
     used = time.process_time()
     with open_scan(scan) as stored:
-        given = ReconstructionInput(
-            read=lambda start, stop: stored.rows(slice(start, stop)),
-            angles_rad=stored.angles_rad,
-            rows=(0, stored.shape[1]),
-            scanner=ScannerConstants(**vars(SCANNER), row_pitch_mm=stored.row_pitch_mm),
-            theta=THETA,
-            rotation=Rotation.AS_GIVEN,
-            handedness=Handedness.AS_DRAWN,
-            input_sha256="0" * 64,
-            counts=True,
-        )
+        scanner = ScannerConstants(**vars(SCANNER), row_pitch_mm=stored.row_pitch_mm)
+        given = rows_of(stored, scanner, rows=None, views=None, counts=True, sha256="0" * 64)
         reported: list[Progress] = []
         options = ReconstructionOptions(method=ReconstructionMethod.FBP, size=SIZE)
-        result = run_reconstruction(given, options, volume, reported.append)
+        result = run_reconstruction(given, GivenGeometry(scanner, THETA), options, volume, reported.append)
     predicted = [progress.seconds_left or 0.0 for progress in reported]
     each = Lap(result.time_s / SLICES, (time.process_time() - used) / CORES / SLICES)
     print(f"  {result.time_s:.1f} s, {each} a slice from file to file, shared by {CORES} cores; ", end="")

@@ -64,16 +64,17 @@ def test_files_import_each_other_in_no_circle():
     assert list(TopologicalSorter(imports_between_files()).static_order())  # raises for a circle
 
 
+WITHOUT_CIRCLES = ("sawmill_tomography.", "sawmill_calibration.", "sawmill_store.")
 # The effects of a scan are declared beside the fit that selects them.
 FOLDERS_IN_A_CIRCLE = tuple(("sawmill_tomography", "calibration", folder) for folder in ("faults", "joint_fit"))
 
 
-def test_folders_of_the_science_import_each_other_in_no_circle():
+def test_folders_of_the_science_the_library_and_the_store_import_each_other_in_no_circle():
     """A folder and the folders in it are no circle: each is compared with those beside it."""
     imports: dict[tuple[str, ...], set[tuple[str, ...]]] = defaultdict(set)
     for name, imported in imports_between_files().items():
         here = tuple(name.split("."))[:-1]
-        for there in (tuple(other.split("."))[:-1] for other in imported if name.startswith("sawmill_tomography.")):
+        for there in (tuple(other.split("."))[:-1] for other in imported if name.startswith(WITHOUT_CIRCLES)):
             for depth in range(2, min(len(here), len(there)) + 1):
                 if here[: depth - 1] == there[: depth - 1] and here[:depth] != there[:depth]:
                     imports[here[:depth]].add(there[:depth])
@@ -86,6 +87,12 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
     return {name for name in modules if any(name == package or name.startswith(f"{package}.") for package in packages)}
 
 
+BELOW_PICTURES = (
+    *("sawmill_calibration.pictures.templating", "sawmill_mill", "sawmill_contracts", "sawmill_platform.contracts"),
+    "sawmill_vocabulary",
+)
+
+
 @pytest.mark.parametrize(
     ("package", "allowed", "never"),
     [
@@ -93,17 +100,7 @@ def of(packages: tuple[str, ...], modules: frozenset[str]) -> set[str]:
         ("sawmill_contracts", ("sawmill_platform.contracts", "sawmill_vocabulary"), ("numpy", "sqlalchemy")),
         ("sawmill_formats", ("sawmill_platform", "sawmill_vocabulary"), ("sqlalchemy", "fastapi")),
         ("sawmill_platform.contracts", ("sawmill_vocabulary",), ("sqlalchemy", "numpy", "fastapi")),
-        (
-            "sawmill_worker.pictures",
-            (
-                "sawmill_worker.templating",
-                "sawmill_mill",
-                "sawmill_contracts",
-                "sawmill_platform.contracts",
-                "sawmill_vocabulary",
-            ),
-            ("sqlalchemy", "fastapi", "h5py"),
-        ),
+        ("sawmill_calibration.pictures", BELOW_PICTURES, ("sqlalchemy", "fastapi", "h5py")),
     ],
 )
 def test_a_package_stands_on_those_below_it_alone(package, allowed, never):
@@ -122,10 +119,10 @@ UNVERIFIED = {
     "sawmill_service/pages/calibrate/calibrate.py": {"results"},
     "sawmill_service/routes/calibrations.py": {"unverified"},
     "sawmill_service/routes/reconstructions.py": {"unverified"},
-    "sawmill_store/inspections.py": {"results"},
-    "sawmill_store/phantoms.py": {"results"},
+    "sawmill_store/scans/inspections.py": {"results"},
+    "sawmill_store/scans/phantoms.py": {"results"},
     "sawmill_store/retention/retention_store.py": {"results"},
-    "sawmill_store/scans.py": {"results"},
+    "sawmill_store/scans/scans.py": {"results"},
     "sawmill_store/subjects/mill_subjects.py": {"results"},
 }
 
@@ -153,9 +150,8 @@ def test_results_are_opened_through_one_door():
 NUMERICAL = ("numpy", "scipy", "numba", "h5py", "PIL", "skimage", "matplotlib", "tifffile")
 SERVER = ("sqlalchemy", "celery", "fastapi", "uvicorn")
 # Numba imports SciPy's linear algebra when it loads its first kernel.
-SCIPY_OF_NUMBA = {
-    f"scipy.{name}" for name in ("linalg", "version", "_lib", "__config__", "_cyutility", "_distributor_init")
-}
+OF_SCIPY = ("linalg", "version", "_lib", "__config__", "_cyutility", "_distributor_init")
+SCIPY_OF_NUMBA = {f"scipy.{name}" for name in OF_SCIPY}
 
 
 def started_by(*line: str) -> frozenset[str]:
@@ -188,15 +184,8 @@ def test_a_calibration_waits_for_nothing_that_only_other_work_needs(tmp_path):
     assert "sawmill_tomography.calibration.judgement" in modules
     assert not of((*SERVER, "rich", "PIL", "skimage", "matplotlib", "tifffile"), modules)
     assert {name for name in modules if name.startswith("scipy.") and name.count(".") == 1} <= SCIPY_OF_NUMBA
-    other_work = (
-        "sawmill_worker.pictures",
-        "sawmill_worker.jobs",
-        "sawmill_store",
-        "sawmill_contracts.drifts",
-        "sawmill_contracts.reconstructions",
-        "sawmill_contracts.inspections",
-    )
-    assert not of(other_work, modules)
+    other_contracts = {f"sawmill_contracts.{name}" for name in ("drifts", "reconstructions", "inspections")}
+    assert not of(("sawmill_calibration.pictures", "sawmill_worker.jobs", "sawmill_store", *other_contracts), modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_jobs_imported_and_no_library_that_none_needs():
@@ -216,7 +205,8 @@ def test_what_runs_idle_holds_no_library_that_only_work_needs(resting):
     if "sawmill_service" in resting:
         assert "sawmill_service.app" in loaded
         science = ("sawmill_tomography", "sawmill_formats.input", "sawmill_worker.jobs", "sawmill_calibration")
-        assert not of(("numba", "scipy", "skimage", "matplotlib", *science), loaded)
+        pictures = {"sawmill_calibration"} | of(("sawmill_calibration.pictures",), loaded)
+        assert not of(("numba", "scipy", "skimage", "matplotlib", *science), loaded) - pictures
 
 
 def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_path):
@@ -224,13 +214,8 @@ def test_a_worker_and_its_template_hold_no_library_that_others_bring_along(tmp_p
     started = "import sys, sawmill_worker.attempt, sawmill_worker.poller\n"
     tells = "def main():\n    print(*(name for name, module in sys.modules.items() if module is not None))\n"
     (tmp_path / "program.py").write_text(started + tells)
-    done = subprocess.run(
-        [*PROGRAM, "program"],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
-    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([*PROGRAM, "program"], capture_output=True, text=True, check=True, env=environment)
     loaded = set(done.stdout.split())
     assert {"structlog", "numba", "sqlalchemy"} <= loaded
     assert not loaded & {*UNUSED}

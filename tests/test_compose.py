@@ -1,29 +1,14 @@
-"""docker-compose.yml, as far as it can be judged without Docker: what it names exists, what it promises it says.
-
-`tests/end_to_end/test_composed.py` starts its commands.
-"""
+"""docker-compose.yml, judged without Docker; tests/end_to_end/test_composed.py starts its commands."""
 
 import re
 import subprocess
 import sys
 from ipaddress import ip_address, ip_network
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from compose_file import (
-    COMPOSE,
-    OF_IMAGE,
-    OURS,
-    POSTGRES_BIN,
-    ROOT,
-    SECRETS,
-    VALKEY_BIN,
-    Service,
-    of_containers,
-    read_compose,
-)
+from compose_file import COMPOSE, OF_IMAGE, OURS, POSTGRES_BIN, ROOT, SECRETS, VALKEY_BIN, of_containers, read_compose
 from page_blocks import KNOWN, blocks, check_options
 
 from sawmill_platform.workers.settings import ExecutionSettings
@@ -31,31 +16,28 @@ from sawmill_platform.workers.settings import ExecutionSettings
 PAGE, OPERATIONS = ROOT / "docs/do/containers.md", ROOT / "docs/do/run.md"
 BIN = Path(sys.executable).parent
 # What the images of others bring along; everything else must come from our own installation.
-PROGRAMS = {
-    "proxy": {"caddy", "wget"},
-    "redis": {"valkey-server", "valkey-cli"},
-    "postgres": {"postgres", "pg_isready"},
-}
+PROGRAMS = {"proxy": {"caddy", "wget"}, "redis": {"valkey-server", "valkey-cli"}}
+PROGRAMS |= {"postgres": {"postgres", "pg_isready"}}
 UNITS = {"m": 2**20, "g": 2**30}
 # A template that is ready, and the worker itself.
 BESIDE_A_JOB_BYTES = 600 * 2**20
 
 
 @pytest.fixture(scope="module")
-def document() -> dict[str, Any]:
+def document():
     return read_compose(COMPOSE.read_text())
 
 
 @pytest.fixture(scope="module")
-def services(document: dict[str, Any]) -> dict[str, Service]:
+def services(document):
     return document["services"]
 
 
-def ours(services: dict[str, Service]) -> dict[str, Service]:
+def ours(services):
     return {name: service for name, service in services.items() if name not in OF_IMAGE}
 
 
-def words(service: Service) -> list[list[str]]:
+def words(service):
     """Its command, and its health check's as it stands after the shell."""
     kind, *check = service.get("healthcheck", {"test": ["NONE"]})["test"]
     return [service["command"], *([] if kind == "NONE" else [check[0].split() if kind == "CMD-SHELL" else check])]
@@ -67,11 +49,6 @@ def test_it_is_a_valid_compose_file():
     assert done.returncode == 0, done.stdout
 
 
-def test_a_key_that_stands_twice_is_found():
-    with pytest.raises(AssertionError, match="stands twice"):
-        read_compose(COMPOSE.read_text() + "name: another\n")
-
-
 def test_everything_that_is_named_is_there_and_used(document, services):
     for kind in ("secrets", "networks"):
         assert {name for service in services.values() for name in service.get(kind, [])} == set(document[kind])
@@ -79,6 +56,8 @@ def test_everything_that_is_named_is_there_and_used(document, services):
     assert {source for source, _ in mounted if "/" not in source} == set(document["volumes"])
     assert all((ROOT / source).is_file() for source, _ in mounted if "/" in source)
     assert {needed for service in services.values() for needed in service.get("depends_on", {})} <= set(services)
+    # Those of the file before: files that a new database does not know would be removed as leftovers.
+    assert not {"data", "rows"} & set(document["volumes"])
 
 
 def test_secrets_are_files_of_their_own_which_the_page_makes(document, services):
@@ -103,7 +82,7 @@ def test_no_secret_stands_in_it():
     assert all(re.fullmatch(r"[A-Z_]+_FILE: /run/secrets/\w+", line) for line in suspects)
 
 
-def test_every_container_is_held(services):
+def test_every_container_is_held_watched_and_comes_back(services):
     for name, service in services.items():
         assert service["read_only"], name
         assert service["cap_drop"] == ["ALL"], name
@@ -113,19 +92,14 @@ def test_every_container_is_held(services):
         assert service["logging"]["options"], name
         assert set(service["deploy"]["resources"]["limits"]) == {"cpus", "memory", "pids"}, name
         assert not {"privileged", "devices", "network_mode", "pid", "ipc"} & set(service), name
-
-
-def test_every_service_is_watched_and_comes_back(services):
-    for name, service in services.items():
         once = name == "migrate"
         assert service["restart"] == ("on-failure:3" if once else "unless-stopped")
         assert ("healthcheck" in service) is not once
 
 
 def test_the_proxy_alone_is_reached_and_the_api_believes_it_alone(document, services):
-    assert {name: service["ports"] for name, service in services.items() if "ports" in service} == {
-        "proxy": ["443:8443"]
-    }
+    reached = {name: service["ports"] for name, service in services.items() if "ports" in service}
+    assert reached == {"proxy": ["443:8443"]}
     inside = {name for name, network in document["networks"].items() if (network or {}).get("internal")}
     reach_out = {name for name, service in services.items() if set(service["networks"]) - inside}
     assert reach_out == {"proxy"}
@@ -144,14 +118,11 @@ def test_a_service_starts_when_what_it_needs_is_there(services):
     assert needs["proxy"] == {"api": {"condition": "service_healthy"}}
 
 
-def test_what_is_stopped_has_time_to_end(services):
+def test_what_is_stopped_has_time_to_end_and_a_worker_s_limits_are_those_of_its_jobs(services):
     settings = ExecutionSettings()
     needed = settings.stop_grace_s + settings.kill_grace_s + settings.housekeeping_s
     for name in ("api", "worker", "short-worker"):
         assert int(services[name]["stop_grace_period"].removesuffix("s")) > needed
-
-
-def test_a_worker_s_limits_are_those_of_its_jobs(services):
     for name in ("worker", "short-worker"):
         limits, given = services[name]["deploy"]["resources"]["limits"], services[name]["environment"]
         assert limits["cpus"] == given["SAWMILL_NUMBA_NUM_THREADS"]
@@ -171,11 +142,6 @@ def test_redis_holds_nothing_that_matters(services):
     command = " ".join(services["redis"]["command"])
     assert "--save  --appendonly no --maxmemory 64mb --maxmemory-policy noeviction" in command
     assert of_containers(services["redis"], "volumes") == []
-
-
-def test_no_volume_of_the_file_before_is_taken_over(document):
-    """Files that a new database does not know would be removed as leftovers."""
-    assert not {"data", "rows"} & set(document["volumes"])
 
 
 def test_every_variable_is_a_setting(services):
@@ -199,7 +165,7 @@ def test_the_servers_are_those_that_tests_run_with(services):
     assert all(re.search(r":\d+\.\d+", service["image"]) for service in services.values())
 
 
-def documented_commands() -> list[list[str]]:
+def documented_commands():
     """What docs/do/run.md says of one machine and of a cluster."""
     lines = [line for block in blocks(OPERATIONS, "sh") for line in block.splitlines()]
     return [line.split() for line in lines if not line.startswith("export ")]

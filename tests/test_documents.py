@@ -1,4 +1,4 @@
-"""What the documents say is true: their commands run, their tables are the code's, their links lead somewhere."""
+"""What the documents say is true: their commands run, tables and steps are the code's and the contract's."""
 
 import json
 import re
@@ -6,7 +6,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -27,14 +26,12 @@ from sawmill_formats.input.reading import reading_scan
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.choosing import EXPECTED_ERRORS, VIEWS, seconds_a_slice
-from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.physics import Physics
 from sawmill_worker.commands.geometry_options import theta_of
 
 ROOT = Path(__file__).parents[1]
 README, DEMO = ROOT / "README.md", ROOT / "docs/start/demo.md"
 FIRST_CALIBRATION, PHANTOM = ROOT / "docs/start/first-calibration.md", ROOT / "docs/do/phantom.md"
-FIRST_PROGRAM = ROOT / "docs/start/first-program.md"
 DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
@@ -155,10 +152,8 @@ def test_the_command_line_block_works(tmp_path, monkeypatch):
 def test_the_files_that_the_formats_page_makes_can_be_read(tmp_path):
     for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Input"], "python"):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True)
-    with (
-        reading_scan(tmp_path / "scan.npz", counts=True) as compressed,
-        reading_scan(tmp_path / "scan.h5", counts=True) as nxtomo,
-    ):
+    paths = (tmp_path / "scan.npz", tmp_path / "scan.h5")
+    with reading_scan(paths[0], counts=True) as compressed, reading_scan(paths[1], counts=True) as nxtomo:
         assert (compressed.format, nxtomo.format) == ("npz", "hdf5-nxtomo")
         assert nxtomo.detector_pitch_mm == pytest.approx(1.502864583)
         for one, other in zip(compressed.blocks(2**20), nxtomo.blocks(2**20), strict=True):
@@ -189,10 +184,7 @@ def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
         for block in blocks(sections(ROOT / "docs/look-up/formats.md")["Opening a volume"], "python")
     ]
-    assert reported == [
-        "(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n",
-        "(6, 6) 1/mm 120.0\n",
-    ]
+    assert reported == ["(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n", "(6, 6) 1/mm 120.0\n"]
 
 
 # CIL is not to be had from the registry that the rest is installed from: its signatures, after its documentation.
@@ -256,25 +248,19 @@ def test_the_table_of_methods_is_that_of_auto():
     assert table in (ROOT / "docs/do/methods.md").read_text(), f"docs/do/methods.md needs these rows:\n{table}"
 
 
-def expected_errors(errors: tuple[tuple[float, ...], ...], number: int) -> str:
+def expected_errors(errors, number):
     return ", ".join(f"{error:#.2g}" for error in errors[number]) if number < len(errors) else "not measured"
 
 
-def milliseconds(method: ReconstructionMethod, views: int) -> str:
+def milliseconds(method, views):
     return f"{float(f'{1e3 * seconds_a_slice(method, views, 768, 256):.2g}'):g}"
 
 
 def test_every_shell_block_is_run_by_a_test():
-    run_here = {
-        *blocks(README.read_text(), "sh"),
-        *blocks(DEMO.read_text(), "sh"),
-        *blocks(FIRST_CALIBRATION.read_text(), "sh"),
-        *blocks(PHANTOM.read_text(), "sh"),
-        *blocks((ROOT / "docs/do/export.md").read_text(), "sh"),
-        *blocks(FIRST_PROGRAM.read_text(), "sh"),  # by test_client_programs.py
-        *blocks((ROOT / "docs/understand/measured.md").read_text(), "sh"),  # by test_measured.py
-        *blocks((ROOT / "docs/do/simulate.md").read_text(), "sh"),
-    }
+    run = [README, DEMO, FIRST_CALIBRATION, PHANTOM, *(ROOT / f"docs/do/{name}.md" for name in ("export", "simulate"))]
+    run += [ROOT / "docs/start/first-program.md"]  # by test_client_programs.py
+    run += [ROOT / "docs/understand/measured.md"]  # by test_measured.py
+    run_here = {block for path in run for block in blocks(path.read_text(), "sh")}
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.
     assert all(block.startswith((*ELSEWHERE, "export SAWMILL_BROKER_URL", "celery ", "mkdir")) for block in others)
@@ -321,15 +307,10 @@ def test_every_test_that_shows_a_figure_exists():
         assert re.search(rf"^def {function}\(", (ROOT / file).read_text(), re.MULTILINE), f"{file}::{function}"
 
 
-def texts() -> Iterator[tuple[Path, str]]:
+def texts():
     """Every text file that belongs to the project."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     for name in filter(None, listed.stdout.split("\0")):
         path = ROOT / name
         try:
@@ -347,3 +328,52 @@ def test_no_file_names_a_registry_or_a_folder_of_one_machine():
     forbidden = re.compile(rf"\b(?:{hosts})\b|(?<![\w.~$}}])/(?:home|root|work|Users)/\w")
     found = [f"{path.relative_to(ROOT)}: {match[0]}" for path, text in texts() for match in forbidden.finditer(text)]
     assert not found
+
+
+PAGE = (ROOT / "docs/do/connect.md").read_text()
+PROGRAMS = sorted((ROOT / "examples/clients").glob("whole_job.*"))
+DOCUMENT = json.loads((ROOT / "openapi/openapi.json").read_text())
+ROUTES = {re.sub(r"\{\w+\}", "{}", path): methods for path, methods in DOCUMENT["paths"].items()}
+
+
+def fields(schema: str) -> set[str]:
+    return set(DOCUMENT["components"]["schemas"][schema]["properties"])
+
+
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)
+def test_a_program_has_the_steps_of_the_page(path):
+    steps = re.findall(r"^## (Repeats and refusals|\d\. .+)$", PAGE, re.MULTILINE)
+    assert len(steps) == 10
+    commented = re.findall(r"^ *(?:#|//) (Repeats and refusals|\d\. .+)$", path.read_text(), re.MULTILINE)
+    assert commented == steps
+
+
+def test_the_page_s_routes_are_the_contract_s():
+    requests = re.findall(r"`(GET|POST|PUT|PATCH|DELETE) (/[^`?]*)", PAGE)
+    assert len(requests) > 10
+    assert [each for each in requests if each[0].lower() not in ROUTES.get(re.sub(r"\{\w+\}", "{}", each[1]), {})] == []
+
+
+@pytest.mark.parametrize("path", [path for path in PROGRAMS if path.suffix != ".py"], ids=lambda path: path.name)
+def test_a_program_s_paths_are_the_contract_s(path):
+    sent = re.findall(r"/v1/[^\"?]*", re.sub(r"\$?\{[^{}]*\}|\$\w+", "x", path.read_text()))
+    assert len(sent) > 10
+    patterns = [re.sub(r"\{\w+\}", "[^/]+", known) for known in DOCUMENT["paths"]]
+    unknown = {each for each in sent if not any(re.fullmatch(pattern, each) for pattern in patterns)}
+    assert unknown == set()
+
+
+def test_the_page_s_answers_have_the_contract_s_fields():
+    failure, calibration = (json.loads(text) for text in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL))
+    assert failure.keys() <= fields("Failure")
+    assert calibration.keys() <= fields("CalibrationSucceeded")
+    assert calibration["predicted_ray_error_mm"].keys() <= fields("PredictedRayError")
+
+
+def test_the_page_has_every_type_of_a_file_for_generators():
+    operations = [operation for methods in DOCUMENT["paths"].values() for operation in methods.values()]
+    answers = [answer for operation in operations for answer in operation["responses"].values()]
+    types = {kind for answer in answers for kind in answer.get("content", {}) if not kind.startswith("text/")}
+    types -= {"application/json", "application/problem+json"}
+    [row] = re.findall(r"^\| others \|.*$", PAGE, re.MULTILINE)
+    assert set(re.findall(r"`([a-z]+/[\w+-]+)`", row)) == types

@@ -77,9 +77,8 @@ def test_a_results_file_without_a_template_has_its_section_and_others_their_own(
     pages = evidence.pages(templates, {"speed": RESULT, "new": RESULT | {"command": "make b"}})
     measured = ", commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start.*"
     head = "*Written by `make figures` from `benchmarks/results`.*"
-    assert (
-        pages["a"] == f"# A\n\n{head}\n\n## One\n\nIn 0.42 s.\n\n*Measured by `make a`{measured}\n\n## Words\n\nNone.\n"
-    )
+    one = f"## One\n\nIn 0.42 s.\n\n*Measured by `make a`{measured}"
+    assert pages["a"] == f"# A\n\n{head}\n\n{one}\n\n## Words\n\nNone.\n"
     title, _, section = pages["more"].split("\n\n", 2)
     assert title == "# Other measurements"
     assert section.startswith("## new\n\n| a |\n|---|\n| 1 |\n\n- `total_s`: 0.424\n")
@@ -107,23 +106,11 @@ def imported(sources):
     return set(re.findall(r"^ *(?:from|import) (\w+)", "\n".join(sources), re.MULTILINE))
 
 
-RESULT = {
-    "command": "make a",
-    "commit": "012-dirty",
-    "date": "2026-11-23T18:40+00:00",
-    "machine": "a processor",
-    "cores": 2,
-    "load": 0.1,
-    "busy": False,
-    "values": {
-        "total_s": 0.4237,
-        "ratio": 2934.2,
-        "error_mm": 0.0,
-        "rows": 2500,
-        "table": "| a |\n|---|\n| 1 |",
-        "of": {"x_ms": 3},
-    },
-}
+TABLE = "| a |\n|---|\n| 1 |"
+VALUES = {"total_s": 0.4237, "ratio": 2934.2, "error_mm": 0.0, "rows": 2500, "table": TABLE, "of": {"x_ms": 3}}
+RESULT = {"command": "make a", "commit": "012-dirty", "date": "2026-11-23T18:40+00:00", "machine": "a processor"}
+RESULT |= {"cores": 2, "load": 0.1, "busy": False, "values": VALUES}
+RUN = "`make a`, commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start"
 
 
 @pytest.mark.parametrize(
@@ -136,12 +123,9 @@ RESULT = {
         ("error_mm 2 mm", "0.0 mm"),
         ("rows", "2500"),
         ("of.x_ms 1 ms of 8", "3 ms of 8"),
-        ("table", "\n| a |\n|---|\n| 1 |\n"),
+        ("table", f"\n{TABLE}\n"),
         ("measured", "measured at 012 on 23 November 2026"),
-        (
-            "run",
-            "`make a`, commit 012 with changes, 2026-11-23, 2 cores (a processor) at a load of 0.1 before the start",
-        ),
+        ("run", RUN),
     ],
 )
 def test_a_figure_is_rounded_and_has_its_unit(mark, shown):
@@ -155,7 +139,7 @@ def test_a_figure_is_rounded_and_has_its_unit(mark, shown):
         ("total_s 2 s", "0.42 s (busy machine)"),
         ("of.x_ms", "3 (busy machine)"),
         ("ratio 2", "2 900"),
-        ("table", "\n| a |\n|---|\n| 1 |\n\n*Measured on a busy machine.*\n"),
+        ("table", f"\n{TABLE}\n\n*Measured on a busy machine.*\n"),
     ],
 )
 def test_times_and_tables_of_a_busy_machine_are_marked(mark, shown):

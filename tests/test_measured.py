@@ -80,11 +80,14 @@ def test_rays_and_scale_are_within_their_bounds(answer, disc):
     off = ray_error(SCANNER, disc.frame, SourceFrame(**numbers), radius_mm=predicted["radius_mm"])
     assert off.rms_mm < predicted["upper_95"] < 0.1
     assert 100.0 * abs(off.scale_change) < answer["scale_uncertainty_percent"]
+    assert 35.0 < predicted["radius_mm"] < 40.0, "rays are counted where the disc was"
 
 
-def test_what_it_is_beyond_the_plain_model_is_named(answer):
+def test_what_it_is_beyond_the_plain_model_is_named_and_the_report_is_drawn(answer, folder):
     assert answer["residual"]["relative"] < 0.03
     assert any("hardening" in done for done in answer["adjustments"])
+    with Image.open(folder / "report.png") as page:
+        assert min(page.size) > 1000
 
 
 @pytest.mark.usefixtures("answer")
@@ -116,13 +119,3 @@ def test_the_remark_on_the_misfit_does_not_blame_the_geometry(folder, published_
     assert report.data_misfit > 2.0
     assert any("beam hardening" in remark for remark in report.remarks)
     assert not any("Check the geometry" in remark for remark in report.remarks)
-
-
-def test_rays_are_counted_where_the_disc_was(answer):
-    assert 35.0 < answer["predicted_ray_error_mm"]["radius_mm"] < 40.0
-
-
-@pytest.mark.usefixtures("answer")
-def test_the_report_is_drawn(folder):
-    with Image.open(folder / "report.png") as page:
-        assert min(page.size) > 1000

@@ -1,13 +1,14 @@
-"""The sweep over a polygon's sides, against a comparison of every pair of them."""
+"""Values of the vocabulary: a polygon's sides against a comparison of every pair, u_c and tau with their errors."""
 
 import math
 import random
 import time
 
+import numpy as np
 import pytest
 
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
-from sawmill_vocabulary import Polygon, fault_of_outline
+from sawmill_vocabulary import DetectorEstimate, Polygon, fault_of_outline
 
 
 def turn(a, b, c):
@@ -71,3 +72,29 @@ def test_the_built_in_outlines_are_outlines():
     outlines = [shape.vertices_mm for shape in shapes if isinstance(shape, Polygon)]
     assert outlines
     assert [fault_of_outline(corners) for corners in outlines] == [None] * len(outlines)
+
+
+def test_an_estimate_is_a_value_whatever_its_numbers_came_in():
+    plain = DetectorEstimate(0.1, 0.002, ((0.25, 0.1), (0.1, 0.16)))
+    assert DetectorEstimate.of(np.array([0.1, 0.002]), np.array(plain.covariance)) == plain
+    assert DetectorEstimate.of([0.1, 0.002], [[0.25, 0.1], [0.1, 0.16]]) == plain
+    assert (plain.values, plain.deviations) == ((0.1, 0.002), (0.5, 0.4))
+    with pytest.raises(ValueError, match="2 values with a covariance of 2 x 2"):
+        DetectorEstimate.of([0.1, 0.002], np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("covariance", "relative"),
+    [
+        (((4.0, 0.0), (0.0, 1e-6)), 1.0),
+        (((4.0, 1.2), (1.2, 1.0)), 0.64),
+        (((1.0, 1.0), (1.0, 1.0)), 0.0),
+        (((1.0, 2.0), (2.0, 1.0)), -3.0),
+        (((0.0, 0.0), (0.0, 1.0)), 0.0),
+        (((-1.0, 0.0), (0.0, -1.0)), 0.0),
+        (((math.inf, 0.0), (0.0, 1.0)), 0.0),
+        (((1.0, math.nan), (math.nan, 1.0)), 0.0),
+    ],
+)
+def test_a_covariance_without_an_inverse_has_no_positive_determinant(covariance, relative):
+    assert DetectorEstimate(0.1, 0.002, covariance).relative_determinant == pytest.approx(relative)

@@ -40,18 +40,15 @@ def test_the_citation_names_this_version_and_the_paper():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == VERSION
     paper = citation["preferred-citation"]
-    assert [author["family-names"] for author in paper["authors"]] == [
-        *("Senchukova", "Suuronen", "Heikkinen", "Roininen"),
-    ]
+    authors = ["Senchukova", "Suuronen", "Heikkinen", "Roininen"]
+    assert [author["family-names"] for author in paper["authors"]] == authors
     assert paper["identifiers"][0]["value"] == "arXiv:2206.14444"
 
 
 def test_workflows_use_two_actions_and_commands_that_exist():
     used = [step for workflow in WORKFLOWS for step in steps(workflow)]
-    assert {step["uses"].split("@")[0] for step in used if "uses" in step} == {
-        "actions/checkout",
-        "actions/setup-python",
-    }
+    actions = {step["uses"].split("@")[0] for step in used if "uses" in step}
+    assert actions == {"actions/checkout", "actions/setup-python"}
     commands = "\n".join(step.get("run", "") for step in used)
     targets = set(re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE))
     assert {"image", "pins"} <= set(re.findall(r"^make ([a-z-]+)", commands, re.MULTILINE)) <= targets

@@ -5,6 +5,7 @@ import importlib
 import re
 from collections.abc import Collection, Iterator
 from enum import Enum, StrEnum
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -17,7 +18,7 @@ from sawmill_platform.contracts.jobs import JobKind, RegisteredWord
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_service.pages.scanners import scanner_form
 from sawmill_service.pages.scanners.scanner_history import EVENT_WORDS
-from sawmill_store.history import SUBJECTS
+from sawmill_store.scanners.history import SUBJECTS
 from sawmill_vocabulary import Adjustment
 
 ROOT = Path(__file__).parents[1]
@@ -47,11 +48,10 @@ class Table(NamedTuple):
     lacks: frozenset[str]
 
 
-def sources() -> Iterator[tuple[Path, ast.Module]]:
-    for folder in ("service", "worker"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            if "migrations" not in path.parts:
-                yield path, ast.parse(path.read_text())
+@cache
+def sources() -> list[tuple[Path, ast.Module]]:
+    paths = sorted(path for folder in ("service", "worker") for path in (ROOT / folder).rglob("*.py"))
+    return [(path, ast.parse(path.read_text())) for path in paths if "migrations" not in path.parts]
 
 
 def attribute(path: Path, name: str) -> object:
@@ -125,9 +125,8 @@ def tables() -> Iterator[Table]:
                 place = f"{path.relative_to(ROOT)}: {name}"
                 yield Table(place, lacks - LEFT_OUT.get(place, set()))
     environment = jinja2.Environment(extensions=["jinja2.ext.i18n"], autoescape=True)
-    for path in (
-        path for folder in ("service", "worker") for path in sorted((ROOT / folder).rglob("templates/**/*.*"))
-    ):
+    templates = [path for folder in ("service", "worker") for path in (ROOT / folder).rglob("templates/**/*.*")]
+    for path in sorted(templates):
         for found in environment.parse(path.read_text()).find_all(jinja2.nodes.Dict):
             keys = [pair.key.value for pair in found.items if isinstance(pair.key, jinja2.nodes.Const)]
             if keys and (lacks := lacking(keys, word_sets)) is not None:
@@ -149,19 +148,16 @@ def test_every_event_of_a_scanner_s_history_has_its_word():
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()
-    assert not unknown, "add them to SUBJECTS in worker/sawmill_store/history.py"
+    assert not unknown, "add them to SUBJECTS in worker/sawmill_store/scanners/history.py"
 
 
 def test_every_adjustment_has_its_row_in_the_table_of_faults():
     page = (ROOT / "docs/understand/verdict.md").read_text().split("## Scans with faults")[1].split("\n\n###")[0]
-    named = [
-        name for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in re.findall(r"`([\w-]+)`", row)
-    ]
+    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    named = [name for row in rows for name in re.findall(r"`([\w-]+)`", row)]
     assert sorted(named) == sorted(Adjustment), "complete the table of docs/understand/verdict.md#scans-with-faults"
 
 
 def test_every_limit_of_an_alarm_is_in_the_scanner_s_form():
     in_form = {field.place[1] for field in scanner_form.FIELDS if field.place[0] == "alarms"}
-    assert in_form == AlarmLimits.model_fields.keys(), (
-        "add a field to service/sawmill_service/pages/scanners/scanner_form.py"
-    )
+    assert in_form == AlarmLimits.model_fields.keys(), "add a field to scanner_form.py of sawmill_service/pages"

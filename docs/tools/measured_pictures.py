@@ -23,7 +23,7 @@ from scipy.ndimage import binary_erosion
 from screenshots import save
 
 import sawmill_calibration as sawmill
-from sawmill_worker.pictures.panels import draw_phantom, show_image
+from sawmill_calibration.pictures.panels import draw_phantom, show_image
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from measured import DISC_RADIUS_MM, RADIUS_MM, SIZE, acrylic_of, image_of

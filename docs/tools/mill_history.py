@@ -43,6 +43,7 @@ PHANTOM_ROWS, LOG_ROWS, SHOWN_LOG_ROWS = 2, 1, 12
 WEEK_DAYS = 7
 # A strong tube: the checks of one row of such coarse cells scatter by a tenth of the tolerance.
 PHOTONS = 300_000.0
+DRY_WOOD_PER_MM = 0.009
 PHYSICS = Physics(detector=DetectorEffects(gain_spread=0.03, air_of_full_scale=0.8))
 STEADY_MM = 0.2
 SEED = 14
@@ -137,7 +138,7 @@ def theta_at(moved_mm: float) -> Theta:
 
 
 def _phantom() -> Phantom:
-    return L_SHAPE.of_density(examples.DRY_WOOD_PER_MM).moved(3.0, -2.0)
+    return L_SHAPE.of_density(DRY_WOOD_PER_MM).moved(3.0, -2.0)
 
 
 def _scanner(store: Store, line: Line) -> str:

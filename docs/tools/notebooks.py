@@ -29,7 +29,7 @@ LARGEST_PICTURE_BYTES = 150_000
 PALETTES = (160, 96, 48, 24)
 # Run in the kernel before the first cell: the picture of a calibration shows its table without the time, the last row.
 WITHOUT_TIMES = """
-import sawmill_worker.pictures.calibration_report as report
+import sawmill_calibration.pictures.calibration_report as report
 report.calibration_table = lambda result, whole=report.calibration_table: whole(result)[:-1]
 """
 TIME_ROW = re.compile(r"<tr><th[^>]*>time</th>.*?</tr>\n?")

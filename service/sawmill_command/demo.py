@@ -18,6 +18,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sawmill_calibration.pictures.images import bare_png
+from sawmill_calibration.pictures.report_numbers import theta_change, theta_rows, theta_values
+from sawmill_calibration.pictures.report_page import page_templates
+from sawmill_calibration.pictures.windows import LOG_WINDOW, window_of
 from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import DemoError, Json, running_service
 from sawmill_command.seeding import PHANTOM_ROWS, ROW_PITCH_MM, THETA
@@ -28,10 +32,6 @@ from sawmill_tomography.geometry.geometry import SourceFrame, Theta, angle_diffe
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_vocabulary import Progress, ProgressCallback
-from sawmill_worker.pictures.images import bare_png
-from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, theta_values
-from sawmill_worker.pictures.report_page import page_templates
-from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
 # Usual errors of a tape measure and a spirit level, in the directions that add up: 3 mm and half a degree.
 TAPE_ERROR = Theta(0.0, 3.0, 3.0, -3.0, -0.009)

@@ -29,9 +29,9 @@ from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
 from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
-from sawmill_store.inspections import Inspections
 from sawmill_store.requests.asked import NOTHING, Asked
-from sawmill_store.scans import Scans
+from sawmill_store.scans.inspections import Inspections
+from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
 

@@ -1,4 +1,4 @@
-"""systemd units for this installation: the templates in `units`, with its program, user and folders.
+"""systemd units for this installation: the templates in `units` with its program, user and folders.
 
 The hardening of the templates leaves out settings that the product cannot work with: Numba makes memory executable
 (`MemoryDenyWriteExecute`), an attempt reads the machine's memory and cores (`ProcSubset`), and confines itself to its
@@ -75,9 +75,6 @@ class Installation:
             folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
         else:
             folder = f"ReadWritePaths={_word(self.data)}"
-        folders = folder + self._watching()
-        # Root's file is given to the service alone, in memory; workers need no token.
-        credential = "" if self.token is None else _CREDENTIAL.format(_specifiers(self.token))
         values = {
             "program": _word(self.program),
             "data": _word(self.data),
@@ -85,10 +82,12 @@ class Installation:
             "user": self.user,
             "homes": "read-only" if in_homes else "yes",
             "folder": folder,
-            "folders": folders,
-            "credential_and_folders": credential + folders,
+            "folders": folder + self._watching(),
+            # Root's file is given to the service alone, in memory; workers need no token.
+            "credential": "" if self.token is None else _CREDENTIAL.format(_specifiers(self.token)),
         }
-        return {path.name: Template(path.read_text()).substitute(values) for path in sorted(_TEMPLATES.iterdir())}
+        parts = {path.stem: _filled(path, values).rstrip() for path in _TEMPLATES.glob("*.part")}
+        return {path.name: _filled(path, values | parts) for path in sorted(_TEMPLATES.glob("sawmill*"))}
 
     def write(self, folder: Path) -> list[Path]:
         """Write all units or none; older units of the same names are replaced."""
@@ -129,6 +128,10 @@ def program() -> Path:
     """Return the path by which `sawmill` was called: a link to one of several installations stays a link."""
     called = Path(os.path.normpath(Path(sys.argv[0]).absolute()))
     return called if called.name == "sawmill" and called.is_file() else Path(sys.executable).parent / "sawmill"
+
+
+def _filled(template: Path, values: dict[str, str]) -> str:
+    return Template(template.read_text()).substitute(values)
 
 
 def _below(path: Path, folders: tuple[Path, ...]) -> bool:

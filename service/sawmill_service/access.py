@@ -48,27 +48,14 @@ LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 
 @dataclass(frozen=True)
 class Caller:
-    """Sender of a request.
+    """Sender of a request."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the key, or another name of the sender.
-    scope : Scope
-        Scope that the caller has.
-    key_id : str or None
-        Id of the key; None where the request came without a key.
-    display : bool
-        True if the key belongs to a display on the wall.
-    csrf_token : str or None
-        Token that a change must bring; None where the request came without a session, so that no browser added the
-        credentials by itself.
-    """
-
-    name: str
+    name: str  # name of the key, or another name of the sender
     scope: Scope
-    key_id: str | None = None
-    display: bool = False
+    key_id: str | None = None  # id of the key; None where the request came without a key
+    display: bool = False  # True if the key belongs to a display on the wall
+    # Token that a change must bring; None where the request came without a session, so that no browser added the
+    # credentials by itself.
     csrf_token: str | None = None
 
     def check(self, needed: Scope) -> None:

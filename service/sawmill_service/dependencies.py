@@ -25,18 +25,18 @@ from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
-from sawmill_store.alarms import Alarms
 from sawmill_store.calibrations import Calibrations, Reconstructions
-from sawmill_store.drift_charts import DriftCharts
-from sawmill_store.history import Histories
-from sawmill_store.inspections import Inspections
-from sawmill_store.measurements import Measurements
+from sawmill_store.drift.drift_charts import DriftCharts
+from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.phantoms import Phantoms
 from sawmill_store.retention.retention_store import RetentionStore
-from sawmill_store.scanners import Scanners
-from sawmill_store.scans import Scans
-from sawmill_store.schedules import Schedules
+from sawmill_store.scanners.alarms import Alarms
+from sawmill_store.scanners.history import Histories
+from sawmill_store.scanners.scanners import Scanners
+from sawmill_store.scans.inspections import Inspections
+from sawmill_store.scans.phantoms import Phantoms
+from sawmill_store.scans.scans import Scans
+from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.store import Plans, Store
 
 Wake = Callable[[str], None]

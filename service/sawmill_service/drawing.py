@@ -22,7 +22,7 @@ from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
 from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.scans import Scans
+from sawmill_store.scans.scans import Scans
 from sawmill_vocabulary.messages import Reader
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
     def draw() -> bytes:
         if picture in _LOGS:
             return _log_png(path, calibration_id, _LOGS[picture])
-        from sawmill_worker.pictures.calibration_report import overlay_png
+        from sawmill_calibration.pictures.calibration_report import overlay_png
 
         return overlay_png(*_answer(path))
 
@@ -72,7 +72,7 @@ def report_picture(files: MillFiles, calibration_id: str, step: NextStep, reader
     path = files.result(kinds.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
-        from sawmill_worker.pictures.calibration_report import report_png
+        from sawmill_calibration.pictures.calibration_report import report_png
 
         return report_png(*_answer(path), step, reader)
 
@@ -119,9 +119,9 @@ def _answer(path: Path) -> "tuple[CalibrationResult, CalibrationArrays]":
 
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
+    from sawmill_calibration.pictures.images import bare_png
+    from sawmill_calibration.pictures.windows import LOG_WINDOW, window_of
     from sawmill_formats.output.calibration_file import read_arrays
-    from sawmill_worker.pictures.images import bare_png
-    from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
 
     arrays = read_arrays(path, "log_field_mm", "log_after", name)
     if name not in arrays:
@@ -132,7 +132,7 @@ def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
 
 def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
-    from sawmill_worker.pictures.alpha_curve import alpha_curve_png
+    from sawmill_calibration.pictures.alpha_curve import alpha_curve_png
 
     with DRAWING:
         return alpha_curve_png(**columns)
@@ -142,8 +142,8 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
     """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing."""
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.arrays import thumbnail_png
         from sawmill_formats.output import scan_reader
-        from sawmill_worker.pictures.arrays import thumbnail_png
 
         path, row = files.scan(scan.id), middle_row(scan, shape)
         return thumbnail_png(scan_reader.sinogram(path, shape.lengths, row).data)
@@ -155,8 +155,8 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
     """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.arrays import thumbnail_png
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.arrays import thumbnail_png
 
         path = files.volume(reconstruction_id)
         middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)

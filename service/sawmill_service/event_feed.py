@@ -34,21 +34,12 @@ _BATCH = 500
 
 @dataclass(frozen=True)
 class StreamTimes:
-    """Times of the streams of events and of the pages that follow one, in seconds.
+    """Times of the streams of events and of the pages that follow one, in seconds."""
 
-    Attributes
-    ----------
-    alive_s
-        Silence after which `alive` is sent.
-    access_s
-        Time between two checks of the caller's key: a stream ends this soon after its key.
-    lost_s, silent_s
-        Times without a connection, and without an event on one, after which a page says that its data may be old. A
-        lost connection is restored within a second.
-    """
-
-    alive_s: float = 5.0
-    access_s: float = 30.0
+    alive_s: float = 5.0  # silence after which `alive` is sent
+    access_s: float = 30.0  # time between two checks of the caller's key: a stream ends this soon after its key
+    # lost_s, silent_s: times without a connection, and without an event on one, after which a page says that its data
+    # may be old. A lost connection is restored within a second.
     lost_s: float = 4.0
     silent_s: float = 12.0
 

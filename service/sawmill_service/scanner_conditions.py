@@ -17,7 +17,7 @@ from sawmill_mill.next_step import NextStep, next_step, other_step
 from sawmill_mill.scanner_state import Calibrated, Checked, ScannerState
 from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.errors import NotFound
-from sawmill_store.overviews import Overview
+from sawmill_store.scanners.overviews import Overview
 from sawmill_store.store import Store
 
 SHOWN_SCANNERS = 200  # more than any mill has

@@ -57,13 +57,7 @@ _POLL_S = 0.25
 
 
 class Stopping:
-    """State of the shutdown for open requests: streams end with an event, and incomplete bodies are refused.
-
-    Attributes
-    ----------
-    begun : bool
-        True if the service ends.
-    """
+    """State of the shutdown for open requests: streams end with an event, and incomplete bodies are refused."""
 
     def __init__(self) -> None:
         self.begun = False

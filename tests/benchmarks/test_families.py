@@ -58,16 +58,9 @@ def test_scans_follow_from_their_number(family):
 
 
 def line(**changes):
-    answer = {
-        "family": "wood",
-        "error_mm": 0.04,
-        "upper_95_mm": 0.05,
-        "scale_error_percent": -0.1,
-        "scale_uncertainty_percent": 0.3,
-        "verdict": "pass",
-        "rays_verdict": "pass",
-    }
-    return answer | changes
+    rays = {"error_mm": 0.04, "upper_95_mm": 0.05, "verdict": "pass", "rays_verdict": "pass"}
+    scale = {"scale_error_percent": -0.1, "scale_uncertainty_percent": 0.3}
+    return {"family": "wood"} | rays | scale | changes
 
 
 def test_a_share_below_the_interval_has_a_star():

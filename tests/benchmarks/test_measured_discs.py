@@ -3,30 +3,10 @@
 import json
 import math
 
+import measured
+import measured_discs as discs
 import numpy as np
 import pytest
-from measured import (
-    CALIBRATED_VIEWS,
-    Calibrated,
-    Checked,
-    Drawn,
-    calibration_figures,
-    calibration_table,
-    drift_table,
-    image_table,
-    starts,
-)
-from measured_discs import (
-    FEW_VIEWS,
-    SCANNER,
-    SOURCE_TO_DETECTOR_MM,
-    VIEWS,
-    convert,
-    discs_folder,
-    nominal_frame,
-    published_sinogram,
-    read_discs,
-)
 from opposite_ray_fit import opposite_ray_fit
 from PIL import Image
 from scipy.io import savemat
@@ -40,7 +20,7 @@ KNOWN = {"cor_column_mm": COR_MM, "cor_column_sd_mm": 0.001, "tilt_deg": TILT_DE
 
 def turn(scanner, views):
     """Line integrals (views, cells) of a full turn with the known COR and tilt."""
-    theta = nominal_frame(COR_MM, math.radians(TILT_DEG)).theta(scanner.source_to_cor_mm)
+    theta = discs.nominal_frame(COR_MM, math.radians(TILT_DEG)).theta(scanner.source_to_cor_mm)
     scan = sawmill.simulate_phantom_scan(PHANTOM, scanner, theta, views=views, noise=0.002)
     return scan.line_integrals[:, 0]
 
@@ -48,10 +28,10 @@ def turn(scanner, views):
 def published(folder, sinogram, **changes):
     """A file as it is published: the last view is the first one again."""
     parameters = {
-        "distanceSourceOrigin": SCANNER.source_to_cor_mm,
-        "distanceSourceDetector": SOURCE_TO_DETECTOR_MM,
-        "pixelSizePost": SCANNER.detector_pitch_mm,
-        "angles": np.arange(VIEWS + 1) * 0.5,
+        "distanceSourceOrigin": discs.SCANNER.source_to_cor_mm,
+        "distanceSourceDetector": discs.SOURCE_TO_DETECTOR_MM,
+        "pixelSizePost": discs.SCANNER.detector_pitch_mm,
+        "angles": np.arange(discs.VIEWS + 1) * 0.5,
     }
     struct = {"type": "2D", "sinogram": np.vstack([sinogram, sinogram[:1]]), "parameters": parameters | changes}
     path = folder / "htc2022_xa_full.mat"
@@ -61,9 +41,9 @@ def published(folder, sinogram, **changes):
 
 def test_the_independent_fit_finds_cor_and_tilt():
     """Splines over the disc's sharp edges, between coarse cells, leave 0.002 mm and 0.03 degrees."""
-    coarse = sawmill.Scanner(SCANNER.source_to_cor_mm, 70, 1.6)
+    coarse = sawmill.Scanner(discs.SCANNER.source_to_cor_mm, 70, 1.6)
     found = opposite_ray_fit(
-        turn(coarse, 240).astype(np.float64), pitch_mm=1.6, source_to_detector_mm=SOURCE_TO_DETECTOR_MM
+        turn(coarse, 240).astype(np.float64), pitch_mm=1.6, source_to_detector_mm=discs.SOURCE_TO_DETECTOR_MM
     )
     assert found.cor_column_mm == pytest.approx(COR_MM, abs=0.005)
     assert found.tilt_deg == pytest.approx(TILT_DEG, abs=0.06)
@@ -72,11 +52,11 @@ def test_the_independent_fit_finds_cor_and_tilt():
 @pytest.mark.nightly
 def test_published_files_are_converted_to_discs(tmp_path):
     (tmp_path / "published").mkdir()
-    sinogram = turn(SCANNER, VIEWS)
+    sinogram = turn(discs.SCANNER, discs.VIEWS)
     published(tmp_path / "published", sinogram)
     Image.new("1", (512, 512)).save(tmp_path / "published/htc2022_xa_recon_fbp_seg.png")
-    convert(tmp_path / "published", tmp_path / "discs")
-    (disc,) = read_discs(tmp_path / "discs")
+    discs.convert(tmp_path / "published", tmp_path / "discs")
+    (disc,) = discs.read_discs(tmp_path / "discs")
     assert (disc.name, disc.outline.is_file()) == ("xa", True)
     assert np.array_equal(disc.sinogram, sinogram)
     known = disc.independent
@@ -86,32 +66,32 @@ def test_published_files_are_converted_to_discs(tmp_path):
 
 def test_files_that_are_not_the_published_ones_are_refused(tmp_path):
     with pytest.raises(SystemExit, match=r"no htc2022_\*_full.mat in .* doi 10.5281/zenodo.7418878"):
-        convert(tmp_path, tmp_path / "discs")
-    path = published(tmp_path, np.zeros((VIEWS, 560), np.float32), distanceSourceOrigin=400.0)
+        discs.convert(tmp_path, tmp_path / "discs")
+    path = published(tmp_path, np.zeros((discs.VIEWS, 560), np.float32), distanceSourceOrigin=400.0)
     with pytest.raises(SystemExit, match=r"htc2022_xa_full.mat has .*400.*where .*410\.66"):
-        published_sinogram(path)
+        discs.published_sinogram(path)
     savemat(path, {"CtDataLimited": {"type": "2D"}})
     with pytest.raises(SystemExit, match=r"htc2022_xa_full\.mat has no 'CtDataFull': it is none of the files of doi"):
-        published_sinogram(path)
+        discs.published_sinogram(path)
 
 
 def test_where_the_discs_are_absent_a_sentence_says_how_to_get_them(tmp_path, monkeypatch):
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(tmp_path))
     with pytest.raises(SystemExit, match=r"no measured discs in .*10\.5281/zenodo\.7418878.*SAWMILL_PUBLISHED_DATA"):
-        discs_folder()
+        discs.discs_folder()
 
 
 def test_several_discs_of_few_views_are_read_from_one_file(tmp_path):
     sinograms = np.arange(2 * 90 * 560, dtype=np.float32).reshape(2, 90, 560)
-    np.savez(tmp_path / FEW_VIEWS, sinograms=sinograms, names=np.array(["a", "b"]))
+    np.savez(tmp_path / discs.FEW_VIEWS, sinograms=sinograms, names=np.array(["a", "b"]))
     (tmp_path / "independent.json").write_text(json.dumps({"b": KNOWN | {"date": "20220616"}, "a": KNOWN}))
-    second, first = read_discs(tmp_path)
+    second, first = discs.read_discs(tmp_path)
     assert (second.name, first.name, first.views) == ("b", "a", 90)
     part = first.scan(18, start=3)
     assert np.allclose(np.degrees(part.angles_rad), np.arange(18) * 20.0 + 12.0)
     assert np.array_equal(part.line_integrals[:, 0], sinograms[0, 3::5])
-    assert starts(first, 18) == [0, 1, 3]
-    assert starts(first, 90) == [0]
+    assert measured.starts(first, 18) == [0, 1, 3]
+    assert measured.starts(first, 90) == [0]
 
 
 def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted():
@@ -119,30 +99,32 @@ def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted()
     numbers |= {"bound_mm": 0.02, "scale_off_percent": 0.05, "scale_bound_percent": 0.3}
     results = [
         made
-        for views in CALIBRATED_VIEWS
+        for views in measured.CALIBRATED_VIEWS
         for made in (
-            Calibrated("a", views, "pass", ray_error_mm=0.004, **numbers),
-            Calibrated("b", views, "pass", ray_error_mm=0.12, **numbers),
-            Calibrated("c", views, "phantom-not-seen"),
+            measured.Calibrated("a", views, "pass", ray_error_mm=0.004, **numbers),
+            measured.Calibrated("b", views, "pass", ray_error_mm=0.12, **numbers),
+            measured.Calibrated("c", views, "phantom-not-seen"),
         )
     ]
-    table = calibration_table(results)
+    table = measured.calibration_table(results)
     assert table.splitlines()[2] == "| a " + "| `pass` | 0.0040, 0.020 | 0.05, 0.30 % " * 2 + "|"
     assert table.splitlines()[4] == "| c " + "| refused, `phantom-not-seen` |  |  " * 2 + "|"
-    figures = calibration_figures(results[:3])
+    figures = measured.calibration_figures(results[:3])
     assert figures["calibrated"] == "2 of 3"
     assert figures["`pass`, and of these wrong"] == "2, 1"
     assert figures["rays within their bound"] == "1 of 2"
 
 
 def test_refused_drift_checks_and_intervals_are_counted():
-    results = [Checked("a", 20, 0.03, 0.02, 0.001), Checked("a", 20, 0.05, 0.02, 0.001), Checked("b", 20)]
-    row = next(line for line in drift_table(results).splitlines() if line.startswith("| 20 "))
+    checks = ("a", 20, 0.03, 0.02, 0.001), ("a", 20, 0.05, 0.02, 0.001), ("b", 20)
+    results = [measured.Checked(*each) for each in checks]
+    row = next(line for line in measured.drift_table(results).splitlines() if line.startswith("| 20 "))
     assert row == "| 20 | 3 | 2 | 0.0412 mm | 0.0200 mm | 1 of 2 |"
 
 
 def test_images_are_averaged_over_discs():
-    images = [Drawn("a", 20, "fbp", 0.4, 0.8), Drawn("b", 20, "fbp", 0.5, 0.9), Drawn("a", VIEWS, "fbp", 0.0, 0.99)]
-    lines = image_table(images).splitlines()
+    drawn = ("a", 20, "fbp", 0.4, 0.8), ("b", 20, "fbp", 0.5, 0.9), ("a", discs.VIEWS, "fbp", 0.0, 0.99)
+    images = [measured.Drawn(*each) for each in drawn]
+    lines = measured.image_table(images).splitlines()
     assert lines[2].startswith("| 20 | 0.450, 0.850 |  |")
     assert lines[-1].startswith("| 720 | 0, 0.990 |")

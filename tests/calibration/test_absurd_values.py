@@ -1,4 +1,4 @@
-"""Values that no mill has: each ends in one sentence, and never in an exception of arithmetic."""
+"""Values, pictures and choices that cannot be used: each ends in one sentence, none in an exception of arithmetic."""
 
 import math
 import random
@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 from pydantic import TypeAdapter, ValidationError
 
 import sawmill_calibration
@@ -13,12 +14,20 @@ from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, The
 from sawmill_calibration.calibration.calibrate import CalibrationInput, run_calibration
 from sawmill_calibration.calibration.plan import run_plan
 from sawmill_calibration.failures import input_errors_translated, options_of, read_json
+from sawmill_calibration.phantom_drawings import traced_drawing
+from sawmill_calibration.scans.scan_rows import chosen_rows, chosen_views
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.phantoms import PhantomAsk
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
+from sawmill_platform.contracts.jobs import FailureKind
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.geometry.geometry import GeometryError
+from sawmill_tomography.phantoms.phantom import PhantomError
+from sawmill_tomography.preparing.line_integrals import CountsError
 
 SCANNER = Scanner(859.46, 32, 36.0)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
@@ -228,10 +237,95 @@ def test_a_calibration_with_anything_is_an_answer_or_a_sentence():
 
     def calibrate(_draw, drawing, scanner, _theta):
         cells = sinogram[:, : scanner.num_detector_pixels]
-        run_calibration(
-            CalibrationInput(cells, scan.angles_rad, (0, 1), scanner, None, drawing, "0" * 64),
-            CalibrationOptions(),
-            lambda _: None,
-        )
+        given = CalibrationInput(cells, scan.angles_rad, (0, 1), scanner, None, drawing, "0" * 64)
+        run_calibration(given, CalibrationOptions(), lambda _: None)
 
     assert outcomes_of(16, 5, calibrate)["failed"] > 3
+
+
+def square(side):
+    picture = np.zeros((side, side), np.uint8)
+    picture[side // 4 : side // 2, side // 4 : side // 2] = 255
+    return picture
+
+
+def spiral(side):
+    """One line of 1.5 pixels, wound up to the border."""
+    y, x = np.mgrid[:side, :side] - 0.5 * (side - 1)
+    turns, radius = np.arctan2(y, x) / (2.0 * np.pi), np.hypot(x, y)
+    on_line = (radius / 3.0 - turns) % 1.0 < 0.5
+    return np.where(on_line & (radius > 4.0) & (radius < 0.5 * side - 4.0), 255, 0).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("picture", "width_mm", "sentence"),
+    [
+        (spiral(360), 400.0, "an outline of the picture has more than 2000 corners, .*: give a clean drawing"),
+        (
+            square(40),
+            1e9,
+            "the picture shows no phantom that can be drawn: Input should be greater than or equal to -100000",
+        ),
+        (square(40), 1e-300, r"the picture's width is 1e-300 mm: give the width .*, at least 0\.1 mm"),
+    ],
+    ids=["spiral", "too large", "no width"],
+)
+def test_what_no_drawing_can_be_made_of_is_refused(tmp_path, picture, width_mm, sentence):
+    path = tmp_path / "picture.png"
+    Image.fromarray(picture).save(path)
+    with pytest.raises(JobFailure, match=sentence) as failure, input_errors_translated():
+        traced_drawing(path, width_mm, name="none")
+    assert failure.value.code == "phantom"
+
+
+def test_rows_are_those_named_or_all_and_refused_where_there_are_none():
+    assert chosen_rows(None, 5) == slice(0, 5)
+    assert chosen_rows("1:3", 5) == slice(1, 3)
+    assert chosen_rows("4:5", 5) == slice(4, 5)
+    assert chosen_rows("0:5:2", 5) == slice(0, 5, 2)
+    with pytest.raises(JobFailure, match="rows 4:6 were asked for, but the scan has rows 0:5") as refusal:
+        chosen_rows("4:6", 5)
+    assert (refusal.value.kind, refusal.value.code) == (FailureKind.INPUT, "rows-outside")
+
+
+@pytest.mark.parametrize(("views", "available"), [(20, 360), (45, 360), (7, 360), (360, 360), (100, 360), (3, 4)])
+def test_views_are_spread_evenly_and_start_with_the_first(views, available):
+    chosen = chosen_views(views, available)
+    assert chosen[0] == 0
+    assert chosen.size == np.unique(chosen).size == views
+    gaps = np.diff([*chosen, available])
+    assert gaps.max() - gaps.min() <= 1
+
+
+def test_all_views_are_used_by_default_and_no_more_than_there_are():
+    assert np.array_equal(chosen_views(None, 4), [0, 1, 2, 3])
+    assert np.array_equal(chosen_views(None, 6, [0, 4]), [1, 2, 3, 5])
+    assert np.array_equal(chosen_views(2, 6, [0, 4]), [1, 3])
+    with pytest.raises(JobFailure, match="6 of which 2 are corrupt"):
+        chosen_views(5, 6, [0, 4])
+    with pytest.raises(JobFailure, match="361 views were asked for, but the scan has 360"):
+        chosen_views(361, 360)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (UnreadableScan("empty-file", "the file is empty"), "empty-file"),
+        (CalibrationError("phantom-not-seen", "no phantom"), "phantom-not-seen"),
+        (GeometryError("no geometry"), "geometry"),
+        (PhantomError("no phantom"), "phantom"),
+        (CountsError("no counts"), "counts"),
+    ],
+)
+def test_unusable_input_is_the_askers_to_mend(error, code):
+    with pytest.raises(JobFailure) as failure, input_errors_translated():
+        raise error
+    assert (failure.value.kind, failure.value.code, failure.value.detail) == (FailureKind.INPUT, code, str(error))
+    assert failure.value.__cause__ is error
+
+
+@pytest.mark.parametrize("error", [ValueError("a defect"), OSError("the disk"), MemoryError()])
+def test_everything_else_passes_through(error):
+    with pytest.raises(type(error)) as passed, input_errors_translated():
+        raise error
+    assert passed.value is error

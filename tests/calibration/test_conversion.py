@@ -8,14 +8,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from sawmill_calibration.known_geometry import from_phantom, to_phantom
-from sawmill_contracts.geometry import (
-    GivenTheta,
-    GivenThetaBounds,
-    ReportedSourceFrame,
-    ScannerConstants,
-    SourceFrameDeviation,
-    ThetaDeviation,
-)
+from sawmill_contracts import geometry
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing
 from sawmill_tomography.geometry.geometry import to_vector
 from sawmill_tomography.phantoms import built_in
@@ -29,7 +22,7 @@ def crossed(kind, value):
 
 def test_the_constants_cross_as_they_are(constants, scanner):
     assert crossed(Scanner, scanner) == scanner
-    assert crossed(ScannerConstants, constants) == constants
+    assert crossed(geometry.ScannerConstants, constants) == constants
     assert {name: getattr(constants, name) for name in vars(scanner)} == vars(scanner)
 
 
@@ -40,10 +33,10 @@ def test_theta_makes_the_loop(theta):
 
 def test_the_source_frame_makes_the_loop_and_reports_its_magnification(theta):
     frame = theta.source_frame(859.46)
-    back = crossed(ReportedSourceFrame, frame)
+    back = crossed(geometry.ReportedSourceFrame, frame)
     assert vars(back) == vars(frame)
     assert back.magnification == pytest.approx(frame.source_to_detector_mm / frame.source_distance_mm)
-    answered = json.loads(TypeAdapter(ReportedSourceFrame).dump_json(back))
+    answered = json.loads(TypeAdapter(geometry.ReportedSourceFrame).dump_json(back))
     assert answered == {**vars(frame), "magnification": frame.magnification}
 
 
@@ -57,11 +50,11 @@ def test_what_is_given_is_held_against_what_a_scanner_can_be_but_not_what_is_sto
     beyond = Theta(*to_vector(theta)[:4], 11.0)
     assert TypeAdapter(Theta).validate_python(beyond) == beyond
     with pytest.raises(ValidationError, match="less than or equal to 10"):
-        TypeAdapter(GivenTheta).validate_python(vars(beyond))
+        TypeAdapter(geometry.GivenTheta).validate_python(vars(beyond))
     wide = ThetaBounds(detector_tilt=(-11.0, 1.0))
     assert TypeAdapter(ThetaBounds).validate_python(wide) == wide
     with pytest.raises(ValidationError, match="greater than or equal to -10"):
-        TypeAdapter(GivenThetaBounds).validate_python(vars(wide))
+        TypeAdapter(geometry.GivenThetaBounds).validate_python(vars(wide))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
@@ -71,8 +64,11 @@ def test_no_value_crosses_with_a_number_that_is_not_finite(theta, value):
 
 
 def test_standard_deviations_have_the_names_of_what_they_are_of():
-    assert list(ThetaDeviation.model_fields) == [one.name for one in fields(Theta)]
-    assert list(SourceFrameDeviation.model_fields) == [*(one.name for one in fields(SourceFrame)), "magnification"]
+    assert list(geometry.ThetaDeviation.model_fields) == [one.name for one in fields(Theta)]
+    assert list(geometry.SourceFrameDeviation.model_fields) == [
+        *(one.name for one in fields(SourceFrame)),
+        "magnification",
+    ]
 
 
 @pytest.mark.parametrize("name", BUILT_IN_PHANTOMS)
@@ -83,14 +79,9 @@ def test_a_drawing_makes_the_loop(name):
 
 
 def test_density_and_tolerance_make_the_loop():
-    drawing = PhantomDrawing(
-        name="ours",
-        size_tolerance=0.004,
-        shapes=[
-            Polygon(vertices_mm=((0, 0), (10, 0), (0, 10)), density=2.0),
-            Disc(center_mm=(3, 3), radius_mm=1, density=-2.0),
-        ],
-    )
+    corner = Polygon(vertices_mm=((0, 0), (10, 0), (0, 10)), density=2.0)
+    hole = Disc(center_mm=(3, 3), radius_mm=1, density=-2.0)
+    drawing = PhantomDrawing(name="ours", size_tolerance=0.004, shapes=[corner, hole])
     assert from_phantom(to_phantom(drawing)) == drawing
 
 

@@ -32,7 +32,7 @@ def given():
 
 def made(given, **options):
     asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, method="total_variation", metal="none", **options)
-    return reconstruct_in_memory(given, asked, lambda _: None)
+    return reconstruct_in_memory(given, given.geometry, asked, lambda _: None)
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def images(bodies, **options):
     stack = simulate_rows(bodies, fan, noise=0.01, seed=5)
     given = reconstruction_input(stack, fan)
     asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, **options)
-    made = reconstruct_in_memory(given, asked, lambda _: None)
+    made = reconstruct_in_memory(given, given.geometry, asked, lambda _: None)
     return made.data, made.result.method
 
 

@@ -42,10 +42,7 @@ def remarks(scan, theta=THETA, **options):
         pytest.param(90, FILTERED, {}, SHIFTED, True, marks=pytest.mark.nightly),
         pytest.param(90, FILTERED, {"motion": {"slip_mm": 20.0}}, THETA, True, marks=pytest.mark.nightly),
     ],
-    ids=[
-        *("hardening", "scatter", "blur", "column", "tilt", "slip"),
-        *("filtered, scatter", "filtered, column", "filtered, slip"),
-    ],
+    ids=["hardening", "scatter", "blur", "column", "tilt", "slip", "fbp scatter", "fbp column", "fbp slip"],
 )
 def test_the_named_cause_is_the_true_one(views, options, physics, theta, displaced):
     scan = sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=views, physics=physics, seed=2)

@@ -47,30 +47,23 @@ def run(path, kernel, folder):
 
 
 def code_of(notebook):
-    """The cells of code."""
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
 
 def shown(notebook):
     """The first kind of each output, cell by cell: how a reader sees them."""
     kinds = ("image/png", "text/html", "text/plain")
-    return [
-        [
-            next((kind for kind in kinds if kind in output.get("data", {})), output.output_type)
-            for output in cell.outputs
-        ]
-        for cell in code_of(notebook)
-    ]
+
+    def kind_of(output):
+        return next((kind for kind in kinds if kind in output.get("data", {})), output.output_type)
+
+    return [[kind_of(output) for output in cell.outputs] for cell in code_of(notebook)]
 
 
 def printed(notebook):
     """The words and numbers of all outputs, without the markup and the times."""
-    outputs = [output for cell in code_of(notebook) for output in cell.outputs]
-    data = [output.get("data", {}) for output in outputs]
-    texts = [
-        output.get("text") or of.get("text/html") or of.get("text/plain", "")
-        for output, of in zip(outputs, data, strict=True)
-    ]
+    outputs = [(output, output.get("data", {})) for cell in code_of(notebook) for output in cell.outputs]
+    texts = [output.get("text") or data.get("text/html") or data.get("text/plain", "") for output, data in outputs]
     return " ".join(re.sub(r"<[^>]*>", " ", TIME_ROW.sub("", text)) for text in texts).split()
 
 
@@ -120,9 +113,8 @@ def test_the_notebook_of_a_measured_disc_runs_and_draws(published_data, kernel, 
     monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", str(published_data.resolve()))
     kept, now = nbformat.read(MEASURED, as_version=4), run(MEASURED, kernel, tmp_path)
     assert shown(now) == shown(kept)
-    assert differences(printed(now), printed(kept)) == [], (
-        "run `python docs/tools/measured_pictures.py --only notebook`"
-    )
+    remedy = "run `python docs/tools/measured_pictures.py --only notebook`"
+    assert differences(printed(now), printed(kept)) == [], remedy
 
 
 @pytest.mark.parametrize("path", [*NOTEBOOKS, MEASURED], ids=lambda path: path.stem)
@@ -139,11 +131,11 @@ def test_a_notebook_is_kept_with_its_outputs_in_order(path):
 
 @pytest.mark.parametrize("path", [*NOTEBOOKS, MEASURED], ids=lambda path: path.stem)
 def test_kept_outputs_have_neither_times_nor_paths_of_a_machine(path):
+    assert len(NOTEBOOKS) == 2, "those of simulated scans"
     notebook = nbformat.read(path, as_version=4)
     before = json.dumps([cell.get("outputs") for cell in notebook.cells], sort_keys=True)
-    pictures = [
-        output.data.pop("image/png", None) for cell in code_of(notebook) for output in cell.outputs if "data" in output
-    ]
+    outputs = [output for cell in code_of(notebook) for output in cell.outputs if "data" in output]
+    pictures = [output.data.pop("image/png", None) for output in outputs]
     assert any(pictures)
     without_pictures = json.dumps([cell.get("outputs") for cell in notebook.cells], sort_keys=True)
     clean(notebook)
@@ -156,7 +148,3 @@ def test_a_path_of_a_machine_in_an_output_is_refused():
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("run()", outputs=[output])])
     with pytest.raises(ValueError, match="absolute path"):
         clean(notebook)
-
-
-def test_there_are_two_notebooks_of_simulated_scans():
-    assert len(NOTEBOOKS) == 2

@@ -1,25 +1,27 @@
-"""Rows that nobody named are found."""
+"""A calibration's rows and the log beside them, its progress, and what it says of measured sides."""
+
+import math
+from datetime import date
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from sawmill_calibration.calibration.calibrate import (
-    CalibrationInput,
-    _in_phantom_rows,
-    calibration_result,
-    run_calibration,
-)
+from sawmill_calibration.calibration import calibrate
+from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_calibration.calibration.calibration_files import find_log_row
 from sawmill_calibration.calibration.second_witness import with_second_witness, witness_of
 from sawmill_command.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomAsk, PhantomDrawing
 from sawmill_tomography.calibration.errors import CalibrationError
-from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.geometry.geometry import TAU, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
+from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
 from sawmill_tomography.preparing.line_integrals import line_integrals
-
-pytestmark = pytest.mark.slow
+from sawmill_tomography.projection.analytic import DetectorCells, project
 
 
 @pytest.fixture(scope="module")
@@ -29,25 +31,20 @@ def stack():
     return line_integrals(counts, flats, darks).stack
 
 
-def given(stack):
-    return CalibrationInput(
-        sinogram=stack.mean(axis=1, dtype=np.float64),
-        angles_rad=full_turn(60),
-        rows=(0, stack.shape[1]),
-        scanner=ScannerConstants(**vars(SCANNER)),
-        bounds=None,
-        drawing=BUILT_IN_PHANTOMS["l-shape"],
-        input_sha256="0" * 64,
-    )
+def whole(stack):
+    rows, scanner = (0, stack.shape[1]), ScannerConstants(**vars(SCANNER))
+    mean = stack.mean(axis=1, dtype=np.float64)
+    return CalibrationInput(mean, full_turn(60), rows, scanner, None, BUILT_IN_PHANTOMS["l-shape"], "0" * 64)
 
 
 @pytest.fixture(scope="module")
 def calibrated(stack):
     """With rows that nobody named: the input of those that were found, the calibration, and what was reported."""
     progress = []
-    return *run_calibration(given(stack), CalibrationOptions(), progress.append, stack=stack), progress
+    return *run_calibration(whole(stack), CalibrationOptions(), progress.append, stack=stack), progress
 
 
+@pytest.mark.slow
 def test_the_phantom_s_rows_are_found_used_and_reported(calibrated):
     narrowed, calibration, progress = calibrated
     result = calibration_result(calibration, narrowed)
@@ -62,6 +59,7 @@ def test_the_phantom_s_rows_are_found_used_and_reported(calibrated):
     assert fractions == sorted(fractions)
 
 
+@pytest.mark.slow
 def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_named(calibrated):
     narrowed, found, _ = calibrated
     _, named = run_calibration(narrowed, CalibrationOptions(), lambda _: None)
@@ -69,6 +67,7 @@ def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_na
     assert found.search == named.search
 
 
+@pytest.mark.slow
 def test_the_log_beside_the_phantom_is_heard_in_views_six_degrees_apart(stack, calibrated):
     narrowed, calibration, _ = calibrated
     after, combined = with_second_witness(
@@ -82,9 +81,139 @@ def test_the_log_beside_the_phantom_is_heard_in_views_six_degrees_apart(stack, c
     assert abs(witness.log.cor_column_mm - true.cor_column_mm) < 3.0 * witness.log_standard_deviation.cor_column_mm
 
 
-def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):
+@pytest.mark.slow
+def test_a_stack_of_log_rows_only_has_no_rows_of_the_phantom(stack):
     log = stack[:, PHANTOM_ROWS:]
-    assert _in_phantom_rows(given(log), log, CalibrationOptions(), lambda _: None) is None
     with pytest.raises(CalibrationError) as caught:
-        run_calibration(given(log), CalibrationOptions(), lambda _: None, stack=log)
+        run_calibration(whole(log), CalibrationOptions(), lambda _: None, stack=log)
     assert caught.value.code == "phantom-not-seen"
+
+
+@pytest.fixture
+def given(constants, sinogram, turn):
+    """The phantom in rows 3 to 5 of a scan; no row is judged by its drawing."""
+    return CalibrationInput(sinogram(turn(24)), turn(24), (3, 6), constants, None, None, "")
+
+
+@pytest.fixture
+def shadow(scanner, theta, turn):
+    """Of any body in the same scanner."""
+    seen_by = (DetectorCells.of(scanner), theta.source_frame(859.46), turn(24))
+    return lambda *shapes: project(Phantom("body", shapes), *seen_by, rays_per_cell=8)
+
+
+def test_a_log_is_looked_for_amid_the_longer_run_beside_the_phantom(given, shadow):
+    log = shadow(Disc((5.0, -3.0), 120.0))
+    assert find_log_row(given, (0, 12), lambda _: log).row == 9
+    assert find_log_row(given, (0, 7), lambda _: log).row == 1
+
+
+@pytest.mark.parametrize("rows", [(3, 6), (4, 5)])
+def test_without_rows_beside_the_phantom_nothing_is_read(given, rows):
+    assert find_log_row(given, rows, lambda _: pytest.fail("a row was read")) is None
+
+
+def test_air_and_more_of_the_phantom_are_no_log(given):
+    rng = np.random.default_rng(11)
+    noise = rng.normal(size=given.sinogram.shape) * 0.02 * given.sinogram.std()
+    assert find_log_row(given, (0, 12), lambda _: noise) is None
+    # The same phantom, thicker by a tenth and 2 % of noise on it.
+    assert find_log_row(given, (0, 12), lambda _: 1.1 * given.sinogram + noise) is None
+
+
+def test_a_log_as_large_as_the_phantom_is_one(given, shadow):
+    square = [(-130.0, -130.0), (130.0, -130.0), (130.0, 130.0), (-130.0, 130.0)]
+    for shape in (Disc((0.0, 0.0), 150.0), Polygon(tuple(square))):
+        row = shadow(shape)
+        assert find_log_row(given, (0, 12), lambda _, row=row: row) is not None
+
+
+@pytest.mark.slow
+def test_the_fits_after_the_search_are_progress(sinogram, constants, monkeypatch):
+    monkeypatch.setattr(calibrate, "STEPS_EVERY_S", 0.0)
+    angles = (np.arange(40) + 0.5) * TAU / 40
+    given = CalibrationInput(sinogram(angles), angles, (0, 1), constants, None, BUILT_IN_PHANTOMS["l-shape"], "0" * 64)
+    reported = []
+    run_calibration(given, CalibrationOptions(), reported.append)
+    last_round = max(i for i, one in enumerate(reported) if i == 0 or one.generation != reported[i - 1].generation)
+    assert last_round > 5, "steps of the search"
+    assert len(reported) - last_round > 5, "steps of the fits"
+    fractions = [one.fraction for one in reported]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] < calibrate.SEARCH_DONE
+
+
+def test_steps_without_end_go_on_being_progress():
+    now_s, reported = [0.0], []
+    reporting = calibrate.SearchProgress(reported.append, 0.5, monotonic=lambda: now_s[0])
+    for _ in range(2000):
+        now_s[0] += calibrate.STEPS_EVERY_S
+        reporting.on_step()
+    # After a million steps too, the next hundred are another fraction: it approaches its end by 1 / n.
+    for _ in range(1_000_000):
+        reporting.on_step()
+    for _ in range(2):
+        for _ in range(99):
+            reporting.on_step()
+        now_s[0] += calibrate.STEPS_EVERY_S
+        reporting.on_step()
+    fractions = [one.fraction for one in reported]
+    assert all(now > before for before, now in pairwise(fractions))
+    assert fractions[-1] < calibrate.SEARCH_DONE
+
+
+def test_steps_are_told_once_a_second_and_rounds_at_once():
+    now, reported = [0.0], []
+    reporting = calibrate.SearchProgress(reported.append, 0.0, monotonic=lambda: now[0])
+    for _ in range(50):
+        now[0] += 0.1
+        reporting.on_step()
+    assert 4 <= len(reported) <= 5
+    reporting.on_round(1, 3, math.inf)
+    assert (reported[-1].generation, reported[-1].best_value) == (1, None)
+
+
+BOARD = {"kind": "polygon", "vertices_mm": [(-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)]}
+ACROSS = {"what": "x", "measured_mm": 200.0, "standard_uncertainty_mm": 0.2, "moisture_percent": 12.0}
+ALONG = {"what": "y", "measured_mm": 300.0, "standard_uncertainty_mm": 0.06, "instrument": "caliper 12"}
+
+
+def drawing(*measurements, **stated):
+    return PhantomAsk(name="our board", shapes=[BOARD], measurements=list(measurements), **stated)
+
+
+def reasons(*measurements, today="2021-06-01"):
+    return list(calibrate.measurement_reasons(drawing(*measurements), date.fromisoformat(today)))
+
+
+def test_measured_sides_give_the_size_tolerance_where_none_is_stated():
+    # 0.1 % and 0.02 %: the root of the mean of their squares.
+    assert drawing(ACROSS, ALONG).size_tolerance == pytest.approx((0.5 * (0.001**2 + 0.0002**2)) ** 0.5)
+    assert drawing(ACROSS, size_tolerance=0.003).size_tolerance == 0.003
+    assert drawing().size_tolerance == 0.0015
+
+
+def test_what_was_measured_is_kept_as_it_is_stored():
+    known = drawing(ACROSS | {"measured_on": "2021-01-31", "expires_on": "2022-01-31", "nominal_mm": 200.0}, ALONG)
+    assert PhantomDrawing.model_validate(known.model_dump(mode="json")).model_dump() == known.model_dump()
+
+
+def test_a_measurement_that_is_none_is_refused_with_its_value():
+    with pytest.raises(ValidationError, match="standard_uncertainty_mm 25 of measured_mm 200 must be less than 10%"):
+        drawing(ACROSS | {"standard_uncertainty_mm": 25.0})
+
+
+def test_a_measurement_that_has_expired_is_a_reason_from_the_day_after():
+    dated = ACROSS | {"measured_on": "2020-05-31", "expires_on": "2021-05-31"}
+    assert reasons(dated, today="2021-05-31") == []
+    (found,) = reasons(dated)
+    assert found.startswith("The phantom's measurement of x expired on 2021-05-31. Measure it again. It was 200.00 mm")
+
+
+def test_a_drawing_that_is_not_as_measured_is_a_reason():
+    # Three standard uncertainties of 0.06 mm.
+    assert reasons(ALONG | {"measured_mm": 300.17}) == []
+    (found,) = reasons(ALONG | {"measured_mm": 300.19})
+    assert "drawn 300.00 mm along y, and was measured as 300.19 mm" in found
+    # A length that is no extent of the drawing is not compared with one.
+    assert reasons(ALONG | {"what": "the notch", "measured_mm": 40.0}) == []

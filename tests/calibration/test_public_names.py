@@ -22,15 +22,8 @@ SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "
 def run(script: str, folder: Path) -> str:
     """The output of a script in a fresh interpreter that finds its modules where this one does."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
+    command, printed = [sys.executable, "-W", "error", "-c", script], {"capture_output": True, "text": True}
+    done = subprocess.run(command, cwd=folder, env=environment, timeout=240, check=False, **printed)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -41,21 +34,13 @@ def test_importing_the_package_imports_nothing_slow(tmp_path):
 
 
 def test_a_geometry_needs_numpy_alone(tmp_path):
-    script = (
-        "import sys, sawmill_calibration as s; s.Theta, s.Scanner, s.FanBeamGeometry, s.Phantom; print(*sys.modules)"
-    )
-    loaded = set(run(script, tmp_path).split())
-    assert loaded & SLOW_TO_IMPORT == {"numpy"}
+    script = "import sys, sawmill_calibration as s; s.Theta, s.Scanner, s.FanBeamGeometry, s.Phantom"
+    assert set(run(f"{script}; print(*sys.modules)", tmp_path).split()) & SLOW_TO_IMPORT == {"numpy"}
 
 
 @pytest.mark.slow
 def test_nothing_needs_matplotlib_before_a_plot(tmp_path):
-    script = """
-import sys
-from sawmill_calibration import *
-loaded = set(sys.modules)
-print(*loaded)
-"""
+    script = "import sys; from sawmill_calibration import *; print(*sys.modules)"
     assert "matplotlib" not in run(script, tmp_path).split()
 
 
@@ -93,9 +78,8 @@ def test_the_options_are_those_of_the_contracts():
     assert {f"`{name}`" for name in ReconstructionOptions.model_fields} == rows.keys()
     assert rows["`size`"] == "an integer, at least 16, at most 4096"
     assert rows["`method`"].startswith("`fbp`, `tikhonov`")
-    assert {f"`paper.{name}`" for name in PaperOptions.model_fields} <= {
-        row[0] for row in option_rows(CalibrationOptions)
-    }
+    named = {row[0] for row in option_rows(CalibrationOptions)}
+    assert {f"`paper.{name}`" for name in PaperOptions.model_fields} <= named
 
 
 def test_another_name_is_an_attribute_error():

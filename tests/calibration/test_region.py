@@ -46,7 +46,7 @@ def scan():
 
 def made(given, **options):
     asked = ReconstructionOptions(**{"method": "fbp", "metal": "none", **options})
-    return reconstruct_in_memory(given, asked, lambda _: None)
+    return reconstruct_in_memory(given, given.geometry, asked, lambda _: None)
 
 
 def test_a_region_by_fbp_has_the_values_of_the_whole(scan):
@@ -135,8 +135,9 @@ def test_an_attempt_that_goes_on_takes_the_weight_that_was_chosen(scan, tmp_path
             return self.settings if name == "settings" else None
 
     keeper, asked = Kept(), ReconstructionOptions(method="total_variation", coupling="none", **REGION)
-    chosen = run_reconstruction(scan(rows=ROWS), asked, tmp_path / "one.h5", lambda _: None, keeper)
-    again = run_reconstruction(scan(rows=ROWS), asked, tmp_path / "two.h5", lambda _: None, keeper)
+    given = scan(rows=ROWS)
+    chosen = run_reconstruction(given, given.geometry, asked, tmp_path / "one.h5", lambda _: None, keeper)
+    again = run_reconstruction(given, given.geometry, asked, tmp_path / "two.h5", lambda _: None, keeper)
     assert keeper.settings is not None
     assert b"outside_weight" in bytes(keeper.settings["settings"])
     # Chosen again, the weight could differ in rounding only; it is the work that must not be done again.

@@ -1,16 +1,13 @@
 """`sawmill backup`, `restore` and `copy-to-postgresql` as a person gives them, and what the doctor says of backups."""
 
-import json
 import shutil
 from contextlib import closing
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
-from sawmill_platform.backups.taking import Newest
 from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
+from sawmill_platform.files.file_store import LAST_BACKUP
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import sole_service
 from sawmill_store.store import Store
@@ -63,14 +60,11 @@ def test_a_backup_that_cannot_be_noted_is_there_still(run, data, tmp_path):
     assert "is whole." in run("restore", made.stdout.strip(), "--check").stderr
 
 
-def test_a_folder_that_is_served_is_refused_with_who_serves_it(run, data, tmp_path):
+def test_a_folder_that_is_served_and_one_that_is_not_there_are_refused(run, data, tmp_path, wrong_use):
     backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
     with sole_service(StorageSettings(data_folder=data)):
         assert "is served by process" in run("restore", backup, "--data", data, code=1).stderr
         run("backup", tmp_path / "disk", "--data", data)
-
-
-def test_a_backup_into_nowhere_is_one_sentence(run, data, tmp_path, wrong_use):
     said = run("backup", tmp_path / "none", "--data", data, code=1).stderr
     assert said.startswith("There is no backup: there is no folder")
     assert "Missing argument 'FOLDER'" in wrong_use("backup")
@@ -83,29 +77,3 @@ def test_rows_are_copied_from_sqlite_into_the_database_of_the_settings(run, data
         assert "is served by process" in run("copy-to-postgresql", "--data", data, code=1).stderr
     assert "rows were copied: the service may start" in run("copy-to-postgresql", "--data", data).stderr
     assert "line 2" in run("key", "list", "--data", data).stdout
-
-
-@pytest.mark.slow
-def test_the_doctor_tells_how_old_the_newest_backup_is(run, data, tmp_path):
-    def found(code: int = 0) -> dict[str, str]:
-        findings = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
-        return next(each for each in findings if each["subject"] == "backup")
-
-    assert found()["state"] == "watch"
-    assert "sawmill backup FOLDER" in found()["cure"]
-    backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
-    assert (found()["state"], found()["sentence"]) == ("good", f"the newest is 0.0 days old: {backup}")
-    taken_at = datetime.now(UTC) - timedelta(days=9)
-    for lacking, state, code in ((0, "watch", 0), (2, "bad", 1)):
-        (data / LAST_BACKUP).write_text(Newest(path=backup, taken_at=taken_at, lacking=lacking).model_dump_json())
-        assert found(code)["state"] == state
-        assert "9.0 days old" in found(code)["sentence"]
-
-
-def test_the_doctor_knows_a_restore_that_was_killed(run, tmp_path):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / RESTORING).touch()
-    findings = json.loads(run("doctor", "--data", tmp_path / "data", "--json", code=1).stdout)["findings"]
-    (one,) = [each for each in findings if each["state"] == "bad"]
-    assert "was ended before its end" in one["sentence"]
-    assert "sawmill restore BACKUP" in one["cure"]

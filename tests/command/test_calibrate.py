@@ -35,26 +35,15 @@ def error_mm(document) -> float:
     return ray_error(SCANNER, TRUTH.source_frame(859.46), found).rms_mm
 
 
-def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):
-    result = run("calibrate", phantom_scan, *KNOWN, *L, "--json")
-    document = json.loads(result.stdout)
+def test_the_answer_is_near_the_truth_and_reports_how_well_everything_is_known(result_file):
+    document = json.loads(result_file.read_text())
     assert error_mm(document) < 0.05
-    assert document["state"] == "succeeded"
-    assert document["scanner"] == {
-        "source_to_cor_mm": 859.46,
-        "num_detector_pixels": 256,
-        "detector_pitch_mm": 4.508593749,
-        "row_pitch_mm": 2.0,
-        "detector_modules": [],
-    }
+    assert (document["state"], document["status"]) == ("succeeded", "calibrated")
+    pitches = {"detector_pitch_mm": 4.508593749, "row_pitch_mm": 2.0, "detector_modules": []}
+    assert document["scanner"] == {"source_to_cor_mm": 859.46, "num_detector_pixels": 256} | pitches
     assert (document["views"], document["rows"], document["phantom"]) == (60, [0, 2], "L-shape")
     assert (document["handedness"], document["rotation"]) == ("as-drawn", "as-given")
-    assert document["search"]["seed"] == 7
-    assert len(document["input_sha256"]) == 64
-
-
-def test_the_answer_reports_how_well_everything_is_known(run, phantom_scan):
-    document = calibrated(run, phantom_scan, *KNOWN, *L)
+    assert (document["search"]["seed"], len(document["input_sha256"])) == (7, 64)
     deviations = list(document["standard_deviation"]["theta"].values())
     np.testing.assert_allclose(np.sqrt(np.diag(document["theta_covariance"])), deviations)
     predicted = document["predicted_ray_error_mm"]
@@ -64,22 +53,16 @@ def test_the_answer_reports_how_well_everything_is_known(run, phantom_scan):
     assert behind[0] == 0.0
     # The L from the wrong side leaves far more than noise: the choice is not close.
     assert min(behind[1:]) > 1000.0
-    assert document["status"] == "calibrated"
-
-
-def test_people_get_a_table(run, phantom_scan):
-    result = run("calibrate", phantom_scan, *KNOWN, *L)
-    assert "detector tilt alpha_D" in result.stdout
-    assert "Calibration with L-shape" in result.stdout
 
 
 def test_an_array_without_angles_and_pitch_takes_them_from_flags(run, bare_scan):
     assert error_mm(calibrated(run, bare_scan, *BARE, "--angles-deg", "3:6")) < 0.05
 
 
-def test_fewer_views_keep_their_own_angles(run, phantom_scan):
-    document = calibrated(run, phantom_scan, *KNOWN, *L, "--views", 20)
-    assert document["views"] == 20
+def test_fewer_views_keep_their_own_angles_and_flags_limit_what_is_tried(run, phantom_scan):
+    limits = ("--handedness", "as-drawn", "--rotation", "as-given")
+    document = calibrated(run, phantom_scan, *KNOWN, *L, "--views", 20, *limits)
+    assert (document["views"], len(document["hypotheses"])) == (20, 1)
     assert error_mm(document) < 0.1
     psi = TRUTH.source_frame(859.46).psi_rad
     assert abs(math.degrees(document["source_frame"]["psi_rad"] - psi)) < 0.2
@@ -93,16 +76,11 @@ def test_rows_are_averaged(run, phantom_scan, result_file):
     assert ratio == pytest.approx(math.sqrt(2), rel=0.05)
 
 
-def test_handedness_and_rotation_limit_what_is_tried(run, phantom_scan):
-    document = calibrated(run, phantom_scan, *KNOWN, *L, "--handedness", "as-drawn", "--rotation", "as-given")
-    assert len(document["hypotheses"]) == 1
-
-
 def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
     scan = tmp_path / "stack.h5"
     scanner = ("--source-to-cor-mm", "859.46", "--detector-pitch-mm", "4.508593749")
     body = ("log-with-phantom", "--theta", "2.55,714.7,319.9,43.7,0.281", *scanner, "--detector-pixels", 256)
-    run("simulate", *body, "--views", 40, "--rows", 6, "--phantom-rows", 4, "-o", scan)
+    run("simulate", *body, "--views", 20, "--rows", 6, "--phantom-rows", 4, "-o", scan)
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, *L)
     found = calibrated(run, scan, *flags)
     assert found["rows"] == [0, 4]
@@ -116,9 +94,11 @@ def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
     assert error_mm(whole) > 4.0 * error_mm(found)
 
 
-def test_the_report_is_a_picture_or_a_page_as_its_name_says(run, phantom_scan, tmp_path):
+def test_people_get_a_table_and_a_report_that_is_a_picture_or_a_page_as_its_name_says(run, phantom_scan, tmp_path):
     for name in ("out.png", "out.html"):
-        run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--json", "--report", tmp_path / name)
+        table = run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--report", tmp_path / name).stdout
+        assert "detector tilt alpha_D" in table
+        assert "Calibration with L-shape" in table
     with Image.open(tmp_path / "out.png") as picture:
         assert picture.format == "PNG"
         assert min(picture.size) > 500
@@ -144,9 +124,8 @@ def test_the_published_search_has_its_own_switches(run, phantom_scan):
 
 def test_a_verdict_of_fail_is_an_answer(run, phantom_scan, tmp_path):
     half = [[1.01 * x, 0.93 * y] for x, y in L_SHAPE.shapes[0].vertices_mm]
-    (tmp_path / "l.json").write_text(
-        json.dumps({"name": "not quite", "shapes": [{"kind": "polygon", "vertices_mm": half}]})
-    )
+    drawing = {"name": "not quite", "shapes": [{"kind": "polygon", "vertices_mm": half}]}
+    (tmp_path / "l.json").write_text(json.dumps(drawing))
     document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
     assert document["verdict"] != "pass"
     assert document["reasons"]
@@ -178,6 +157,11 @@ def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_sc
     assert pitch["code"] == "detector-pitch-missing"
     assert "--detector-pitch-mm" in pitch["detail"]
     (tmp_path / "text.h5").write_text("no scan")
+    noise = np.random.default_rng(5).standard_normal((24, 1, 256)).astype(np.float32)
+    np.save(tmp_path / "noise.npy", noise)
+    np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
+    narrow = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
+    assert (narrow["code"], "num_detector_pixels is 4" in narrow["detail"]) == ("out-of-range", True)
     for scan, flags, code in (
         (bare_scan, BARE, "angles-missing"),
         (phantom_scan, (*KNOWN, *L, "--rows", "1:3"), "rows-outside"),
@@ -186,23 +170,10 @@ def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_sc
         (phantom_scan, (*BARE[:-3], 4.5, *L), "contradiction"),
         (phantom_scan, (*BARE, "--row-pitch-mm", 3), "contradiction"),
         (tmp_path / "text.h5", BARE, "unknown-format"),
+        (tmp_path / "noise.npy", (*BARE, "--angles-deg", "7.5:15"), "phantom-not-seen"),
     ):
-        assert failure("calibrate", scan, *flags)["code"] == code
-
-
-def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
-    noise = np.random.default_rng(5).standard_normal((24, 1, 256)).astype(np.float32)
-    np.save(tmp_path / "noise.npy", noise)
-    reported = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "7.5:15")
-    assert reported["kind"] == "input"
-    assert reported["code"] == "phantom-not-seen"
-
-
-def test_a_detector_that_no_scanner_has_is_refused(failure, tmp_path):
-    np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
-    reported = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
-    assert reported["code"] == "out-of-range"
-    assert "num_detector_pixels is 4" in reported["detail"]
+        reported = failure("calibrate", scan, *flags)
+        assert (reported["kind"], reported["code"]) == ("input", code)
 
 
 def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path):
@@ -251,7 +222,7 @@ def test_refusals_are_one_sentence_for_people(run, bare_scan):
         ((*KNOWN, *L, "--detector-pitch-mm", -1), "must be above 0 and at most 100000, not -1.0"),
         ((*KNOWN, *L, "--angles-deg", "one:two"), "an angle must be a number of degrees"),
         ((*KNOWN, *L, "--angles-deg", "0:0"), "must not be 0 degrees"),
-        ((*KNOWN, *L, "--rows", "4"), "'--rows': rows must be A:B"),
+        ((*KNOWN, *L, "--angles-deg", "3:6", "--angles-file", __file__), "not both"),
         ((*KNOWN, *L, "--rows", "4:4"), "'--rows': rows must be A:B"),
         ((*KNOWN, *L, "--views", 2), "--views"),
         ((*KNOWN, *L, "--seed", -1), "--seed"),
@@ -268,11 +239,6 @@ def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, 
     scan = tmp_path / "scan.h5"
     scan.write_text("whoever reads this finds that it is no scan")
     assert complaint in wrong_use("calibrate", scan, *flags)
-
-
-def test_angles_are_given_once(wrong_use, bare_scan):
-    angles = ("--angles-deg", "3:6", "--angles-file", bare_scan)
-    assert "not both" in wrong_use("calibrate", bare_scan, *BARE, *angles)
 
 
 def test_a_picture_needs_its_width_and_a_drawing_none(wrong_use, bare_scan, tmp_path):

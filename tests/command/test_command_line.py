@@ -1,9 +1,12 @@
-"""How every command reads its line: what is missing, what is misspelt, and what a shell completes."""
+"""How every command reads its line, what a shell completes, and how a command reports that it has no answer."""
 
+import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,10 @@ from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_contracts.calibrations import CalibrationOptions, PaperOptions
-from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_contracts.scans import PrepareOptions
-from sawmill_worker.commands.from_contract import FieldBounds
+from sawmill_vocabulary import Progress
+from sawmill_worker.commands.terminal import answering, say, showing_progress
 
 SAWMILL = Path(sys.executable).with_name("sawmill")
 
@@ -26,10 +29,6 @@ def scan(tmp_path):
     path = tmp_path / "scan.h5"
     path.write_text("whoever reads this finds that it is no scan")
     return path
-
-
-def options_of(command: str):
-    return {parameter.name: parameter for parameter in typer.main.get_command(main).commands[command].params}
 
 
 @pytest.mark.parametrize(
@@ -43,27 +42,14 @@ def options_of(command: str):
     ],
 )
 def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contract, prefix):
-    options = options_of(command)
+    parameters = typer.main.get_command(main).commands[command].params
+    options = {parameter.name: parameter for parameter in parameters}
     fields = {name: field for name, field in contract.model_fields.items() if name != "paper"}
     for name, field in fields.items():
         flag = options[prefix + name]
         assert f"--{(prefix + name).replace('_', '-')}" in flag.opts
         assert field.description
         assert flag.help.replace("\\[", "[") == field.description
-
-
-@pytest.mark.parametrize(
-    ("contract", "name", "words"),
-    [
-        (PlanOptions, "noise", "above 0 and at most 1"),
-        (CalibrationOptions, "views", "at least 3"),
-        (CalibrationOptions, "seed", "at least 0 and at most 4294967295"),
-        (ReconstructionOptions, "sigma", "above 0"),
-        (ReconstructionOptions, "method", ""),
-    ],
-)
-def test_bounds_are_a_contract_s(contract, name, words):
-    assert str(FieldBounds.of(contract, name)) == words
 
 
 def test_all_that_is_missing_is_named_at_once(wrong_use, scan):
@@ -82,10 +68,6 @@ def test_arguments_choices_between_flags_and_what_a_flag_needs_are_named_too(wro
     assert "option '--data'" in needed
     assert "option '--source-to-cor-mm'" in needed
     assert "--calibration'" not in needed
-
-
-def test_what_is_wrong_is_named_before_what_is_missing(wrong_use, scan):
-    assert "'counted' is not one of" in wrong_use("calibrate", scan, "--data", "counted")
 
 
 @pytest.mark.parametrize(
@@ -109,8 +91,10 @@ def test_a_misspelt_name_gets_the_nearest_one(wrong_use, scan, monkeypatch, line
     assert "Value error" not in complaint
 
 
-def test_a_name_that_is_near_to_nothing_gets_no_suggestion(wrong_use, scan):
-    assert "Did you mean" not in wrong_use("calibrate", scan, "--data", "x")
+def test_what_is_wrong_is_named_before_what_is_missing_and_nothing_is_suggested_that_is_not_near(wrong_use, scan):
+    complaint = wrong_use("calibrate", scan, "--data", "x")
+    assert "'x' is not one of" in complaint
+    assert "Did you mean" not in complaint
 
 
 def question(shell: str, line: str) -> dict[str, str]:
@@ -124,12 +108,6 @@ def answer(shell: str, line: str) -> str:
     done = CliRunner().invoke(main, prog_name="sawmill", env=question(shell, line))
     assert done.exit_code == 0
     return done.stdout
-
-
-def choices_in(shell: str, answered: str) -> set[str]:
-    if shell == "bash":
-        return set(answered.split())
-    return {line.split('"')[1] for line in answered.splitlines() if '"' in line}
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
@@ -146,7 +124,9 @@ def choices_in(shell: str, answered: str) -> set[str]:
     ],
 )
 def test_a_shell_completes_commands_flags_values_and_phantoms(shell, line, choices):
-    assert choices_in(shell, answer(shell, line)) == choices
+    answered = answer(shell, line)
+    of_zsh = {each.split('"')[1] for each in answered.splitlines() if '"' in each}
+    assert (set(answered.split()) if shell == "bash" else of_zsh) == choices
 
 
 def test_zsh_offers_files_where_nothing_else_fits():
@@ -174,3 +154,70 @@ def test_completion_is_installed_for_a_shell(shell, tmp_path):
     subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
     scripts = [path.read_text() for path in tmp_path.rglob("*sawmill*") if path.is_file()]
     assert any("_SAWMILL_COMPLETE" in script for script in scripts)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "code"),
+    [(OSError("no space"), "passing", "file-system"), (MemoryError(), "input", "out-of-memory")],
+)
+def test_troubles_of_the_machine_are_reported(capsys, error, kind, code):
+    with pytest.raises(typer.Exit) as ended, answering(as_json=True):
+        raise error
+    reported = capsys.readouterr()
+    failure = json.loads(reported.out)["failure"]
+    assert ended.value.exit_code == 1
+    assert (failure["kind"], failure["code"]) == (kind, code)
+    assert reported.err == f"{code}: {failure['detail']}\n"
+
+
+def test_a_defect_is_reported_and_keeps_its_traceback(capsys):
+    defect = ZeroDivisionError("oops")
+    with pytest.raises(ZeroDivisionError) as raised, answering(as_json=True):
+        raise defect
+    assert raised.value is defect
+    assert json.loads(capsys.readouterr().out)["failure"]["kind"] == "internal"
+
+
+def test_sigterm_ends_a_command_as_an_exit_does_and_is_nobody_s_afterwards(capsys):
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended, answering(as_json=True):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert ended.value.code == 143
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert capsys.readouterr().out == ""
+
+
+class _Callback:
+    """What it raises on its way out nobody catches, as of a callback of the interpreter's."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_sigterm_that_gets_lost_ends_the_command_at_its_next_report():
+    reached = []
+
+    def command():
+        with answering(), showing_progress("counting") as report:
+            _Callback()
+            reached.append("the next report")
+            report(Progress(fraction=0.5, stage="half"))
+            reached.append("more")
+
+    with pytest.raises(SystemExit) as ended:
+        command()
+    assert (ended.value.code, reached) == (143, ["the next report"])
+    with answering(), showing_progress("counting") as report:
+        report(Progress(fraction=0.5, stage="half"))
+
+
+def test_a_long_sentence_stays_one_line_and_brackets_stay_brackets(capsys):
+    sentence = "[bold]" + "a path of some length/" * 20
+    say(sentence)
+    assert capsys.readouterr().err == sentence + "\n"
+
+
+def test_a_command_whose_standard_error_is_closed_shows_no_progress():
+    with redirect_stderr(None), showing_progress("counting") as report:
+        report(Progress(fraction=0.5, stage="half"))

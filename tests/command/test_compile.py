@@ -1,16 +1,22 @@
-"""`sawmill compile`: the kernels of every part, in processes of their own."""
+"""`sawmill compile`, in processes of their own, and the examples of a new data folder: recorded files."""
 
 import os
 import subprocess
 import sys
+from contextlib import closing
 from importlib.util import cache_from_source
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import sawmill_service
 import sawmill_worker
+from sawmill_command.examples import record
+from sawmill_command.seeding import PHANTOM_FILE, RECORDED, STACK_FILE, seed_examples
+from sawmill_platform.settings import StorageSettings
+from sawmill_store.store import Store
 from sawmill_tomography.warm_up import PARTS
 from sawmill_worker.commands.compile import bytecode_folders, compile_bytecode, compile_kernels
 
@@ -98,3 +104,33 @@ def test_byte_code_is_that_of_our_code_and_of_the_libraries():
     for package in (sawmill_service, sawmill_worker, np):
         folders = Path(package.__file__).parents
         assert {str(folder) for folder in folders} & bytecode_folders()
+
+
+MOST_BYTES = 5 * 2**20
+COUNTS = "entry/instrument/detector/data"
+
+
+def test_the_examples_are_made_once_in_the_life_of_a_data_folder(tmp_path):
+    with closing(Store.open(StorageSettings(data_folder=tmp_path, database_url=None))) as store:
+        seed_examples(store)
+        assert {each.id for each in store.scanners.page().items} == {"example", "example-spare"}
+        (tmp_path / "examples/complete").unlink()
+        seed_examples(store)  # after an interruption
+        assert len(store.scans.page().items) == 2
+        assert (tmp_path / "examples" / PHANTOM_FILE).read_bytes() == (RECORDED / PHANTOM_FILE).read_bytes()
+    assert sum(path.stat().st_size for path in RECORDED.iterdir()) < MOST_BYTES
+
+
+@pytest.mark.nightly
+def test_the_recorded_files_are_those_that_the_simulator_makes(tmp_path):
+    record(tmp_path)
+    with h5py.File(tmp_path / STACK_FILE) as made, h5py.File(RECORDED / STACK_FILE) as recorded:
+        assert_as_simulated(made[COUNTS][()], recorded[COUNTS][()])
+    with np.load(tmp_path / PHANTOM_FILE) as made, np.load(RECORDED / PHANTOM_FILE) as recorded:
+        assert_as_simulated(made["projections"], recorded["projections"])
+
+
+def assert_as_simulated(made, recorded):
+    """Another machine rounds the mean of a count differently now and then, and draws another photon."""
+    assert made.shape == recorded.shape
+    assert np.mean(made != recorded) < 1e-3

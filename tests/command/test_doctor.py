@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,10 @@ from sawmill_command.doctor.machine import State
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.backups.taking import Newest
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.errors import StorageMisconfigured
+from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import refuse_second, serving_process, sole_service
 from sawmill_service.settings import ServiceSettings
@@ -41,26 +44,35 @@ def data(empty_data, tmp_path):
 
 
 @pytest.fixture
-def found(run, data):
-    """What the doctor finds of one subject that is not good, on the folder."""
+def findings(run, data):
+    """What the doctor finds on the folder, of one subject where it is named."""
 
-    def ask(subject: str, *, code: int = 1) -> dict[str, str]:
-        findings = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
-        (one,) = [each for each in findings if each["subject"] == subject and each["state"] != "good"]
+    def ask(subject=None, *, code=0):
+        found = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
+        return [each for each in found if subject in {None, each["subject"]}]
+
+    return ask
+
+
+@pytest.fixture
+def found(findings):
+    """The one finding of a subject that is not good."""
+
+    def ask(subject, *, code=1):
+        (one,) = [each for each in findings(subject, code=code) if each["state"] != "good"]
         assert one["cure"]
         return one
 
     return ask
 
 
-def test_an_installation_in_order_has_nothing_bad(run, data):
-    findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
-    subjects = {finding["subject"] for finding in findings}
+def test_an_installation_in_order_has_nothing_bad(findings, run, data):
+    found = findings()
     expected = {"settings", "versions", "kernels", "memory", "open files", "user", "confinement", "data folder", "disk"}
     expected |= {"address", "database", "tables", "files", "workers", "clock", "Redis", "webhooks", "backup"}
-    assert subjects == expected
-    assert [each for each in findings if each["state"] == "bad"] == []
-    (user,) = [each for each in findings if each["subject"] == "user"]
+    assert {finding["subject"] for finding in found} == expected
+    assert [each for each in found if each["state"] == "bad"] == []
+    (user,) = [each for each in found if each["subject"] == "user"]
     assert user["state"] == ("watch" if os.geteuid() == 0 else "good")
     printed = run("doctor", "--data", data).stdout
     assert "SQLite" in printed
@@ -73,16 +85,13 @@ def test_a_folder_that_is_not_there_is_not_made(run, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_who_serves_the_folder_is_named(run, data):
+def test_who_serves_the_folder_is_named_and_on_postgresql_several_may(run, data):
     with sole_service(StorageSettings(data_folder=data)):
         assert f"process {os.getpid()} serves the data folder" in run("doctor", "--data", data).stdout
         with pytest.raises(StorageMisconfigured, match=f"served by process {os.getpid()} already"):
             refuse_second(StorageSettings(data_folder=data))
     refuse_second(StorageSettings(data_folder=data))
-
-
-def test_on_postgresql_several_services_are_allowed(tmp_path):
-    settings = StorageSettings(data_folder=tmp_path, database_url="postgresql://sawmill@db.mill.example/sawmill")
+    settings = StorageSettings(data_folder=data, database_url="postgresql://sawmill@db.mill.example/sawmill")
     with sole_service(settings), sole_service(settings):
         refuse_second(settings)
 
@@ -91,6 +100,11 @@ def tables_of(data, revision, version):
     with sqlite3.connect(data / "sawmill.db") as connection:
         connection.execute("UPDATE alembic_version SET version_num = ?, product_version = ?", (revision, version))
     connection.close()
+
+
+def revision_of(data):
+    with closing(sqlite3.connect(data / "sawmill.db")) as connection:
+        return connection.execute("SELECT version_num FROM alembic_version").fetchone()[0]
 
 
 @pytest.mark.parametrize(
@@ -108,11 +122,16 @@ LATER = f"has tables of version 9.0.0 (revision 9999), which this program, versi
 
 
 @pytest.mark.parametrize("command", ["audit", "backup", "key list", "migrate"])
-def test_commands_stop_at_tables_of_a_later_version(run, data, tmp_path, command):
+def test_commands_stop_at_tables_of_a_later_version_or_of_no_release(run, data, tmp_path, command):
     tables_of(data, "9999", "9.0.0")
     arguments = [tmp_path] if command == "backup" else []
     ended = run(*command.split(), *arguments, "--data", data, code=1)
     assert LATER in " ".join(ended.stderr.split())
+    assert list(tmp_path.glob("sawmill-*")) == [], "no backup"
+    tables_of(data, "0020", None)
+    ended = run(*command.split(), *arguments, "--data", data, code=1)
+    assert f"tables of revision 0020, which this program, version {VERSION}" in " ".join(ended.stderr.split())
+    assert revision_of(data) == "0020", "they stay"
 
 
 @pytest.mark.nightly
@@ -128,12 +147,10 @@ def test_services_stop_at_tables_of_a_later_version(data, command):
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):
     tables_of(data, "0001", None)
     assert "take a backup" in found("database", code=0)["cure"]
-    connection = sqlite3.connect(data / "sawmill.db")
-    assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
-    connection.close()
+    assert revision_of(data) == "0001"
 
 
-def test_a_damaged_database(found, data):
+def test_a_damaged_and_a_destroyed_database(found, data):
     connection = sqlite3.connect(data / "sawmill.db")
     connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'phantoms'").fetchone()
@@ -143,6 +160,8 @@ def test_a_damaged_database(found, data):
         file.seek((page - 1) * size)
         file.write(b"\xff" * 64)
     assert "restore the last backup" in found("tables")["cure"]
+    (data / "sawmill.db").write_bytes(b"no database" * 1000)
+    assert "restore the last backup" in found("database")["cure"]
 
 
 def test_files_that_are_lost_are_counted_and_named(found, run, data):
@@ -221,11 +240,6 @@ def test_who_only_looks_keeps_no_service_from_starting(data):
         thread.join()
 
 
-def test_a_destroyed_database(found, data):
-    (data / "sawmill.db").write_bytes(b"no database" * 1000)
-    assert "restore the last backup" in found("database")["cure"]
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(os.getuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv")
 def test_a_folder_of_another_user_is_found_by_one_who_may_not_read_it(data):
@@ -243,21 +257,6 @@ def test_a_folder_of_another_user_is_found_by_one_who_may_not_read_it(data):
     assert found["data folder"]["cure"] == f"run as user 12345, or change the owner: chown -R USER {data}"
 
 
-def test_on_postgresql_what_listens_may_be_the_service():
-    with machine.listen("127.0.0.1", 0, guarded=True) as taken:
-        settings = ServiceSettings(port=taken.getsockname()[1])
-        assert machine.address(settings, may_be_ours=True).state is State.GOOD
-        assert machine.address(settings, may_be_ours=False).state is State.BAD
-
-
-def test_the_disk_s_own_folder_is_nobody_s_fault(run, data):
-    if os.getuid() != 0:
-        pytest.skip("only root can give files away")
-    (data / "lost+found").mkdir()
-    os.chown(data / "lost+found", 12345, -1)
-    run("doctor", "--data", data)
-
-
 @pytest.mark.usefixtures("read_only_disk")
 def test_a_disk_that_is_mounted_read_only(found):
     finding = found("data folder")
@@ -265,24 +264,18 @@ def test_a_disk_that_is_mounted_read_only(found):
     assert "chown" not in finding["cure"]
 
 
-@pytest.mark.parametrize("content", [None, "of another service"])
-def test_a_data_folder_that_is_not_the_database_s(found, data, content):
+def test_a_data_folder_that_is_not_the_database_s_or_whose_identity_cannot_be_read(found, data):
     identity = data / "identity"
     expected = identity.read_text().strip()
-    identity.unlink() if content is None else identity.write_text(content)
-    finding = found("data folder")
-    assert str(data) in finding["sentence"]
-    assert f"the database expects the folder with the identity {expected}" in finding["sentence"]
-    assert finding["cure"].startswith("mount the folder")
-
-
-def test_an_identity_that_cannot_be_read(found, data):
-    (data / "identity").unlink()
-    (data / "identity").mkdir()
-    finding = found("data folder")
-    assert finding["sentence"].startswith(
-        f"the file 'identity' of the data folder '{data}' cannot be read by this user"
-    )
+    for change in (lambda: identity.write_text("of another service"), identity.unlink):
+        change()
+        finding = found("data folder")
+        assert str(data) in finding["sentence"]
+        assert f"the database expects the folder with the identity {expected}" in finding["sentence"]
+        assert finding["cure"].startswith("mount the folder")
+    identity.mkdir()
+    unreadable = f"the file 'identity' of the data folder '{data}' cannot be read by this user"
+    assert found("data folder")["sentence"].startswith(unreadable)
 
 
 def test_a_data_folder_with_files_and_a_new_database(found, data):
@@ -291,28 +284,28 @@ def test_a_data_folder_with_files_and_a_new_database(found, data):
     assert "has files, and the database is new and knows none of them" in found("database")["sentence"]
 
 
-def test_what_another_user_left(found, data):
-    if os.getuid() != 0:
-        pytest.skip("only root can give files away")
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give files away")
+def test_what_another_user_left_but_for_the_disk_s_own_folder(found, run, data):
+    (data / "lost+found").mkdir()
+    os.chown(data / "lost+found", 12345, -1)
+    run("doctor", "--data", data)
     os.chown(data / "uploads" if (data / "uploads").exists() else data / "scans", 12345, -1)
     finding = found("data folder")
     assert "belongs to user 12345," in finding["sentence"]
     assert finding["cure"].startswith("chown -R ")
 
 
-def test_a_folder_that_others_may_write_to(found, data):
-    data.chmod(0o777)
-    assert found("data folder")["cure"] == f"chmod go-w {data}"
-
-
-def test_a_folder_that_all_users_may_read(found, data):
+@pytest.mark.parametrize(("mode", "code", "change"), [(0o777, 1, "go-w"), (0o755, 0, "o-rwx")])
+def test_a_folder_that_others_may_write_to_or_read(found, data, mode, code, change):
     assert data.stat().st_mode & 0o777 == 0o700, "as the service makes it"
-    data.chmod(0o755)
-    assert found("data folder", code=0)["cure"] == f"chmod o-rwx {data}"
+    data.chmod(mode)
+    assert found("data folder", code=code)["cure"] == f"chmod {change} {data}"
 
 
-def test_a_port_that_is_taken(found, monkeypatch):
+def test_a_port_that_is_taken_on_postgresql_perhaps_by_the_service(found, monkeypatch):
     with machine.listen("127.0.0.1", 0, guarded=True) as taken:
+        settings = ServiceSettings(port=taken.getsockname()[1])
+        assert machine.address(settings, may_be_ours=True).state is State.GOOD
         monkeypatch.setenv("SAWMILL_PORT", str(taken.getsockname()[1]))
         assert "is taken" in found("address")["sentence"]
 
@@ -349,3 +342,27 @@ def test_a_network_file_system_is_known_by_its_mount(tmp_path):
     )
     assert machine.file_system(tmp_path / "data", mounts) == "nfs4"
     assert machine.file_system(Path("/usr"), mounts) == "ext4"
+
+
+@pytest.mark.slow
+def test_how_old_the_newest_backup_is(findings, run, data, tmp_path):
+    (tmp_path / "disk").mkdir()
+    (never,) = findings("backup")
+    assert (never["state"], "sawmill backup FOLDER" in never["cure"]) == ("watch", True)
+    backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
+    (newest,) = findings("backup")
+    assert (newest["state"], newest["sentence"]) == ("good", f"the newest is 0.0 days old: {backup}")
+    taken_at = datetime.now(UTC) - timedelta(days=9)
+    for lacking, state, code in ((0, "watch", 0), (2, "bad", 1)):
+        (data / LAST_BACKUP).write_text(Newest(path=backup, taken_at=taken_at, lacking=lacking).model_dump_json())
+        (old,) = findings("backup", code=code)
+        assert (old["state"], "9.0 days old" in old["sentence"]) == (state, True)
+
+
+def test_a_restore_that_was_killed_is_known(findings, data):
+    shutil.rmtree(data)
+    data.mkdir()
+    (data / RESTORING).touch()
+    (one,) = [each for each in findings(code=1) if each["state"] == "bad"]
+    assert "was ended before its end" in one["sentence"]
+    assert "sawmill restore BACKUP" in one["cure"]

@@ -1,7 +1,9 @@
-"""`sawmill reconstruct`: its flags, its answers and its refusals."""
+"""`sawmill reconstruct`: its flags, also those that prepare a scan, its answers and its refusals."""
 
 import json
+import re
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,6 +12,7 @@ from PIL import Image
 
 from sawmill_calibration.scans import scan_rows
 from sawmill_calibration.scans.scan_rows import ScanSource, open_rows
+from sawmill_contracts.scans import PrepareOptions
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_vocabulary import DataKind, Progress
@@ -104,13 +107,6 @@ def test_a_log_that_shows_nothing_has_no_curve_of_alpha(failure, changed, tmp_pa
     assert not volume(tmp_path / "out.h5").any()
 
 
-def _two_axes(file):
-    stack, named = file[f"{DETECTOR}/data"][:, 0], dict(file[f"{DETECTOR}/data"].attrs)
-    del file[f"{DETECTOR}/data"]
-    file[f"{DETECTOR}/data"] = stack
-    file[f"{DETECTOR}/data"].attrs.update(named)
-
-
 def _elsewhere(file):
     del file[ANGLES]
     file[ANGLES] = h5py.ExternalLink("other.h5", "/angles")
@@ -140,7 +136,10 @@ def test_a_scan_of_the_product_that_was_tampered_with_is_refused(failure, change
 
 def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, changed, tmp_path):
     with h5py.File(changed, "r+") as file:
-        _two_axes(file)
+        stack, named = file[f"{DETECTOR}/data"][:, 0], dict(file[f"{DETECTOR}/data"].attrs)
+        del file[f"{DETECTOR}/data"]
+        file[f"{DETECTOR}/data"] = stack
+        file[f"{DETECTOR}/data"].attrs.update(named)
     run("reconstruct", changed, *LINES, "--method", "fbp", "-o", tmp_path / "out.h5")
     assert volume(tmp_path / "out.h5").shape == (1, 256, 256)
 
@@ -193,7 +192,8 @@ def test_json_reports_what_the_volume_holds(run, stack, result_file, tmp_path):
 
 def test_filters_and_weighting_matter(run, stack, tmp_path):
     def made(*flags):
-        run("reconstruct", stack, "--data", "counts", "--rows", "2:3", *THETA, *flags, "-o", tmp_path / "out.h5")
+        given = ("--data", "counts", "--rows", "2:3", "--size", 64, *THETA)
+        run("reconstruct", stack, *given, *flags, "-o", tmp_path / "out.h5")
         return volume(tmp_path / "out.h5")
 
     default = made("--method", "fbp", "--filter", "hann", "--weighting", "exact")
@@ -204,9 +204,16 @@ def test_filters_and_weighting_matter(run, stack, tmp_path):
         assert np.array_equal(changed, made("--method", "fbp", *flags))
 
 
-def test_a_region_of_interest_of_every_other_row_is_cut_out_of_the_whole(run, stack, tmp_path):
+def test_a_region_of_interest_of_every_other_row_is_cut_out_of_the_whole_whose_pictures_are_written(
+    run, stack, tmp_path
+):
     flags = ("--data", "counts", *THETA, "--method", "fbp", "-o", tmp_path / "out.h5")
-    run("reconstruct", stack, *flags, "--size", 64, "--field-mm", 320)
+    pictures = {name: tmp_path / f"{name}.png" for name in ("mosaic", "side")}
+    named = [part for name, path in pictures.items() for part in (f"--{name}", path)]
+    run("reconstruct", stack, *flags, "--size", 64, "--field-mm", 320, *named)
+    for path in pictures.values():
+        with Image.open(path) as picture:
+            assert (picture.format, min(picture.size) > 256) == ("PNG", True)
     whole = volume(tmp_path / "out.h5")
     region = ("--size", 16, "--field-mm", 80, "--field-centre-mm", "50,-40", "--rows", "1:4:2")
     document = json.loads(run("reconstruct", stack, *flags, *region, "--json").stdout)
@@ -219,36 +226,19 @@ def test_a_region_of_interest_of_every_other_row_is_cut_out_of_the_whole(run, st
         assert written["z"][()].tolist() == [2.0, 6.0]
 
 
-def test_pictures_of_the_whole_log_are_written(run, stack, tmp_path):
-    pictures = {name: tmp_path / f"{name}.png" for name in ("mosaic", "side")}
-    flags = [part for name, path in pictures.items() for part in (f"--{name}", path)]
-    run("reconstruct", stack, "--data", "counts", *THETA, "--size", 64, "-o", tmp_path / "out.h5", *flags)
-    for path in pictures.values():
-        with Image.open(path) as picture:
-            assert picture.format == "PNG"
-            assert min(picture.size) > 256
-
-
-def test_what_contradicts_the_calibration_is_refused(failure, stack, result_file, tmp_path):
-    flags = (stack, "--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
-    reported = failure("reconstruct", *flags, "--source-to-cor-mm", 860)
-    assert reported["code"] == "contradiction"
-    assert "859.46" in reported["detail"]
-    assert failure("reconstruct", *flags, "--detector-pitch-mm", 4.5)["code"] == "contradiction"
-    assert not (tmp_path / "out.h5").exists()
-
-
-def test_another_scanners_calibration_is_refused(failure, result_file, tmp_path):
+def test_what_contradicts_the_calibration_or_the_field_is_refused(failure, stack, result_file, tmp_path):
     np.save(tmp_path / "wide.npy", np.zeros((60, 1, 300), np.float32))
-    flags = ("--data", "line-integrals", "--angles-deg", "3:6", "--calibration", result_file)
-    reported = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
-    assert reported["code"] == "contradiction"
-    assert "num_detector_pixels 256 and the scan has 300" in reported["detail"]
-
-
-def test_a_field_past_the_source_is_refused(failure, stack, tmp_path):
-    flags = ("--data", "counts", *THETA, "--field-mm", 2000, "-o", tmp_path / "out.h5")
-    assert "field_mm" in failure("reconstruct", stack, *flags)["detail"]
+    counts, output = (stack, "--data", "counts"), ("-o", tmp_path / "out.h5")
+    wide = (tmp_path / "wide.npy", "--data", "line-integrals", "--angles-deg", "3:6")
+    for scan, flags, sentence in (
+        (counts, ("--source-to-cor-mm", 860), "859.46"),
+        (counts, ("--detector-pitch-mm", 4.5), "4.5"),
+        (wide, (), "num_detector_pixels 256 and the scan has 300"),
+    ):
+        reported = failure("reconstruct", *scan, "--calibration", result_file, *output, *flags)
+        assert (reported["code"], sentence in reported["detail"]) == ("contradiction", True)
+    assert "field_mm" in failure("reconstruct", *counts, *THETA, "--field-mm", 2000, *output)["detail"]
+    assert not (tmp_path / "out.h5").exists()
 
 
 def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
@@ -266,22 +256,17 @@ def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
         (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
         (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
         (
-            ("--theta", "2.55,714.7,319.9,1e300,0.281", "--source-to-cor-mm", 859),
-            "detector_shift_mm must be at least -100000 and at most 100000, not 1e300",
+            ("--theta", "1,2,3,1e300,0", *THETA[2:]),
+            "detector_shift_mm must be at least -100000 and at most 100000, not",
         ),
-        (
-            ("--theta", "1,-2,3,4,5", "--source-to-cor-mm", 859),
-            "detector_to_cor_mm must be above 0 and at most 100000, not -2",
-        ),
-        (
-            (*THETA, "--field-centre-mm", "1e300,0"),
-            "'--field-centre-mm': x must be at least -100000 and at most 100000, not 1e300",
-        ),
+        (("--theta", "1,-2,3,4,5", *THETA[2:]), "detector_to_cor_mm must be above 0 and at most 100000, not -2"),
+        ((*THETA, "--field-centre-mm", "1e300,0"), "x must be at least -100000 and at most 100000, not 1e300"),
         (("--theta", "1,700,3,4,0"), "Missing option '--source-to-cor-mm'"),
         ((*THETA, "--rotation", "left"), "'left' is not one of"),
         ((*THETA, "--method", "guess"), "'guess'"),
         ((*THETA, "--filter", "boxcar"), "'boxcar' is not one of"),
         ((*THETA, "--frequency-scaling", 1.5), "--frequency-scaling"),
+        ((*THETA, "--sigma", 0), "'--sigma': must be above 0, not 0"),
         ((*THETA, "--size", 8), "--size"),
         ((*THETA, "--field-mm", -1), "must be above 0 and at most 100000, not -1"),
         ((*THETA, "--rows", "x"), "'--rows': rows must be A:B"),
@@ -304,6 +289,76 @@ def test_one_geometry_is_given(wrong_use, stack, result_file, tmp_path):
     flags = ("--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
     assert "one of them" in wrong_use("reconstruct", stack, *flags, *THETA)
     assert "--rotation comes with --theta" in wrong_use("reconstruct", stack, *flags, "--rotation", "reversed")
-    assert "Missing option '--output' / '-o' OUT (The file that is written)" in wrong_use(
-        "reconstruct", stack, *flags[:-2]
-    )
+    missing = wrong_use("reconstruct", stack, *flags[:-2])
+    assert "Missing option '--output' / '-o' OUT (The file that is written)" in missing
+
+
+COARSE = (*THETA, "--detector-pitch-mm", 9.0)
+ROWS, LOST = 40, 5
+
+
+@pytest.fixture(scope="session")
+def lossy(run, scans):
+    """Line integrals of a log, 0.2 too high, each view without some rows at the top and the bottom; the losses."""
+    whole, path = scans / "log.h5", scans / "lossy.npz"
+    body = ("log", "--data", "line-integrals", "--rows", ROWS, "--row-pitch-mm", 3, "--noise", 0.002)
+    run("simulate", *body, *COARSE, "--detector-pixels", 128, "--views", 36, "--background", 0.2, "-o", whole)
+    with h5py.File(whole) as file:
+        views = file["entry/instrument/detector/data"][()]
+        angles = file["entry/sample/rotation_angle"][()]
+    lost = np.full_like(views, np.nan)
+    top, bottom = np.random.default_rng(71).integers(0, LOST, (2, len(views)))
+    for view in range(len(views)):
+        kept = ROWS - top[view] - bottom[view]
+        lost[view, :kept] = views[view, top[view] : top[view] + kept]
+    np.savez(path, projections=lost, angles_deg=angles)
+    return path, top, bottom
+
+
+def reconstruct(run, path, output, *flags, code=0):
+    given = (*COARSE, "--data", "line-integrals", "--size", 32)
+    return json.loads(run("reconstruct", path, *given, "-o", output, "--json", *flags, code=code).stdout)
+
+
+def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path):
+    path, top, bottom = lossy
+    output = tmp_path / "out.h5"
+    answer = reconstruct(run, path, output, "--align-rows", "profile", "--air", "background", "--rings", "sorting")
+    rows = np.arange(ROWS)[:, None]
+    views = ((rows >= top) & (rows < ROWS - bottom)).sum(axis=1)
+    first, last = np.flatnonzero(views >= 18)[[0, -1]]
+    # All rows that half of the 36 views have, by their own numbers.
+    assert answer["rows"] == [first, last + 1]
+    assert answer["shape"] == [last + 1 - first, 32, 32]
+    assert answer["fewest_views"] == views[first : last + 1].min() < answer["views"]
+    air, rings, aligned = answer["coded_preparation"]
+    assert (air["code"], round(air["values"]["level"], 1), rings["code"]) == ("air-level", 0.2, "rings-removed")
+    assert aligned["code"].startswith("rows-aligned")
+    assert (aligned["values"]["first"], aligned["values"]["last"], aligned["values"]["rows"]) == (first, last + 1, 40)
+    with h5py.File(output) as file:
+        assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (("--align-rows", "profile", "--rows", "0:8"), "rows 0:8 were asked for, but too many views lost some of them"),
+        ((), "(--align-rows)"),
+    ],
+    ids=["rows that too few views have", "views of unequal rows as they are"],
+)
+def test_lost_rows_are_refused_with_their_numbers_or_the_flag(run, lossy, tmp_path, flags, sentence):
+    assert sentence in json.dumps(reconstruct(run, lossy[0], tmp_path / "out.h5", *flags, code=1))
+
+
+def test_the_document_has_every_parameter_with_its_flag_and_values():
+    page = (Path(__file__).parents[2] / "docs/understand/preparation.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| `(--[\w-]+)` \| ([^|]+) \|", page, re.MULTILINE)
+    assert [(name, flag) for name, flag, _ in rows] == [
+        (name, "--" + name.replace("_", "-")) for name in ("faulty_cells", "air", "rings", "align_rows")
+    ]
+    for name, _, values in rows:
+        default = PrepareOptions.model_fields[name].default
+        first, *others = re.findall(r"`([\w-]+)`", values)
+        assert first == default
+        assert {first, *others} == set(type(default))

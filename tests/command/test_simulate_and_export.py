@@ -1,6 +1,7 @@
-"""`sawmill simulate` and `sawmill export`."""
+"""`sawmill simulate`, `sawmill export`, `sawmill phantom plan` and `sawmill phantom draw`."""
 
 import json
+import math
 import xml.etree.ElementTree as ET
 
 import h5py
@@ -10,6 +11,7 @@ from PIL import Image
 
 import sawmill_calibration as sawmill
 from sawmill_calibration import InputError
+from sawmill_contracts.plans import PlanResult
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -75,11 +77,8 @@ def test_angles_and_a_pictured_phantom_may_be_given(run, tmp_path):
     Image.fromarray(np.rint(255 * L_SHAPE.rasterise(800, 400.0)).astype(np.uint8)).save(tmp_path / "l.png")
     flags = ("--phantom-width-mm", 400, "--angles-deg", "10:20")
     run("simulate", tmp_path / "l.png", *EXACT, *flags, "-o", tmp_path / "out.h5")
-    assert np.allclose(
-        frames(tmp_path / "out.h5")[:, 0].sum(axis=1),
-        expected(np.deg2rad(10 + 20 * np.arange(12))).sum(axis=1),
-        rtol=2e-3,
-    )
+    mass = expected(np.deg2rad(10 + 20 * np.arange(12))).sum(axis=1)
+    assert np.allclose(frames(tmp_path / "out.h5")[:, 0].sum(axis=1), mass, rtol=2e-3)
 
 
 def test_a_log_alone_has_no_phantom(run, tmp_path):
@@ -189,9 +188,8 @@ def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path)
 def test_export_writes_every_argument_as_json(run, result_file, tmp_path, target, arguments):
     flags = ("--views", 12, "--angles-deg", "15:30", "-o", tmp_path / "out.json")
     run("export", "--to", target, "--calibration", result_file, *flags)
-    assert json.loads((tmp_path / "out.json").read_text()) == arguments(
-        calibrated(result_file, 15 + 30 * np.arange(12))
-    )
+    fan = calibrated(result_file, 15 + 30 * np.arange(12))
+    assert json.loads((tmp_path / "out.json").read_text()) == arguments(fan)
 
 
 def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
@@ -207,7 +205,54 @@ def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
 
 def test_export_needs_angles_and_a_known_target(wrong_use, result_file, tmp_path):
     flags = ("--calibration", result_file, "-o", tmp_path / "out.txt", "--views", 12)
-    assert "Missing option '--angles-deg' or '--angles-file' (the views' angles)" in wrong_use(
-        "export", "--to", "astra", *flags
-    )
+    missing = wrong_use("export", "--to", "astra", *flags)
+    assert "Missing option '--angles-deg' or '--angles-file' (the views' angles)" in missing
     assert "'matlab'" in wrong_use("export", "--to", "matlab", *flags, "--angles-deg", "0:1")
+
+
+def test_a_plan_compares_phantoms_at_numbers_of_views(run):
+    flags = ("--views", 20, "--views", 90, "--noise", 0.01, "--json")
+    answer = json.loads(run("phantom", "plan", "l-shape", "rectangle-with-hole", *THETA, *flags).stdout)
+    assert answer["state"] == "succeeded"
+    plans = [PlanResult.model_validate(each) for each in answer["plans"]]
+    asked = [(phantom, views) for phantom in ("L-shape", "Rectangle with hole") for views in (20, 90)]
+    assert [(each.phantom, each.views) for each in plans] == asked
+    rays = [each.predicted_ray_error_mm.rms for each in plans]
+    assert rays[1] < rays[0] < rays[2]
+    assert all(each.noise == 0.01 and each.views_cut_off == 0 for each in plans)
+
+
+def test_theta_s_angles_may_be_given_in_degrees(run):
+    flags = ("--views", 20, "--json")
+    in_degrees = json.loads(run("phantom", "plan", "l-shape", "--theta", "45deg,700,0,0,-45deg", *flags).stdout)
+    in_radians = json.loads(run("phantom", "plan", "l-shape", "--theta", f"{math.pi / 4},700,0,0,-1", *flags).stdout)
+    assert in_degrees["plans"][0]["theta"] == pytest.approx(in_radians["plans"][0]["theta"])
+
+
+def test_a_plan_is_a_table_for_people_and_reports_a_shadow_beyond_the_detector(run):
+    reported = run("phantom", "plan", "l-shape", *THETA, "--detector-pixels", 256, "--views", 20)
+    assert "L-shape" in reported.stdout
+    assert "rays mm" in " ".join(reported.stdout.split())
+    assert "of 20 views reach an end of the detector" in reported.stderr
+
+
+@pytest.mark.parametrize(
+    ("flags", "complaint"),
+    [
+        (("cube", *THETA), "'PHANTOM...': must be l-shape"),
+        (("l-shape", "--theta", "10 deg,2deg,3,4,5"), "'--theta': must be five numbers"),
+        (("l-shape", "--theta", "10deg,700,0,0,90deg"), "detector_tilt"),
+        (("l-shape", *THETA, "--noise", 0), "'--noise': must be above 0 and at most 1, not 0.0"),
+        (("l-shape", *THETA, "--views", 2), "--views"),
+    ],
+)
+def test_wrong_use_of_a_plan_is_refused(wrong_use, flags, complaint):
+    assert complaint in wrong_use("phantom", "plan", *flags)
+
+
+def test_a_drawing_is_svg_in_mm(run, tmp_path):
+    run("phantom", "draw", "rectangle-with-hole", "-o", tmp_path / "drawing.svg")
+    root = ET.parse(tmp_path / "drawing.svg").getroot()  # noqa: S314 - our own text
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.get("width").endswith("mm")
+    assert "Rectangle with hole" in [element.text for element in root.iter()]

@@ -21,6 +21,7 @@ from sawmill_platform.contracts.given import hidden_characters
 from sawmill_platform.contracts.keys import KeyAsk
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
+DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
 
 
 def taken(contract, value):
@@ -31,18 +32,13 @@ def taken(contract, value):
     return True
 
 
-@pytest.mark.parametrize(
-    "cron",
-    ["30 5 * * 1-6", "*/10 6,18 1-7/2 JAN MON-FRI", "0 0 L * *", "0 0 LW 12 *", "5/15 23 31 * 7", "0 0 * * 5L,1#2"],
-)
-def test_cron_expressions_that_are_read_fit_the_pattern(cron):
-    assert next(CronSim(cron, NOW))
-    assert re.search(patterns.CRON, cron)
-
-
-@pytest.mark.parametrize("cron", ["60 * * * *", "* 24 * * *", "* * 0 * *", "* * * 13 *", "* * * * 8", "* * * *", "a"])
-def test_cron_expressions_that_are_refused_do_not(cron):
-    assert re.search(patterns.CRON, cron) is None
+def test_cron_expressions_that_are_read_fit_the_pattern_and_those_that_are_refused_do_not():
+    read = ("30 5 * * 1-6", "*/10 6,18 1-7/2 JAN MON-FRI", "0 0 L * *", "0 0 LW 12 *", "5/15 23 31 * 7")
+    for cron in (*read, "0 0 * * 5L,1#2"):
+        assert next(CronSim(cron, NOW)), cron
+        assert re.search(patterns.CRON, cron), cron
+    for cron in ("60 * * * *", "* 24 * * *", "* * 0 * *", "* * * 13 *", "* * * * 8", "* * * *", "a"):
+        assert re.search(patterns.CRON, cron) is None, cron
 
 
 def test_rows_and_names_that_fit_their_patterns_are_read():
@@ -88,11 +84,8 @@ def test_every_format_character_of_unicode_is_refused_in_a_text():
         (ReconstructionAsk, {"field_mm": 1e-3}),
         (KeyAsk, {"name": "wall", "scope": "read", "display": True}),
         (KeyAsk, {"name": "wall", "scope": "admin", "display": True}),
-        (PhantomAsk, {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}),
-        (
-            PhantomAsk,
-            {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 5}], "follows": "a"},
-        ),
+        (PhantomAsk, DISC),
+        (PhantomAsk, DISC | {"follows": "a"}),
         (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6"}),
         (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "kind": "check-drift"}),
         (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "on_pass": "activate"}),

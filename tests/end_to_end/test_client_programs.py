@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from cutting_proxy import cutting
+from live_service import wait_until
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -63,13 +63,8 @@ while again(get_phantom, traced.id, wait=30).state != "ready":
 page = list_scans.sync(client=api, scanner_id=scanner.id, limit=1)
 rest = list_scans.sync(client=api, scanner_id=scanner.id, limit=1, after=page.next_)
 assert [item.id for item in (*page.items, *rest.items)] == [mean_scan.id, scan.id]
-checks = ScheduleAsk(
-    scanner_id=scanner.id,
-    kind=ScheduleKind.CHECK_DRIFT,
-    cron="30 5 * * 1-6",
-    time_zone="Europe/Helsinki",
-    drift_options=DriftOptions(rows="0:8"),
-)
+daily = {"cron": "30 5 * * 1-6", "time_zone": "Europe/Helsinki", "drift_options": DriftOptions(rows="0:8")}
+checks = ScheduleAsk(scanner_id=scanner.id, kind=ScheduleKind.CHECK_DRIFT, **daily)
 made = once(create_schedule, body=checks)
 assert (made.kind, made.time_zone, made.drift_options.rows) == (checks.kind, checks.time_zone, "0:8")
 refused = ask_calibration.sync(client=api, body=CalibrationAsk(scan_id="no-such-scan"))
@@ -220,31 +215,22 @@ def test_the_watcher_of_another_machine_sends_each_file_once(tmp_path, embedded)
     (tmp_path / "page.npy").write_bytes(b"<html>")
     key = embedded.post("/v1/keys", json={"name": "elsewhere", "scope": "submit"})["secret"]
     fields = [f"scanner_id={scanner_id}", "data=line-integrals", "angles_deg=0:1"]
-    command = [
-        sys.executable,
-        PROGRAMS / "watch_folder.py",
-        str(embedded.client.base_url).rstrip("/"),
-        tmp_path,
-        *fields,
-    ]
+    address = str(embedded.client.base_url).rstrip("/")
+    command = [sys.executable, PROGRAMS / "watch_folder.py", address, tmp_path, *fields]
     environment = {**os.environ, "no_proxy": "*", "SAWMILL_KEY": key, "STILL_FOR_S": "0.05"}
 
     def sent(done: int) -> None:
         with subprocess.Popen(command, env=environment) as program:
-            deadline = time.monotonic() + 60
-            while len(list(tmp_path.glob("done/*"))) < done or not list(tmp_path.glob("refused/*-page.npy")):
-                assert program.poll() is None
-                assert time.monotonic() < deadline
-                time.sleep(0.02)
+            wait_until(lambda: list(tmp_path.glob("refused/*-page.npy")) and len(list(tmp_path.glob("done/*"))) >= done)
+            assert program.poll() is None
             program.kill()
 
     sent(1)
     (file,) = tmp_path.glob("done/*-log.npy")
     file.rename(tmp_path / "log.npy")  # as after a kill between the answer and the move
     sent(1)
-    assert [scan["name"] for scan in embedded.get("/v1/scans", params={"scanner_id": scanner_id}).json()["items"]] == [
-        "log.npy"
-    ]
+    scans = embedded.get("/v1/scans", params={"scanner_id": scanner_id}).json()["items"]
+    assert [scan["name"] for scan in scans] == ["log.npy"]
 
 
 def test_the_first_program_prints_what_its_page_shows(stack, embedded):

@@ -1,7 +1,4 @@
-"""What docker-compose.yml starts does a mill's work through TLS, and loses nothing with Redis or a worker.
-
-Its images were built nowhere: its commands run here as processes, held as its containers are (`tests/support/`).
-"""
+"""What docker-compose.yml starts does a mill's work, as processes of this machine, and loses nothing."""
 
 import shutil
 import ssl
@@ -20,7 +17,6 @@ from live_service import SCANNER, descendants
 from missing_parts import skip_without
 
 from sawmill_platform.confinement import landlock
-from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow
 
@@ -68,13 +64,10 @@ def mill(composed: Composed) -> Iterator[httpx.Client]:
     composed.up()
     composed.wait_for("proxy", "service_healthy")
     trusted = ssl.create_default_context(cafile=composed.place.folder / "secrets/tls_certificate")
-    with httpx.Client(
-        # By the name: the certificate has no other.
-        base_url=f"https://{NAME}:{composed.place.ports['tls']}",
-        transport=ToLoopback(verify=trusted, local_address=CLIENT),
-        headers={"Authorization": f"Bearer {secret(composed, 'sawmill_token')}"},
-        timeout=120.0,
-    ) as client:
+    address = f"https://{NAME}:{composed.place.ports['tls']}"  # by the name: the certificate has no other
+    token = {"Authorization": f"Bearer {secret(composed, 'sawmill_token')}"}
+    by_name = ToLoopback(verify=trusted, local_address=CLIENT)
+    with httpx.Client(base_url=address, transport=by_name, headers=token, timeout=120.0) as client:
         yield client
 
 
@@ -95,7 +88,7 @@ def arriving(composed: Composed) -> Iterator[bytes]:
     yield bytes(MIB)
 
 
-def test_what_compose_starts_does_a_mill_s_work(composed, mill, write_phantom_scan):
+def test_what_compose_starts_does_a_mill_s_work(composed, mill, phantom_scan):
     address = f"http://127.0.0.1:{composed.place.ports['api']}"
     assert httpx.get(f"{address}/v1/scans", trust_env=False).status_code == 401
     health = composed.check("worker")
@@ -103,10 +96,8 @@ def test_what_compose_starts_does_a_mill_s_work(composed, mill, write_phantom_sc
     described = {"name": "Line 2", "constants": vars(SCANNER)}
     scanner = mill.post("/v1/scanners", json=described, headers={"X-Forwarded-For": "10.1.2.3"})
     assert scanner.headers["Strict-Transport-Security"] == "max-age=31536000"
-    stack = composed.place.folder / "stack.h5"
-    write_phantom_scan(stack, Theta(0.7, 728.0, -254.0, -37.0, -0.21), views=20)
     spec = {"scanner_id": scanner.json()["id"], "data": "counts", "phantom_id": "l-shape", "phantom_rows": "0:1"}
-    scan = mill.post("/v1/scans", params=spec, content=stack.read_bytes()).json()
+    scan = mill.post("/v1/scans", params=spec, content=phantom_scan(views=20)).json()
     calibration = mill.post("/v1/calibrations", json={"scan_id": scan["id"], "activate": True}).json()
     wait_for_end(mill, calibration["job_id"])
     at = f"/v1/calibrations/{calibration['id']}"

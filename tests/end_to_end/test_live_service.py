@@ -11,6 +11,7 @@ import sys
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -23,14 +24,13 @@ from sawmill_platform.backups.backup import Backup
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.store import Store
+from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
-VIEWS, CELLS = 12, 512
 # Two scans, a calibration, two reconstructions, a drift check and a plan.
 EXAMPLE_JOBS = 7
 
@@ -43,14 +43,12 @@ def live(tmp_path_factory, offline):
 
 
 @pytest.fixture(scope="module")
-def first(live, tmp_path_factory, write_phantom_scan):
+def first(live, phantom_scan):
     """All jobs as they were when a user's first calibration had been done, asked for while the examples waited."""
-    path = tmp_path_factory.mktemp("first") / "scan.h5"
-    write_phantom_scan(path, Theta(0.7, 728.0, -254.0, -37.0, -0.21))
     (worker,) = workers(live.process_id)
     stop_outside_a_transaction(worker, live.data / "sawmill.db")  # the examples wait however long it takes to ask
     wait_until(lambda: live.client.get("/v1/plans/example").status_code == 200)  # the last of them to be queued
-    scan = live.upload(path.read_bytes(), scanner_id=live.create_scanner(), data="counts", phantom_id="l-shape")
+    scan = live.upload_phantom(phantom_scan())
     asked = live.post("/v1/calibrations", json={"scan_id": scan["id"]})
     os.kill(worker, signal.SIGCONT)
     mine = live.wait(asked["job_id"])
@@ -79,20 +77,19 @@ def seeded(live, first):
 @pytest.fixture(scope="module")
 def to_decide(seeded):
     """An alarm and a calibration in the live service that somebody may decide about."""
-    store = Store(StorageSettings(data_folder=seeded.data, database_url=None))
-    add_what_is_decided(store)
-    store.close()
+    with closing(Store(StorageSettings(data_folder=seeded.data, database_url=None))) as store:
+        add_what_is_decided(store)
 
 
 # What deletes an example comes after what needs it. Nothing may be sent from here, so that there are no webhooks:
-# tests/service/test_examples.py tries theirs where there is one.
+# tests/service/test_openapi.py tries theirs where there is one.
 IN_ORDER = sorted(
     (path for path in REQUESTS.glob("*.json") if not json.loads(path.read_text())["path"].startswith("/v1/webhooks")),
     key=lambda path: (path.stem.startswith("delete"), path.stem),
 )
 
 
-# By day the whole job of other tests asks for these, and tests/service/test_examples.py sends every request.
+# By day the whole job of other tests asks for these, and tests/service/test_openapi.py sends every request.
 @pytest.mark.nightly
 @pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
 @pytest.mark.usefixtures("to_decide")
@@ -113,45 +110,18 @@ def test_the_console_can_try_every_operation(seeded, path):
         assert job["state"] == "succeeded", job
 
 
-def npy(array: np.ndarray) -> bytes:
+def without_angles() -> bytes:
     buffer = io.BytesIO()
-    np.save(buffer, array)
+    np.save(buffer, np.ones((12, 1, 512), np.float32))
     return buffer.getvalue()
 
 
-def hdf5(fill) -> bytes:
-    buffer = io.BytesIO()
-    with h5py.File(buffer, "w") as file:
-        fill(file)
-    return buffer.getvalue()
-
-
-def external_storage(file: h5py.File) -> None:
-    file.create_dataset("data", (VIEWS, 1, CELLS), "f4", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
-
-
-def good() -> np.ndarray:
-    return np.random.default_rng(8).uniform(0.0, 1.0, (VIEWS, 1, CELLS)).astype(np.float32)
-
-
-ANGLES = {"angles_deg": "0:30"}
 # One of each kind; tests/formats/input has the others, without a service.
-BROKEN = {
-    "text": (b"this is no scan", ANGLES),
-    "external-storage": (hdf5(external_storage), ANGLES),
-    "without-angles": (npy(good()), {}),
-}
-
-
-@pytest.fixture(scope="module")
-def scanner_id(live):
-    return live.create_scanner()
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(live, scanner_id, name):
-    content, spec = BROKEN[name]
-    scan = live.upload(content, **{"scanner_id": scanner_id, "data": "line-integrals", **spec})
+@pytest.mark.parametrize(
+    ("content", "spec"), [(b"this is no scan", {"angles_deg": "0:30"}), (without_angles(), {})], ids=["text", "npy"]
+)
+def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(live, content, spec):
+    scan = live.upload(content, scanner_id=live.create_scanner(), data="line-integrals", **spec)
     job = live.wait(scan["job_id"])
     assert (job["state"], job["failure"]["kind"], job["attempt"]) == ("failed", "input", 1), job
     refused = live.get(f"/v1/scans/{scan['id']}").json()
@@ -164,35 +134,23 @@ def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(li
     assert {path.name for path in left if path.is_file()} <= {"original"}
 
 
-class Clock:
-    """A clock of the test's own."""
-
-    def __init__(self) -> None:
-        self.time = datetime(2031, 3, 3, 5, 29, tzinfo=UTC)
-
-    def __call__(self) -> datetime:
-        return self.time
-
-
 @pytest.fixture
 def mill(live):
     """The live service's data under a clock of the test's own: (store, clock)."""
-    clock = Clock()
-    store = Store(StorageSettings(data_folder=live.data, database_url=None), clock=clock)
-    yield store, clock
-    store.close()
+    clock = SimpleNamespace(time=datetime(2031, 3, 3, 5, 29, tzinfo=UTC))
+    settings = StorageSettings(data_folder=live.data, database_url=None)
+    with closing(Store(settings, clock=lambda: clock.time)) as store:
+        yield store, clock
 
 
-def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_phantom_scan):
+def test_scheduled_recalibrations_tell_what_moved(live, mill, phantom_scan):
     store, clock = mill
     scanner_id = live.create_scanner(name="watched")
     as_built = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
     knocked = Theta(0.7, 728.0, -254.0, -39.0, -0.21)
 
     def scanned(theta: Theta, seed: int) -> str:
-        write_phantom_scan(tmp_path / "scan.h5", theta, seed=seed)
-        content = (tmp_path / "scan.h5").read_bytes()
-        scan = live.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape")
+        scan = live.upload_phantom(phantom_scan(theta, seed=seed), scanner_id)
         assert live.wait(scan["job_id"])["state"] == "succeeded"
         return scan["id"]
 
@@ -235,7 +193,7 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_ph
 
 def ask_for_work(live, scanner_id: str, content: bytes) -> list[dict]:
     """Two scans, each read anew, and a calibration that is computed anew."""
-    scans = [live.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape") for _ in range(2)]
+    scans = [live.upload_phantom(content, scanner_id) for _ in range(2)]
     return [*scans, live.post("/v1/calibrations", json={"scan_id": scans[0]["id"]})]
 
 
@@ -266,24 +224,23 @@ def results_of(service, asked: list[dict]) -> dict[str, object]:
     return results
 
 
-def test_a_backup_taken_while_jobs_run_does_the_rest_elsewhere(embedded, serve, offline, tmp_path, write_phantom_scan):
+def test_a_backup_taken_while_jobs_run_does_the_rest_elsewhere(embedded, offline, tmp_path, phantom_scan):
     live = embedded
     scanner_id = live.create_scanner(name="backed up")
-    write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
     (tmp_path / "disk").mkdir()
-    *_, done = ask_for_work(live, scanner_id, (tmp_path / "scan.h5").read_bytes())
+    *_, done = ask_for_work(live, scanner_id, phantom_scan())
     assert live.wait(done["job_id"])["state"] == "succeeded"
     settings = StorageSettings(data_folder=live.data)
     states: list[str] = []
     while "running" not in states or "queued" not in states:
-        asked = ask_for_work(live, scanner_id, (tmp_path / "scan.h5").read_bytes())
+        asked = ask_for_work(live, scanner_id, phantom_scan())
         taken = take_backup(settings, tmp_path / "disk", lambda _: None, named=NAMED_FOLDERS)
         with closing(sqlite3.connect(taken.path / "database" / "sawmill.db")) as rows:
             states = [state for (state,) in rows.execute("SELECT state FROM jobs")]
     results = results_of(live, asked)
     assert Backup(taken.path).damage(lambda _: None) == []
     restore(taken.path, StorageSettings(data_folder=tmp_path / "data"), lambda _: None)
-    with serve(tmp_path, offline.variables, "--no-examples") as restored:
+    with serving(tmp_path, offline.variables, "--no-examples") as restored:
         assert results_of(restored, asked) == results
         jobs = restored.get("/v1/jobs", params={"limit": 200}).json()["items"]
         assert {job["losses"] for job in jobs} == {0}

@@ -6,16 +6,18 @@ import sys
 import threading
 
 import pytest
-from live_service import wait_until
+from live_service import SCANNER, serving, wait_until
 from postgres_server import own_server
 from tiers import first_by_day
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_tomography.geometry.geometry import Theta
 from sawmill_tomography.geometry.ray_error import ray_error
 
 pytestmark = pytest.mark.slow
 
 PATIENCE_S = 120.0
+THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
 PROCESSES = {
     "serve": ["sawmill_command.commands", "serve", "--no-examples", "--port", "0"],
     "worker": ["sawmill_worker.poller"],
@@ -38,23 +40,25 @@ def refused(service, method, path, **options):
 
 
 def test_a_calibration_outlives_a_late_a_paused_and_a_killed_server(
-    tmp_path, offline, serve, postgres, postgres_url, mill_scan
+    tmp_path, offline, postgres, postgres_url, phantom_scan
 ):
     postgres.stop()
-    late = threading.Thread(target=start_when_awaited, args=(postgres, tmp_path / "service.log"))
+    log = tmp_path / "service.log"
+
+    def start_when_awaited():
+        wait_until(lambda: log.exists() and "database-awaited" in log.read_text())
+        postgres.start()
+
+    late = threading.Thread(target=start_when_awaited)
     late.start()
     environment = {**offline.variables, "SAWMILL_DATABASE_URL": postgres_url}
-    with serve(tmp_path, environment, "--no-examples", "--workers", "1") as service:
+    with serving(tmp_path, environment, "--no-examples", "--workers", "1") as service:
         late.join()
-        scanner_id = service.create_scanner(mill_scan.scanner)
         with postgres.paused():
             assert refused(service, "GET", "/health/ready")
-            assert refused(
-                service, "POST", "/v1/scanners", json={"name": "Line 3", "constants": vars(mill_scan.scanner)}
-            )
+            assert refused(service, "POST", "/v1/scanners", json={"name": "Line 3", "constants": vars(SCANNER)})
         wait_until(lambda: service.client.get("/health/ready").is_success)
-        spec = {"scanner_id": scanner_id, "data": "counts", "phantom_id": "l-shape", "phantom_rows": "0:2"}
-        scan = service.upload(mill_scan.path.read_bytes(), **spec)
+        scan = service.upload_phantom(phantom_scan(views=180, seed=41))
         asked = service.post("/v1/calibrations", json={"scan_id": scan["id"]})
         wait_until(lambda: service.get(f"/v1/jobs/{asked['job_id']}").json()["state"] != "queued")
         postgres.stop(signal.SIGKILL)
@@ -65,14 +69,9 @@ def test_a_calibration_outlives_a_late_a_paused_and_a_killed_server(
         ended = service.wait(asked["job_id"])
         found = CalibrationSucceeded.model_validate(service.get(f"/v1/calibrations/{asked['id']}").json())
     assert (ended["state"], ended["losses"]) == ("succeeded", 0)
-    truth = mill_scan.theta.source_frame(mill_scan.scanner.source_to_cor_mm)
+    truth = THETA.source_frame(SCANNER.source_to_cor_mm)
     # The limit of the same job without disturbance.
-    assert ray_error(mill_scan.scanner, truth, found.source_frame).rms_mm < 0.05
-
-
-def start_when_awaited(postgres, log):
-    wait_until(lambda: log.exists() and "database-awaited" in log.read_text())
-    postgres.start()
+    assert ray_error(SCANNER, truth, found.source_frame).rms_mm < 0.05
 
 
 @pytest.fixture(params=first_by_day(1, PROCESSES))
@@ -83,12 +82,8 @@ def start(request, tmp_path, offline):
         given = {"SAWMILL_DATABASE_URL": url, "SAWMILL_DATA_FOLDER": str(tmp_path / "data")}
         if request.param == "celery":
             given["SAWMILL_BROKER_URL"] = request.getfixturevalue("redis_url")
-        return subprocess.Popen(
-            [sys.executable, "-m", *PROCESSES[request.param]],
-            env={**offline.variables, **given},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-m", *PROCESSES[request.param]]
+        return subprocess.Popen(command, env={**offline.variables, **given}, stderr=subprocess.PIPE, text=True)
 
     return run
 

@@ -5,23 +5,24 @@ import socket
 import ssl
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import pytest
+from live_service import wait_until
 from missing_parts import skip_without
 from ports import free_port
+from results import SCANNER_SPEC
 
 pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parents[2] / "examples/proxy"
 NAME, BACKEND = "calibration.mill.example", "127.0.0.1:8000"
 CERTIFICATE, SECRET_KEY = f"/etc/ssl/certs/{NAME}.pem", f"/etc/ssl/private/{NAME}.key"
-START_S = STOP_S = WAIT_S = 120.0
+WAIT_S = 120.0
 # Another address of this machine: what a proxy on 127.0.0.1 sees is then not its own.
 CLIENT = "127.0.0.7"
 NGINX_MAIN = """\
@@ -48,28 +49,24 @@ def program(name: str) -> str:
     return found
 
 
-def wait_until_listening(process: "subprocess.Popen[bytes]", port: int) -> None:
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
-        assert process.poll() is None
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-        except ConnectionRefusedError:
-            time.sleep(0.05)
-        else:
-            return
-    raise AssertionError(f"nothing listens on {port}")
-
-
 @contextmanager
-def running(command: list[str], port: int, **options: object) -> Iterator[None]:
+def listening(command: list[str], port: int, **options: object) -> Iterator[None]:
+    """Run a server within the block, which begins when something listens on its port."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, **options)
+
+    def accepts() -> bool:
+        assert process.poll() is None
+        with suppress(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+            return True
+        return False
+
     try:
-        wait_until_listening(process, port)
+        wait_until(accepts)
         yield
     finally:
         process.terminate()
-        process.wait(STOP_S)
+        process.wait(WAIT_S)
 
 
 @dataclass
@@ -99,7 +96,7 @@ class Mill:
         serve = self.sawmill("serve", "--port", str(self.backend), "--workers", "0", "--no-examples")
         with (
             (self.folder / "service.log").open("ab") as log,
-            running(serve, self.backend, env=self.variables | variables, stderr=log),
+            listening(serve, self.backend, env=self.variables | variables, stderr=log),
         ):
             yield
 
@@ -122,7 +119,7 @@ class Mill:
     def nginx(self, site: str) -> Iterator[None]:
         configuration = self.folder / "nginx.conf"
         configuration.write_text(NGINX_MAIN.format(folder=self.folder, site=site))
-        with running([program("nginx"), "-c", str(configuration), "-e", f"{self.folder}/nginx.log"], self.port):
+        with listening([program("nginx"), "-c", str(configuration), "-e", f"{self.folder}/nginx.log"], self.port):
             yield
 
     @contextmanager
@@ -133,26 +130,20 @@ class Mill:
         file = self.folder / "Caddyfile"
         file.write_text(site.replace("\n{\n", f"\n{options}"))
         homes = {"HOME": str(self.folder), "XDG_DATA_HOME": str(self.folder), "XDG_CONFIG_HOME": str(self.folder)}
-        with running(
-            [program("caddy"), "run", "--config", str(file)],
-            self.port,
-            env=self.variables | homes,
-            stderr=subprocess.DEVNULL,
-        ):
+        command = [program("caddy"), "run", "--config", str(file)]
+        with listening(command, self.port, env=self.variables | homes, stderr=subprocess.DEVNULL):
             yield
 
     @contextmanager
-    def client(self, scheme: str = "https") -> Iterator[httpx.Client]:
+    def client(self) -> Iterator[httpx.Client]:
         """Calls the proxy by its name, from another address of this machine."""
-        trusted = ssl.create_default_context(cafile=f"{self.folder}/certificate.pem")
-        transport = httpx.HTTPTransport(verify=trusted, local_address=CLIENT)
-        with httpx.Client(
-            transport=transport,
-            base_url=f"{scheme}://127.0.0.1:{self.port}",
-            headers={"Host": f"{NAME}:{self.port}"},
-            timeout=WAIT_S,
-        ) as client:
+        transport = httpx.HTTPTransport(verify=self.trusted(), local_address=CLIENT)
+        at = {"base_url": f"https://127.0.0.1:{self.port}", "headers": {"Host": f"{NAME}:{self.port}"}}
+        with httpx.Client(transport=transport, timeout=WAIT_S, **at) as client:
             yield client
+
+    def trusted(self) -> ssl.SSLContext:
+        return ssl.create_default_context(cafile=f"{self.folder}/certificate.pem")
 
 
 def prepared(folder: Path, variables: dict[str, str]) -> Mill:
@@ -177,12 +168,8 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, offline) -> Iterator[tuple
     """A service that trusts a proxy on this machine, for one after the other, and its administrator's headers."""
     mill = prepared(tmp_path_factory.mktemp("guarded"), offline.variables)
     admin = mill.administrator()
-    behind = {
-        "SAWMILL_PUBLIC_URL": f"https://{NAME}",
-        "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]',
-        "SAWMILL_LOG_FORMAT": "json",
-    }
-    with mill.serving(**behind):
+    behind = {"SAWMILL_PUBLIC_URL": f"https://{NAME}", "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]'}
+    with mill.serving(**behind, SAWMILL_LOG_FORMAT="json"):
         yield mill, admin
 
 
@@ -197,12 +184,6 @@ def in_front(mill: Mill, proxy: str, limits: dict[str, str] | None = None) -> It
         yield
 
 
-SCANNER = {
-    "name": "Line 2",
-    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
-}
-
-
 @pytest.mark.parametrize("proxy", ["nginx", "caddy"])
 def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_address(guarded, proxy):
     program(proxy)
@@ -215,17 +196,13 @@ def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_
         assert client.get("/v1/scanners", headers=forged).status_code == 401
         made = client.post("/v1/keys", json={"name": "line 2", "scope": "submit"}, headers=admin).json()
         submit = {"Authorization": f"Bearer {made['secret']}"}
-        assert client.post("/v1/scanners", json=SCANNER, headers=submit).status_code == 403
-        scanner = client.post("/v1/scanners", json=SCANNER, headers=admin | forged).json()["id"]
+        assert client.post("/v1/scanners", json=SCANNER_SPEC, headers=submit).status_code == 403
+        scanner = client.post("/v1/scanners", json=SCANNER_SPEC, headers=admin | forged).json()["id"]
         entry = client.get("/v1/audit", params={"limit": 1}, headers=admin).json()["items"][0]
         assert (entry["action"], entry["who"], entry["address"]) == ("scanner-created", "anna", CLIENT)
         # Three megabytes, which pass through as they come.
-        upload = client.post(
-            "/v1/scans",
-            params={"scanner_id": scanner, "data": "counts"},
-            content=(bytes(2**16) for _ in range(48)),
-            headers=submit,
-        )
+        sent = {"content": (bytes(2**16) for _ in range(48)), "params": {"scanner_id": scanner, "data": "counts"}}
+        upload = client.post("/v1/scans", **sent, headers=submit)
         assert (upload.status_code, upload.json()["size_bytes"]) == (202, 3 * 2**20)
         with client.stream("GET", f"/v1/jobs/{upload.json()['job_id']}/events", headers=submit) as stream:
             # No worker runs: the first event arrives while the stream goes on.
@@ -244,9 +221,8 @@ def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_
 
 
 def tls(mill: Mill) -> ssl.SSLSocket:
-    trusted = ssl.create_default_context(cafile=f"{mill.folder}/certificate.pem")
     connection = socket.create_connection(("127.0.0.1", mill.port), timeout=WAIT_S)
-    return trusted.wrap_socket(connection, server_hostname=NAME)
+    return mill.trusted().wrap_socket(connection, server_hostname=NAME)
 
 
 def read_until_the_end(connection: ssl.SSLSocket) -> bytes:
@@ -266,30 +242,22 @@ def test_the_documented_proxy_ends_half_heads_and_bodies_that_stand_still(guarde
     incoming = mill.data / "incoming"
     with in_front(mill, proxy, SHORTENED[proxy]):
         with mill.client() as client:
-            scanner = client.post("/v1/scanners", json=SCANNER, headers=admin).json()["id"]
+            scanner = client.post("/v1/scanners", json=SCANNER_SPEC, headers=admin).json()["id"]
         with tls(mill) as connection:
             connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: ")
             assert b"alive" not in read_until_the_end(connection)
         with tls(mill) as connection:
             connection.sendall(f"POST /v1/scans?scanner_id={scanner}&data=counts HTTP/1.1\r\n{head}half".encode())
-            wait_for(lambda: list(incoming.iterdir()))
+            wait_until(lambda: list(incoming.iterdir()))
             assert b" 202 " not in read_until_the_end(connection)
-        wait_for(lambda: not list(incoming.iterdir()))
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.05)
+        wait_until(lambda: not list(incoming.iterdir()))
 
 
 def test_behind_a_proxy_it_does_not_start_without_a_key(mill):
     variables = {"SAWMILL_PUBLIC_URL": f"https://{NAME}"}
     serve = mill.sawmill("serve", "--port", str(mill.backend), "--workers", "0", "--no-examples")
-    done = subprocess.run(
-        serve, env=mill.variables | variables, capture_output=True, text=True, timeout=START_S, check=False
-    )
+    options = {"capture_output": True, "text": True, "timeout": WAIT_S}
+    done = subprocess.run(serve, env=mill.variables | variables, check=False, **options)
     assert done.returncode == 1
     assert "so each must bring a key: make one with sawmill key create" in done.stderr
     assert "Traceback" not in done.stderr

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from live_service import ANSWER_S, wait_until
+from live_service import ANSWER_S, running, serving, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -32,14 +32,8 @@ def read_all(connection: socket.socket) -> str:
 
 
 @pytest.fixture
-def serving(
-    serve: Callable[..., AbstractContextManager], offline, tmp_path: Path
-) -> Callable[..., AbstractContextManager]:
-    return lambda *flags: serve(tmp_path, offline.variables, "--no-examples", *flags)
-
-
-def wait_for_end(process_id: int) -> None:
-    wait_until(lambda: Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] == "Z")
+def starting(offline, tmp_path: Path) -> Callable[..., AbstractContextManager]:
+    return lambda *flags: serving(tmp_path, offline.variables, "--no-examples", *flags)
 
 
 def quiet(log: Path) -> str:
@@ -48,8 +42,8 @@ def quiet(log: Path) -> str:
     return text
 
 
-def test_everything_open_hears_that_the_service_stops(serving, tmp_path):
-    with serving("--workers", "0") as service:
+def test_everything_open_hears_that_the_service_stops(starting, tmp_path):
+    with starting("--workers", "0") as service:
         scanner_id = service.create_scanner()
         spec = f"scanner_id={scanner_id}&data=counts"
         scan = service.upload(b"a scan", scanner_id=scanner_id, data="counts")
@@ -76,18 +70,16 @@ def test_everything_open_hears_that_the_service_stops(serving, tmp_path):
             refused = read_all(stuck)
             assert "503 Service Unavailable" in refused
             assert '"code":"stopping"' in refused
-            wait_for_end(service.process_id)  # `unread` reads nothing, and does not hold it
+            wait_until(lambda: not running(service.process_id))  # `unread` reads nothing, and does not hold it
     quiet(tmp_path / "service.log")
     assert list((tmp_path / "data" / "incoming").iterdir()) == []
 
 
-def test_a_second_ctrl_c_cuts_off_what_the_first_one_waits_for(serving, tmp_path):
-    with serving("--workers", "1") as service:
+def test_a_second_ctrl_c_cuts_off_what_the_first_one_waits_for(starting, tmp_path):
+    with starting("--workers", "1") as service:
         scanner_id = service.create_scanner()
-        with sending(
-            str(service.client.base_url),
-            f"POST /v1/scans?scanner_id={scanner_id}&data=counts HTTP/1.1\r\nContent-Length: 100",
-        ) as stuck:
+        post = f"POST /v1/scans?scanner_id={scanner_id}&data=counts HTTP/1.1\r\nContent-Length: 100"
+        with sending(str(service.client.base_url), post) as stuck:
             stuck.sendall(b"\r\nhalf")
             wait_until(lambda: list((tmp_path / "data" / "incoming").iterdir()))
             for _ in range(8):  # two of them may become one; the body has two seconds
@@ -95,6 +87,6 @@ def test_a_second_ctrl_c_cuts_off_what_the_first_one_waits_for(serving, tmp_path
                 time.sleep(0.1)
             with suppress(ConnectionResetError):
                 assert read_all(stuck) == "", "it was cut off before its time was over, and so without a refusal"
-            wait_for_end(service.process_id)
+            wait_until(lambda: not running(service.process_id))
     quiet(tmp_path / "service.log")
     assert list((tmp_path / "data" / "incoming").iterdir()) == []

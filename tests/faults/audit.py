@@ -42,7 +42,6 @@ class Audit:
                 connection.execute(text(statement))
 
     def unfinished(self) -> int:
-        """Count the jobs that have not ended."""
         with self.reading() as connection:
             return int(connection.scalar(text(f"SELECT count(*) FROM jobs WHERE state NOT IN {ENDS}")) or 0)  # noqa: S608
 
@@ -54,7 +53,6 @@ class Audit:
             return [int(ending) for ending in endings if ending.isdigit()]
 
     def ledger(self) -> Ledger:
-        """Read everything that the counts need."""
         with self.reading() as connection:
             rows = connection.execute(text("SELECT id, state, losses FROM jobs")).all()
             return Ledger(
@@ -66,12 +64,10 @@ class Audit:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """Open a connection."""
         with self._engine.connect() as connection:
             yield connection
 
     def close(self) -> None:
-        """Close the connections to the database."""
         self._engine.dispose()
 
     def _statements(self) -> Iterator[str]:

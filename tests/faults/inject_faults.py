@@ -15,14 +15,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.faults.catalogue import ENGINES, FAULTS
-from tests.faults.trials import Outcome, Plan, conduct_all
+from tests.faults.trials import ENGINES, FAULTS, Outcome, Plan, conduct_all
 
 _COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
 
 
 def main() -> None:
-    """Run what is wanted and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names, engines = [fault.name for fault in FAULTS], [engine.name for engine in ENGINES]
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="FAULT", help=", ".join(names))

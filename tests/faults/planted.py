@@ -3,7 +3,7 @@
     python tests/faults/planted.py [--only FILE ...]
 
 Each defect is planted in a copy of the working tree, in which its tests run; a quarter of an hour for all. The exit
-code is 1 unless all are found. A defect names its file by its last name alone, so that a file may move.
+code is 1 unless all are found. They stand in planted.toml.
 """
 
 import argparse
@@ -44,13 +44,13 @@ DEFECTS = (
         "wait_estimate.py",
         "order_by(groups.c.priority, last_turn, groups.c.oldest",
         "order_by(groups.c.priority, groups.c.oldest",
-        "test_turns.py",
+        "test_queue.py",
     ),
     Defect(
         "patience.py",
         "silence.seconds >= self._lease_s or",
         "silence.seconds >= 2.0 * self._lease_s or",
-        "test_leases.py",
+        "test_patience.py",
     ),
     Defect(
         "landlock.py",
@@ -62,7 +62,7 @@ DEFECTS = (
         "verified_results.py",
         "if outcome is None or outcome[0] != identity:",
         "if outcome is None:",
-        "test_verified_results.py",
+        "store/test_files.py",
     ),
     Defect("key_store.py", "return row.revoked_at is None and (", "return (", "store/test_keys.py"),
     Defect("events.py", "EventRow.number > number, published()", "published()", "store/test_events.py"),
@@ -76,7 +76,7 @@ DEFECTS = (
         "upload_parts.py",
         "if self.upload.sha256 not in {None, sha256}:",
         "if self.upload.sha256 == sha256[::-1]:",
-        "test_resumable_uploads.py",
+        "service/test_uploads.py",
     ),
     Defect("tiff/pages.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(
@@ -129,7 +129,7 @@ DEFECTS = (
         "return activated.order_by(ActivationRow.number).limit(1)",
         "test_history.py",
     ),
-    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_drift_checks.py"),
+    Defect("scanner_state.py", "and check.log_came_at > check.phantom_came_at\n", "\n", "mill/test_automatic.py"),
     Defect(
         "calibrations.py",
         'needs=Scope.ACTIVATE,\n    summary="Make a calibration the active one"',

@@ -17,7 +17,6 @@ _PARTS = {
 
 
 def marked(world: str) -> list[int]:
-    """List all running processes that carry a world's mark."""
     mark = f"{MARK}={world}".encode()
     return [process_id for process_id in _all() if mark in _read(process_id, "environ").split(b"\0")]
 

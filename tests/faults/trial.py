@@ -68,7 +68,6 @@ class Counts:
 
     @property
     def sound(self) -> bool:
-        """True if nothing is wrong."""
         return not (self.lost or self.double or self.unequal or self.orphans or self.details)
 
 
@@ -99,7 +98,6 @@ def disturbed(trial: Trial, fault: Callable[[Trial], None], jobs: int, progress:
 
 
 def settle(trial: Trial) -> None:
-    """Wait until everything has ended and what was left over has been swept."""
     _wait_for_end(trial)
     trial.product.wait_until_ready()
     _wait(SETTLED_S, lambda: not orphans(trial.product.data, trial.audit.ledger().known))
@@ -118,17 +116,9 @@ def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
     left = orphans(trial.product.data, ledger.known)
     details = [f"lost: {sentence}" for sentence in lost] + [f"double: {sentence}" for sentence in ledger.doubles]
     details += unequal + [f"orphan: {path}" for path in left]
-    return Counts(
-        lost=len(lost),
-        double=len(ledger.doubles),
-        unequal=len(unequal),
-        orphans=len(left),
-        jobs=len(ledger.states),
-        faults=trial.happened.total(),
-        losses=ledger.losses,
-        seconds=time.monotonic() - started,
-        details=details,
-    )
+    wrong = (len(found) for found in (lost, ledger.doubles, unequal, left))
+    seconds = time.monotonic() - started
+    return Counts(*wrong, len(ledger.states), trial.happened.total(), ledger.losses, seconds, details)
 
 
 def _lost(ledger: Ledger, accepted: Sequence[Accepted]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The trials of a run, one after the other, each from start to end with the servers that it needs."""
+"""The faults that are tried on each engine, and the trials of a run, one after the other, with their servers."""
 
 import tempfile
 import time
@@ -11,8 +11,8 @@ from random import Random
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from tests.faults import injections, upgrade
 from tests.faults.audit import Audit
-from tests.faults.catalogue import ENGINES, Engine, Fault
 from tests.faults.processes import marked
 from tests.faults.product import LONGEST_STOP_S, Product
 from tests.faults.servers import NotHere, Postgres, Redis
@@ -20,6 +20,52 @@ from tests.faults.trial import Counts, Trial, count, disturbed, settle
 from tests.faults.work import BASE, MIX, PLANS, Asker, answer_of
 
 FEWEST_JOBS = 4  # in a trial
+
+
+@dataclass(frozen=True)
+class Engine:
+    """An engine: the workers' software, and the database."""
+
+    name: str
+    celery: bool
+    postgres: bool
+
+
+ENGINES = (
+    Engine("embedded-sqlite", celery=False, postgres=False),
+    Engine("embedded-postgresql", celery=False, postgres=True),
+    Engine("celery-sqlite", celery=True, postgres=False),
+    Engine("celery-postgresql", celery=True, postgres=True),
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A class of faults, on the engines that can have it.
+
+    `jobs_a_fault` is the least number of jobs for each fault. `before` is called with the data folder and the
+    database's URL before the product starts for the first time, `begin` with the trial at the beginning.
+    """
+
+    name: str
+    disturb: Callable[[Trial], None]
+    on: Callable[[Engine], bool] = lambda _: True
+    jobs_a_fault: int = 3
+    before: Callable[[Path, str], None] | None = None
+    begin: Callable[[Trial], None] | None = None
+
+
+def _embedded(engine: Engine) -> bool:
+    return not engine.celery
+
+
+FAULTS = (
+    Fault("kill", injections.kill, jobs_a_fault=2),
+    Fault("stop", injections.stop, on=_embedded, jobs_a_fault=6),
+    Fault("redis", injections.redis_trouble, on=lambda engine: engine.celery, jobs_a_fault=4),
+    Fault("postgresql", injections.postgres_trouble, on=lambda engine: engine.postgres, jobs_a_fault=4),
+    Fault("upgrade", injections.kill, on=_embedded, jobs_a_fault=6, before=upgrade.before, begin=upgrade.begin),
+)
 
 
 @dataclass(frozen=True)
@@ -36,7 +82,6 @@ class Plan:
     workers: int = 2
 
     def pairs(self) -> list[tuple[Engine, Fault, int]]:
-        """List each engine with each fault that it can have, and the pair's share of the jobs."""
         pairs = [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
         shares = [max(FEWEST_JOBS, (self.jobs + number) // len(pairs)) for number in range(len(pairs))]
         return [(*pair, share) for pair, share in zip(pairs, shares, strict=True)]
@@ -68,7 +113,6 @@ class Places:
     _postgres: Postgres | None = None
 
     def postgres(self) -> Postgres:
-        """Return the one server of all trials."""
         if self._postgres is None:
             self._postgres = Postgres(self.folder / "postgresql")
             self._postgres.start()
@@ -76,7 +120,6 @@ class Places:
         return self._postgres
 
     def redis(self, folder: Path, stack: ExitStack) -> Redis:
-        """Start a server for one trial."""
         redis = Redis(folder / "redis")
         redis.start()
         stack.callback(redis.kill)

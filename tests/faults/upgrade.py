@@ -16,15 +16,6 @@ from sawmill_store import mill_tables  # noqa: F401 - brings the migrations
 REVISION = "0003"
 # In tables of that revision, with what `tests.faults.work` asks for; the first is running.
 ROWS = Path(__file__).with_name("rows_0003.json")
-_NAMES = {
-    "phantom-scan": "phantom scan",
-    "log-scan": "log scan",
-    "calibration": "calibration",
-    "drift": "drift check",
-    "reconstruction": "reconstruction",
-    "plan-0": "plan 0",
-    "plan-1": "plan 1",
-}
 _PLURALS = {"ingest": "scans", "calibrate": "calibrations", "drift": "drifts", "reconstruct": "reconstructions"}
 
 
@@ -44,7 +35,8 @@ def before(data: Path, url: str) -> None:
 def begin(trial: Trial) -> None:
     """Add the jobs that were accepted before the upgrade: their answers must be the same."""
     for row in json.loads(ROWS.read_text())["jobs"]:
-        work = Work(_NAMES[row["subject_id"]], _PLURALS.get(row["kind"], "plans"))
+        name = "drift check" if row["subject_id"] == "drift" else row["subject_id"].replace("-", " ")
+        work = Work(name, _PLURALS.get(row["kind"], "plans"))
         trial.asker.accepted.append(Accepted(work, row["subject_id"], row["id"]))
 
 

@@ -14,7 +14,7 @@ from damaged_files import endless
 from system_calls import at_call, refusing
 
 from sawmill_calibration import read_scan
-from sawmill_calibration.calibration.result_file import read_calibration
+from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.hdf5.listing import hdf5_parts
@@ -36,22 +36,16 @@ def honest(tmp_path):
     return path
 
 
-def test_a_reader_that_loops_is_a_broken_file(tmp_path):
-    endless(path := tmp_path / "endless.h5")
-    with pytest.raises(
-        UnreadableScan, match=r"reading the file did not get on for 1\.5 seconds: it is damaged"
-    ) as refusal:
-        read_apart(path, limit_s=LIMIT_S)
-    assert refusal.value.code == "broken-file"
-
-
-def test_a_reader_that_crashes_is_a_broken_file(honest):
+def test_a_reader_that_loops_or_crashes_is_a_broken_file(tmp_path, honest):
+    endless(loops := tmp_path / "endless.h5")
     crash = (sys.executable, "-S", "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    with pytest.raises(
-        UnreadableScan, match=r"crashed the reader \(SIGSEGV\): it is damaged, or needs more"
-    ) as refusal:
-        read_apart(honest, walk=crash)
-    assert refusal.value.code == "broken-file"
+    for path, given, sentence in (
+        (loops, {"limit_s": LIMIT_S}, r"reading the file did not get on for 1\.5 seconds: it is damaged"),
+        (honest, {"walk": crash}, r"crashed the reader \(SIGSEGV\): it is damaged, or needs more"),
+    ):
+        with pytest.raises(UnreadableScan, match=sentence) as refusal:
+            read_apart(path, **given)
+        assert refusal.value.code == "broken-file"
 
 
 def test_an_honest_file_is_read_apart_once_until_it_changes(honest):

@@ -1,9 +1,10 @@
-"""What a release contains, and which commits are refused. `make release` builds everything; that takes minutes."""
+"""What a release contains, which commits are refused, and newer pins. `make release` builds everything in minutes."""
 
 import json
 import os
 import re
 import subprocess
+import tomllib
 import zipfile
 from email.parser import BytesParser
 from importlib.metadata import metadata
@@ -14,6 +15,7 @@ import pytest
 import release
 import shipped
 from bundle import digest
+from newer_pins import PINS, changes, needs_of, renewed, requirements
 
 ROOT = Path(__file__).parents[2]
 
@@ -104,11 +106,8 @@ def test_the_bill_of_materials_names_each_package_and_depends_on_the_wheels_alon
     texts = {shipped.bill_of_materials(wheels, digests, 1_700_000_000) for _ in range(2)}
     bill = json.loads(texts.pop())
     assert not texts
-    assert (bill["bomFormat"], bill["specVersion"], bill["metadata"]["component"]["name"]) == (
-        "CycloneDX",
-        "1.6",
-        "sawmill-calibration",
-    )
+    about = (bill["bomFormat"], bill["specVersion"], bill["metadata"]["component"]["name"])
+    assert about == ("CycloneDX", "1.6", "sawmill-calibration")
     component, _ = bill["components"]
     assert (component["purl"], component["licenses"]) == ("pkg:pypi/a@1.0", [{"license": {"name": "MIT"}}])
     assert component["hashes"] == [{"alg": "SHA-256", "content": digests["a-1.0-py3-none-any.whl"]}]
@@ -140,9 +139,8 @@ def test_wheels_do_not_depend_on_the_mask_of_their_maker(tmp_path):
         try:
             (generator := (source := tmp_path / f"{mask}") / "openapi/clients/generate.py").parent.mkdir(parents=True)
             generator.touch()
-            (source / "pyproject.toml").write_text(
-                '[project]\nname = "a"\nversion = "1"\n[tool.setuptools]\npy-modules = ["a"]\n'
-            )
+            project = '[project]\nname = "a"\nversion = "1"\n[tool.setuptools]\npy-modules = ["a"]\n'
+            (source / "pyproject.toml").write_text(project)
             (source / "a.py").touch()
             bundle.make_wheels(source, source / "wheels", 1_700_000_000)
         finally:
@@ -178,3 +176,26 @@ def test_an_archive_of_an_image_that_is_not_whole_has_no_archive_s_name(tmp_path
 )
 def test_a_package_s_licence_is_what_its_makers_state(fields, shown):
     assert shipped.licence(BytesParser().parsebytes(f"{fields}\n\n".encode())) == shown
+
+
+OLD = "Babel==2.18.0\nclick-plugins==1.1\nclick==8.5.1\ncolorama==0.4\npydantic_core==2.50.4\n"
+
+
+def test_pins_are_renewed_in_place_and_new_packages_are_added():
+    new = renewed(OLD, {"babel": "2.19.0", "Pydantic-Core": "2.50.5", "attrs": "26.1.0", "click": "8.5.1"})
+    assert new == (
+        "attrs==26.1.0\nBabel==2.19.0\nclick-plugins==1.1\nclick==8.5.1\ncolorama==0.4\npydantic_core==2.50.5\n"
+    )
+    assert changes(OLD, new) == ["attrs 26.1.0, new", "Babel 2.18.0 -> 2.19.0", "pydantic_core 2.50.4 -> 2.50.5"]
+    assert changes(new, new) == []
+    assert renewed(PINS.read_text(), {}) == PINS.read_text(), "the committed ones are in this order"
+
+
+def test_all_requirements_but_the_product_s_own_are_resolved():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = requirements(project)
+    assert {"numpy", "psycopg[binary]>=3.2", "pytest"} <= {text.split(";")[0].strip() for text in wanted}
+    assert not [text for text in wanted if text.startswith(project["name"])]
+    # The client's generator without typer.
+    needed = ["attrs>=22.2.0", "typer<0.20,>0.16", "ruff>=0.2", 'pytest; extra == "dev"']
+    assert needs_of({"metadata": {"requires_dist": needed}}) == ["attrs>=22.2.0", "ruff>=0.2"]

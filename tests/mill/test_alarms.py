@@ -114,7 +114,5 @@ def test_each_alarm_has_its_fields_and_its_words():
 
 @pytest.mark.parametrize(("hour", "end"), [(5, 6), (6, 14), (13, 14), (14, 22), (22, 30), (23, 30)])
 def test_a_shift_ends_at_six_two_and_ten(hour, end):
-    noon = datetime(2026, 3, 2, 12, tzinfo=UTC)
-    assert shift_end(noon.replace(hour=hour, minute=20 if hour in {5, 13, 23} else 0)) == noon.replace(
-        hour=0
-    ) + timedelta(hours=end)
+    begun = datetime(2026, 3, 2, hour, 20 if hour in {5, 13, 23} else 0, tzinfo=UTC)
+    assert shift_end(begun) == datetime(2026, 3, 2, tzinfo=UTC) + timedelta(hours=end)

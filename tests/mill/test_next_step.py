@@ -6,7 +6,7 @@ from functools import cache
 from itertools import product
 
 import pytest
-from results import calibration_result
+from results import calibration_result, comparison
 
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult
@@ -27,36 +27,26 @@ IMPRECISE = CalibrationMessage.IMPRECISE(rms_mm=0.05, upper_mm=0.19, allowed_mm=
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
 
 
-def moved(moved_mm, *, against="active", within=None):
+def moved(moved_mm, *, against="active"):
     """What a newer calibration says of the movement."""
     reason = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=2.61), moved_mm=moved_mm, allowed_mm=0.5)
-    return {
-        "calibration_id": against,
-        "ray_change_mm": moved_mm,
-        "angle_change_deg": 0.0,
-        "cor_column_change_mm": 0.0,
-        "source_distance_change_mm": 0.0,
-        "tilt_change_deg": 0.0,
-        "tolerance_mm": 0.5,
-        "within_tolerance": moved_mm <= 0.5 if within is None else within,
-        "reason": reason,
-        "coded_reason": CodedReason.of(reason),
-    }
+    known = {"calibration_id": against, "reason": reason, "coded_reason": CodedReason.of(reason)}
+    return comparison(moved_mm, **known, within_tolerance=moved_mm <= 0.5)
 
 
-def answer(*reasons, comparison=None, **changes):
+def answer(*reasons, movement=None, **changes):
     """An answer with these reasons, of which movement is the first."""
-    first = [] if comparison is None or comparison["within_tolerance"] else [comparison["coded_reason"]]
+    first = [] if movement is None or movement["within_tolerance"] else [movement["coded_reason"]]
     coded = [*first, *map(CodedReason.of, reasons)]
     given = {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
     known = {"limits": LIMITS, "rays_verdict": changes.get("verdict", "pass")}
-    return CalibrationResult.model_validate(calibration_result(**known | given | {"comparison": comparison} | changes))
+    return CalibrationResult.model_validate(calibration_result(**known | given | {"comparison": movement} | changes))
 
 
-def compared(moved_mm=0.05, *reasons, **changes):
+def compared(moved_mm=0.05, *reasons, against="active", **changes):
     """The state with a newer calibration, which is compared with the one in use."""
-    comparison = moved(moved_mm, **{key: changes.pop(key) for key in ("against",) if key in changes})
-    return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, comparison=comparison, **changes)))
+    movement = moved(moved_mm, against=against)
+    return replace(ACTIVE, newest=Calibrated("newer", NOON, answer(*reasons, movement=movement, **changes)))
 
 
 def checked(moved_mm=0.05, *, within=True, at=LATER, message=LogMessage.MOVED):
@@ -150,8 +140,8 @@ WALK = list(product(VERDICTS, MOVEMENTS, [(), (SLIP,)], LOGS, IN_USE, [None, "no
 def test_no_state_contradicts_itself():
     """What moved or slipped is never green with Accept, and a scanner that is red is not made green by accepting."""
     for verdict, movement, slip, log, in_use, failure, alarms in WALK:
-        comparison = None if MOVEMENTS[movement] is None else moved(MOVEMENTS[movement])
-        result = answer(*slip, *VERDICTS[verdict], comparison=comparison, verdict=verdict)
+        compared_with = None if MOVEMENTS[movement] is None else moved(MOVEMENTS[movement])
+        result = answer(*slip, *VERDICTS[verdict], movement=compared_with, verdict=verdict)
         newest = Calibrated("newer", NOON, result)
         state = ScannerState(newest, IN_USE[in_use], failure=failure, seen=LOGS[log], alarms=alarms)
         step, third = next_step(state), AnythingMoved.of(result)
@@ -199,9 +189,9 @@ CHECKS = ("log within", "log beyond")
 @cache
 def result_of(result, at, *, active=False, against="active"):
     verdict, movement = result
-    comparison = None if against is None else moved(MOVEMENTS[movement], against=against)
-    identifier = "active" if active else f"at {at}"
-    return Calibrated(identifier, NOON + at * HOUR, answer(*VERDICTS[verdict], comparison=comparison, verdict=verdict))
+    compared_with = None if against is None else moved(MOVEMENTS[movement], against=against)
+    found = answer(*VERDICTS[verdict], movement=compared_with, verdict=verdict)
+    return Calibrated("active" if active else f"at {at}", NOON + at * HOUR, found)
 
 
 @cache

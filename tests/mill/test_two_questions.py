@@ -1,10 +1,13 @@
-"""The two questions beside every verdict: numbers, limits and sentences."""
+"""The two questions beside every verdict, and the differences of two calibrations with how certain each is."""
+
+import math
 
 import pytest
-from results import calibration_result
+from results import FRAME, THETA, calibration_result
 
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.scanners import Tolerances
+from sawmill_mill.calibration_differences import differences
 from sawmill_mill.two_questions import Answer, TwoQuestions
 
 LIMITS = {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5}
@@ -59,3 +62,33 @@ def test_a_language_gives_its_words_and_its_decimals():
     catalogue = {questions().rays.message: "Säteet: %(bound)s / %(limit)s"}
     said = sentence(words=catalogue.__getitem__, mm=lambda value: f"{value:.3f} mm".replace(".", ","))
     assert said == "Säteet: 0,040 mm / 0,100 mm"
+
+
+SPREADS = {"theta": dict.fromkeys(THETA, 0.1), "source_frame": dict.fromkeys(FRAME, 0.1)}
+
+
+def calibration(spreads=SPREADS, **frame):
+    answer = calibration_result(source_frame=FRAME | frame, standard_deviation=spreads)
+    return CalibrationResult.model_validate(answer)
+
+
+def test_a_change_is_certain_beyond_both_error_bars_together():
+    moved = calibration(cor_column_mm=FRAME["cor_column_mm"] + 0.3, tilt_rad=FRAME["tilt_rad"] - 0.2)
+    found = {each.name: each for each in differences(calibration(), moved)}
+    changes = dict.fromkeys(("psi_rad", "source_distance_mm", "source_to_detector_mm"), 0.0)
+    changes |= {"cor_column_mm": 0.3, "tilt_rad": -0.2}
+    assert {name: each.change for name, each in found.items()} == pytest.approx(changes)
+    # 95 % of a normal distribution whose variance is that of both.
+    assert found["cor_column_mm"].error == pytest.approx(1.96 * math.sqrt(0.02))
+    assert (found["cor_column_mm"].is_certain, found["tilt_rad"].is_certain) == (True, False)
+
+
+def test_the_first_angle_goes_the_shorter_way_round():
+    angle, *_ = differences(calibration(psi_rad=0.01), calibration(psi_rad=math.tau - 0.02))
+    assert angle.change == pytest.approx(-0.03)
+
+
+def test_without_an_error_bar_nothing_is_certain():
+    held = SPREADS | {"source_frame": SPREADS["source_frame"] | {"source_distance_mm": None}}
+    of_r = next(each for each in differences(calibration(), calibration(held)) if each.name == "source_distance_mm")
+    assert (of_r.error, of_r.is_certain) == (None, None)

@@ -72,8 +72,7 @@ class Client:
 
     def follow(self, path: str, heard: Callable[[str], object]) -> str:
         """Read a stream to its end, and show each block in a thread as it comes: the stream goes on after that."""
-        blocks = list[str]()
-        asked = [{"type": "http.request", "body": b"", "more_body": False}]
+        blocks, asked = list[str](), [{"type": "http.request", "body": b"", "more_body": False}]
 
         async def receive() -> dict[str, Any]:
             return asked.pop() if asked else await asyncio.Future()
@@ -178,18 +177,24 @@ def log_lines(log_text: Callable[[str], io.StringIO]) -> Callable[[], list[dict[
 @pytest.fixture(scope="session")
 def settings() -> ServiceSettings:
     """Made once: to look for forty variables takes longer than many a request."""
-    return ServiceSettings(
-        max_upload_bytes=100_000,
-        max_picture_bytes=50_000,
-        max_json_bytes=20_000,
-        event_poll_s=0.01,
-        webhook_destinations=["alarms.mill.example", "127.0.0.1"],
-    )
+    sizes = {"max_upload_bytes": 100_000, "max_picture_bytes": 50_000, "max_json_bytes": 20_000}
+    return ServiceSettings(**sizes, event_poll_s=0.01, webhook_destinations=["alarms.mill.example", "127.0.0.1"])
 
 
 @pytest.fixture
 def client(store: Store, settings: ServiceSettings, woken: list[str]) -> Client:
     return Client(create_app(settings, store, woken.append))
+
+
+@pytest.fixture
+def limited(client: Client, store: Store) -> Callable[..., Client]:
+    """Makes it the client of a service with these bounds."""
+
+    def limit(**bounds: Any) -> Client:
+        client.app = create_app(ServiceSettings(**bounds), store, print)
+        return client
+
+    return limit
 
 
 @pytest.fixture
@@ -252,14 +257,12 @@ class FakeWorker:
         result = reconstruction_result(has_deviation=True, shape=volume.shape)
         self._finish(partial(write_sparse_reconstruction, volume=volume), result)
 
-    def finish_drift(self, **changes: Any) -> None:
-        self._finish(lambda _: None, results.drift_result(**changes))
+    def _answer(self, result: Callable[..., dict[str, Any]], **changes: Any) -> None:
+        self._finish(lambda _: None, result(**changes))
 
-    def finish_inspection(self, **changes: Any) -> None:
-        self._finish(lambda _: None, results.inspection_result(**changes))
-
-    def finish_plan(self) -> None:
-        self._finish(lambda _: None, results.plan_result())
+    finish_drift = partialmethod(_answer, results.drift_result)
+    finish_inspection = partialmethod(_answer, results.inspection_result)
+    finish_plan = partialmethod(_answer, results.plan_result)
 
     def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
         claim = self.claim()
@@ -331,15 +334,9 @@ def make_volume() -> np.ndarray:
 
 
 def write_scan(folder: Path, lines: np.ndarray) -> None:
-    write_scan_file(
-        folder / "scan.h5",
-        line_integrals=lines,
-        angles_rad=np.deg2rad(np.arange(len(lines)) * 30.0),
-        detector_pitch_mm=1.5,
-        row_pitch_mm=None,
-        air_level=None,
-        provenance={},
-    )
+    unknown = {"row_pitch_mm": None, "air_level": None, "provenance": {}}
+    angles = np.deg2rad(np.arange(len(lines)) * 30.0)
+    write_scan_file(folder / "scan.h5", line_integrals=lines, angles_rad=angles, detector_pitch_mm=1.5, **unknown)
 
 
 def write_calibration(folder: Path) -> None:
@@ -376,13 +373,8 @@ def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
     alphas = np.geomspace(1e-3, 1e3, 31)
     with new_volume(folder, volume.shape) as volume_file:
         volume_file.write(0, volume)
-        columns = {
-            "alphas": alphas,
-            "residual_norms": 1.0 + alphas,
-            "solution_norms": 1.0 / alphas,
-            "gcv": 1.0 + alphas,
-        }
-        volume_file.note_alpha_curve({**columns, "alpha": np.array(1.0)})
+        norms = {"residual_norms": 1.0 + alphas, "solution_norms": 1.0 / alphas, "gcv": 1.0 + alphas}
+        volume_file.note_alpha_curve({"alphas": alphas, **norms, "alpha": np.array(1.0)})
     with h5py.File(folder / "volume.h5", "r+") as file:
         stored = {"chunks": (1, *volume.shape[1:]), **PACKED, "fletcher32": True}
         file.create_dataset("entry/reconstruction/data_errors", data=np.float32(0.1) * volume, **stored)
@@ -390,17 +382,9 @@ def write_sparse_reconstruction(folder: Path, volume: np.ndarray) -> None:
 
 
 def new_volume(folder: Path, shape: tuple[int, ...] = (SLICES, SIDE, SIDE)) -> AbstractContextManager[NewVolume]:
-    return new_reconstruction(
-        folder / "volume.h5",
-        shape,
-        pixel_mm=1.25,
-        row_pitch_mm=20.0,
-        unit="1/mm",
-        geometry={},
-        parameters={},
-        software_version="0",
-        input_sha256="0" * 64,
-    )
+    known = {"pixel_mm": 1.25, "row_pitch_mm": 20.0, "unit": "1/mm"}
+    unknown = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
+    return new_reconstruction(folder / "volume.h5", shape, **known, **unknown)
 
 
 def calibration_result(**changes: Any) -> dict[str, Any]:
@@ -408,8 +392,7 @@ def calibration_result(**changes: Any) -> dict[str, Any]:
     known = results.calibration_result()
     deviations = {name: dict.fromkeys(values) for name, values in known["standard_deviation"].items()}
     scanner = {**results.CONSTANTS, "num_detector_pixels": CELLS}
-    own = {"standard_deviation": deviations, "scanner": scanner, "views": VIEWS, "rows": (0, ROWS)}
-    return known | own | changes
+    return known | {"standard_deviation": deviations, "scanner": scanner, "views": VIEWS, "rows": (0, ROWS)} | changes
 
 
 def reconstruction_result(**changes: Any) -> dict[str, Any]:

@@ -1,21 +1,32 @@
-"""`/calibrate` asks what the file does not say, follows the search, and shows what the result is worth."""
+"""`/calibrate`, the report, two calibrations compared, and the next step, which all pages show alike."""
 
+import json
 import re
 from dataclasses import replace
 from html import unescape
 
 import pytest
-from results import SCANNER_FORM
+from asgi import refusal
+from page_text import absent
+from results import FRAME, SCANNER_FORM, calibration_result, comparison
 
 from sawmill_contracts import kinds
+from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import ScannerAsk
+from sawmill_contracts.scans import ScanSpec
+from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.workers.settings import Retries
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
+from sawmill_vocabulary import DataKind
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.scan_messages import EffectMessage
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
 ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}
@@ -35,9 +46,9 @@ def inspect(store, worker):
     return inspected
 
 
-def shown(answer):
-    """The page's text."""
-    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", answer.text)))
+def shown(page):
+    """What a person reads."""
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", getattr(page, "text", page))))
 
 
 def inputs(answer, name):
@@ -54,8 +65,7 @@ def test_without_a_file_it_takes_one(seeded):
 
 def test_without_a_scanner_it_leads_to_a_new_one_or_takes_the_file_first(client):
     page = client.get("/calibrate")
-    assert 'href="/scanners/new"' in page.text
-    assert 'type="file"' in page.text
+    assert absent(page.text, 'href="/scanners/new"', 'type="file"') == []
 
 
 def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
@@ -84,8 +94,7 @@ def test_a_scanner_that_is_made_for_a_file_is_filled_from_it_and_then_chosen(see
     assert "No scanner that is described here can have made this file." in shown(page)
     path = unescape(re.search(r'href="(/scanners/new[^"]*)">Another scanner', page.text)[1])
     form = seeded.get(path)
-    assert re.findall(r'value="(1024|1\.1)"', form.text) == ["1024", "1.1"]
-    assert shown(form).count("from your file") == 2
+    assert (re.findall(r'value="(1024|1\.1)"', form.text), shown(form).count("from your file")) == (["1024", "1.1"], 2)
     typed = SCANNER_FORM | {"num_detector_pixels": "1024", "detector_pitch_mm": "1.1"}
     again = seeded.post(path, data=typed | {"source_to_cor_mm": ""})
     assert (again.status_code, shown(again).count("from your file")) == (422, 2)
@@ -120,46 +129,50 @@ def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, ins
     answer = seeded.post("/calibrate/dataset", data={"inspection_id": inspection, "dataset": "/b"})
     assert answer.status_code == 303
     again = store.inspections.get(answer.headers["Location"].partition("inspection=")[2])
-    assert (again.options.dataset, again.options.name) == ("/b", "morning <1>.npz")
-    assert woken == [again.job_id]
+    assert (again.options.dataset, again.options.name, woken) == ("/b", "morning <1>.npz", [again.job_id])
 
 
-def test_answers_start_the_reading_and_the_calibration(seeded, store, inspect, woken):
-    inspection = inspect()
+def test_answers_start_the_reading_and_the_calibration_of_many_views_with_an_angle_each(seeded, store, inspect, woken):
+    inspection, other = inspect(), inspect()
     answer = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection})
     assert answer.status_code == 303
     path = answer.headers["Location"]
     calibration = store.calibrations.get(path.partition("calibration=")[2])
     scan = store.scans.get(calibration.scan_id)
     assert (scan.scanner_id, scan.phantom_id, scan.data, scan.angles_deg) == tuple(ANSWERS.values())
-    assert scan.name == "morning <1>.npz"
-    assert store.files.upload(kinds.INGEST, scan.id).read_bytes() == b"a scan"
+    assert (scan.name, store.files.upload(kinds.INGEST, scan.id).read_bytes()) == ("morning <1>.npz", b"a scan")
     assert woken == [scan.job_id, calibration.job_id]
     running = seeded.get(path)
     assert f'data-jobs="{scan.job_id} {calibration.job_id}"' in running.text
     assert f'data-cancel="{calibration.job_id}"' in running.text
+    angles = ",".join(f"{0.25 * view:.4f}" for view in range(1440))
+    answer = seeded.post("/calibrate", data={**ANSWERS, "angles_deg": angles, "inspection_id": other})
+    calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
+    assert store.scans.get(calibration.scan_id).angles_deg == angles
+    answer = seeded.post("/scanners/example/settings", data={"name": "x" * 9000})
+    assert refusal(answer) == (413, "body-too-large")
+    assert answer.json()["detail"] == "the body may have at most 8192 bytes"
 
 
-@pytest.mark.parametrize(
-    ("changed", "sentence"),
-    [
+def test_a_wrong_answer_is_asked_again_with_the_others_kept(seeded, store, inspect, woken):
+    for changed, sentence in (
         ({"phantom_id": ""}, "phantom_id is missing"),
         ({"data": "guess"}, "data should be 'counts'"),
         ({"scanner_id": "nowhere"}, "there is no scanner 'nowhere'"),
-    ],
-)
-def test_a_wrong_answer_is_asked_again_with_the_others_kept(seeded, store, inspect, woken, changed, sentence):
-    inspection = inspect(missing=[ANGLES])
-    before = len(store.scans.page().items)
-    page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection} | changed)
-    assert page.status_code == 422
-    assert sentence in shown(page)
-    assert 'value="0:30"' in page.text
-    assert 'role="alert"' in page.text
-    assert (len(store.scans.page().items), woken) == (before, [])
+    ):
+        inspection = inspect(missing=[ANGLES])
+        before = len(store.scans.page().items)
+        page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection} | changed)
+        assert page.status_code == 422
+        assert sentence in shown(page)
+        assert (absent(page.text, 'value="0:30"', 'role="alert"'), len(store.scans.page().items), woken) == (
+            [],
+            before,
+            [],
+        )
 
 
-def test_a_phantom_that_was_refused_leaves_no_scan_behind(seeded, store, inspect):
+def test_a_refused_phantom_and_a_full_queue_leave_no_scan_behind_and_keep_the_answers(seeded, store, inspect, settings):
     picture = store.files.receive([b"no picture"], max_bytes=100)
     phantom = store.phantoms.accept_picture(PhantomPicture(name="blurred", width_mm=400.0), picture)
     failed(store, "picture", "nothing bright is in it")
@@ -168,9 +181,6 @@ def test_a_phantom_that_was_refused_leaves_no_scan_behind(seeded, store, inspect
     assert page.status_code == 422
     assert "was refused and cannot be used" in shown(page)
     assert store.scans.page().items == before
-
-
-def test_a_full_queue_keeps_the_answers_and_leaves_no_scan_without_its_calibration(seeded, store, settings, inspect):
     inspection, before = inspect(missing=[ANGLES]), store.scans.page().items
     again = Store(store.settings.model_copy(update={"max_queued_jobs": 1}))  # a place for one of the two
     seeded.app = create_app(settings, again, print)
@@ -182,28 +192,15 @@ def test_a_full_queue_keeps_the_answers_and_leaves_no_scan_without_its_calibrati
     again.close()
 
 
-@pytest.mark.parametrize("path", ["/calibrate", "/calibrate/dataset"])
-def test_answers_about_a_file_that_has_no_result_show_how_far_it_is(seeded, store, path):
-    received = store.files.receive([b"a scan"], max_bytes=100)
-    inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
-    answers = {"inspection_id": inspection.id}
-    assert f'data-jobs="{inspection.job_id}"' in seeded.get(f"/calibrate?inspection={inspection.id}").text
-    assert f'data-jobs="{inspection.job_id}"' in seeded.post(path, data=answers).text
-    failed(store, "unreadable", "its end is missing")
-    assert "its end is missing" in shown(seeded.post(path, data=answers))
-
-
-def test_an_angle_for_each_of_many_views_is_taken(seeded, store, inspect):
-    angles = ",".join(f"{0.25 * view:.4f}" for view in range(1440))
-    answer = seeded.post("/calibrate", data={**ANSWERS, "angles_deg": angles, "inspection_id": inspect()})
-    calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
-    assert store.scans.get(calibration.scan_id).angles_deg == angles
-
-
-def test_a_form_that_is_too_large_is_refused_as_such(seeded):
-    answer = seeded.post("/scanners/example/settings", data={"name": "x" * 9000})
-    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
-    assert answer.json()["detail"] == "the body may have at most 8192 bytes"
+def test_answers_about_a_file_that_has_no_result_show_how_far_it_is(seeded, store):
+    for path in ("/calibrate", "/calibrate/dataset"):
+        received = store.files.receive([b"a scan"], max_bytes=100)
+        inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
+        answers = {"inspection_id": inspection.id}
+        assert f'data-jobs="{inspection.job_id}"' in seeded.get(f"/calibrate?inspection={inspection.id}").text
+        assert f'data-jobs="{inspection.job_id}"' in seeded.post(path, data=answers).text
+        failed(store, "unreadable", "its end is missing")
+        assert "its end is missing" in shown(seeded.post(path, data=answers))
 
 
 def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
@@ -224,8 +221,7 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
 @pytest.fixture
 def started(seeded, inspect):
     """The path of a calibration that has been asked for."""
-    answer = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])})
-    return answer.headers["Location"]
+    return seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(missing=[ANGLES])}).headers["Location"]
 
 
 def failed(store, code, detail):
@@ -237,8 +233,7 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     failed(store, "angles-mismatch", "12 angles were given for 20 views")
     failed(store, "scan-refused", "the scan was refused")
     page = seeded.get(started)
-    assert "12 angles were given for 20 views" in shown(page)
-    assert "one angle for each view" in shown(page)
+    assert absent(shown(page), "12 angles were given for 20 views", "one angle for each view") == []
     again = unescape(re.search(r'href="([^"]*)">Try again with other answers', page.text)[1])
     assert "calibration=" not in again
     asked_again = seeded.get(again)
@@ -246,16 +241,22 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     assert 'name="angles_deg" required value="0:30"' in asked_again.text
 
 
-def test_a_result_shows_what_it_is_worth_and_is_accepted(seeded, store, worker, started):
+def test_a_result_shows_what_it_is_worth_and_is_accepted_by_whoever_may(seeded, store, worker, started):
     worker.finish_scan()
     worker.finish_calibration(comparison=None)
+    keys = {scope: store.keys.create(KeyAsk(name=scope, scope=scope)).secret for scope in (Scope.READ, Scope.SUBMIT)}
+    asked = {scope: {"Authorization": f"Bearer {secret}"} for scope, secret in keys.items()}
+    page = seeded.get(started, headers=asked[Scope.SUBMIT])
+    assert "Accepting needs a key of the scope activate" in shown(page)
+    assert "/operator/activate/" not in page.text
+    assert 'type="file"' in seeded.get("/calibrate", headers=asked[Scope.SUBMIT]).text
+    assert "Your key may only look" in shown(seeded.get("/calibrate", headers=asked[Scope.READ]))
+    assert seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ]).status_code == 403
     page = seeded.get(started)
-    assert "Are the rays right?" in shown(page)
-    assert "Are the millimetres right?" in shown(page)
+    assert absent(shown(page), "Are the rays right?", "Are the millimetres right?") == []
     assert "Accepting makes it the calibration that Line <2> uses from now on" in shown(page)
     action = re.search(r'action="(/operator/activate/[^"]*)"', page.text)[1]
-    onward = unescape(re.search(r'name="next" value="([^"]*)"', page.text)[1])
-    answer = seeded.post(action, data={"next": onward})
+    answer = seeded.post(action, data={"next": unescape(re.search(r'name="next" value="([^"]*)"', page.text)[1])})
     assert (answer.status_code, answer.headers["Location"]) == (303, started)
     assert store.scanners.get("example").active_calibration_id == action.rpartition("/")[2]
     assert "This is the active calibration" in shown(seeded.get(started))
@@ -266,23 +267,8 @@ def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store,
     worker.finish_calibration(verdict="fail", rays_verdict="fail", reasons=["The residual is too large."])
     store.calibrations.activate(re.search(r"calibration=(\w+)", started)[1], "by hand")
     page = shown(seeded.get(started))
-    assert "This calibration is in use and must not be." in page
-    assert "Go back to an earlier one." in page
+    assert absent(page, "This calibration is in use and must not be.", "Go back to an earlier one.") == []
     assert "Nothing needs to be done" not in page
-
-
-def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, worker, started):
-    worker.finish_scan()
-    worker.finish_calibration()
-    keys = {scope: store.keys.create(KeyAsk(name=scope, scope=scope)).secret for scope in (Scope.READ, Scope.SUBMIT)}
-    asked = {scope: {"Authorization": f"Bearer {secret}"} for scope, secret in keys.items()}
-    page = seeded.get(started, headers=asked[Scope.SUBMIT])
-    assert "Accepting needs a key of the scope activate" in shown(page)
-    assert "/operator/activate/" not in page.text
-    assert 'type="file"' in seeded.get("/calibrate", headers=asked[Scope.SUBMIT]).text
-    assert "Your key may only look" in shown(seeded.get("/calibrate", headers=asked[Scope.READ]))
-    refused = seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ])
-    assert refused.status_code == 403
 
 
 def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, woken):
@@ -291,5 +277,157 @@ def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, w
     assert "Which scanner made it?" not in shown(page)
     answer = seeded.post("/calibrate", data={"scan_id": "example", "phantom_id": "example-spare"})
     calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
-    assert (calibration.scan_id, calibration.phantom_id) == ("example", "example-spare")
-    assert woken == [calibration.job_id]
+    assert (calibration.scan_id, calibration.phantom_id, woken) == ("example", "example-spare", [calibration.job_id])
+
+
+@pytest.fixture
+def report(seeded):
+    def get(calibration_id="example"):
+        return seeded.get(f"/calibrations/{calibration_id}/report")
+
+    return get
+
+
+def test_the_report_names_scanner_phantom_user_and_the_mill_s_times_and_stays_without_scan_and_file(report, store):
+    answer = report()
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    assert answer.headers["cache-control"] == "no-store"
+    text = shown(answer)
+    assert absent(text, "Calibration of Line <2>", "yes, the active one", "L-shape", "UTC") == []
+    assert "movement 0.500 mm" in text
+    assert answer.text.count("data:image/svg+xml;base64,") == 5  # phantom, log before and after, residual, search
+    assert 'href="/scanners/example"' in answer.text
+    store.scans.delete("example")
+    spec = ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6", time_zone="Asia/Tokyo")
+    store.schedules.create(spec, schedule_id="in-tokyo")
+    store.files.result(kinds.CALIBRATE, "example", "result.h5").unlink()
+    answer = report()
+    assert absent(shown(answer), "Scan example ", "JST (UTC+09:00)", "No pictures") == []
+    assert "data:image" not in answer.text
+
+
+def test_a_newer_calibration_s_report_says_who_asked_and_there_is_none_before(seeded, store, worker, report):
+    made = store.keys.create(KeyAsk(name="scanner of line 2", scope=Scope.SUBMIT))
+    headers = {"Authorization": f"Bearer {made.secret}"}
+    asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}, headers=headers).json()["id"]
+    worker.finish_calibration(verdict="watch", rays_verdict="watch", reasons=["the <log> moved"])
+    store.files.result(kinds.CALIBRATE, asked, "result.h5").unlink()  # its pictures take a second
+    assert absent(shown(report(asked)), "scanner of line 2", "In use no", "the <log> moved") == []
+    waiting = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+    answer = report(waiting)
+    assert answer.status_code == 409
+    assert answer.json()["detail"] == f"calibration '{waiting}' is queued and has no report"
+    assert report("nothing").status_code == 404
+
+
+PAGE = "/scanners/example/compare"
+
+
+@pytest.fixture
+def pair(store, worker) -> tuple[str, str]:
+    """Two calibrations with error bars; the second has moved by 0.4 mm on the detector."""
+    made = []
+    for column_mm in (FRAME["cor_column_mm"], FRAME["cor_column_mm"] + 0.4):
+        made.append(store.calibrations.accept(CalibrationAsk(scan_id="example")).id)
+        spreads = calibration_result()["standard_deviation"]
+        worker.finish_calibration(source_frame=FRAME | {"cor_column_mm": column_mm}, standard_deviation=spreads)
+    return tuple(made)
+
+
+def row(answer, name: str) -> str:
+    return shown(re.search(rf"<tr><th scope=\"row\">{re.escape(name)}.*?</tr>", answer.text)[0]).strip()
+
+
+def test_any_two_calibrations_are_compared_with_their_error_bars(seeded, pair):
+    newest = seeded.get(PAGE)
+    assert re.findall(r'<option value="(\w+)" selected', newest.text)[:2] == list(pair)
+    moved = row(newest, "Centre of rotation on the detector (u_c)")
+    # 1.96 times the root of 2 times 0.1 mm squared.
+    assert moved.endswith("-209.100 mm -208.700 mm +0.400 mm 0.277 mm Changed")
+    assert row(newest, "Source to detector (SDD)").endswith("0.277 mm The same")
+    other_way = seeded.get(f"{PAGE}?first={pair[1]}&second={pair[0]}")
+    assert "-0.400 mm" in row(other_way, "Centre of rotation on the detector (u_c)")
+    unknown = row(seeded.get(f"{PAGE}?first=example&second={pair[0]}"), "Centre of rotation on the detector (u_c)")
+    assert unknown.endswith("not known Not certain")
+    assert seeded.get(f"/scanners/example-spare/compare?first={pair[1]}&second={pair[0]}").status_code == 404
+
+
+def test_before_the_second_calibration_there_is_nothing_to_compare(seeded):
+    assert "There are no two calibrations to compare yet." in seeded.get(PAGE).text
+
+
+def test_one_log_is_made_with_both_and_only_once(seeded, store, pair):
+    fields = {"first": pair[0], "second": pair[1], "scan_id": "example-spare"}
+    made = seeded.post(PAGE, data=fields)
+    assert made.status_code == 303
+    newest, older = (log.id for log in store.reconstructions.page(scan_id="example-spare").items)
+    assert made.headers["Location"] == f"/logs/{newest}?beside={older}"
+    assert {store.reconstructions.get(each).calibration_id for each in (newest, older)} == set(pair)
+    assert seeded.post(PAGE, data=fields).headers["Location"] == made.headers["Location"]
+    reading = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS)
+    another = store.scans.accept(reading, store.files.receive([b"file"], max_bytes=100)).id
+    for wrong in ({"first": ""}, {"second": "another one"}, {"scan_id": ""}, {"scan_id": "no such scan"}):
+        assert seeded.post(PAGE, data=fields | wrong).status_code == 404, wrong
+    assert seeded.post("/scanners/example-spare/compare", data=fields).status_code == 404, "another scanner's"
+    refused = seeded.post(PAGE, data=fields | {"scan_id": another})
+    assert refused.status_code == 409
+    assert 'class="problem"' in refused.text
+
+
+MOVED = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=2.61), moved_mm=0.66, allowed_mm=0.5)
+SLIP = CalibrationMessage.EFFECT_FITTED(EffectMessage.SLIP(view=17, slip_mm=2.5, slip_deg=0.3), off_mm=0.26)
+IMPRECISE = CalibrationMessage.IMPRECISE(rms_mm=0.05, upper_mm=0.19, allowed_mm=0.1)
+DRIFTED = LogMessage.MOVED(LogMessage.DETECTOR_SLID(column_mm=-2.12), moved_mm=0.8, allowed_mm=0.5)
+WORDS_FI = {"A log", "Check", "Scan", "The ", "Something", "phantom", "Fasten", "allowed"}
+
+
+def reasons_of(*reasons):
+    coded = [CodedReason.of(each) for each in reasons]
+    return {"reasons": [each.sentence for each in coded], "coded_reasons": coded}
+
+
+def compared(moved_mm, reason):
+    return comparison(moved_mm, reason=str(reason), coded_reason=CodedReason.of(reason))
+
+
+# The newest calibration, a drift check after it, and the button of the step.
+STATES = {
+    "good": ({"comparison": comparison()}, None, "accept"),
+    "moved": ({"comparison": compared(0.66, MOVED), **reasons_of(MOVED)}, None, "scan-again"),
+    "slipped": ({"comparison": comparison(), **reasons_of(SLIP)}, None, "scan-again"),
+    "imprecise": ({"verdict": "watch", **reasons_of(IMPRECISE), "comparison": comparison()}, None, "scan-again"),
+    "wrong": ({"verdict": "fail", **reasons_of(IMPRECISE)}, None, "scan-again"),
+    "drifted": ({"comparison": comparison()}, DRIFTED, "calibrate"),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_pages_report_and_answers_agree_and_are_finnish_for_finns(seeded, store, worker, state):
+    changes, log, button = STATES[state]
+    identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+    worker.finish_calibration(**changes)
+    if state != "good":  # the pictures of the report take a second, and say the same in each state
+        store.files.result(kinds.CALIBRATE, identifier, "result.h5").unlink()
+    if log is not None:
+        seeded.post("/v1/drifts", json={"scan_id": "example"})
+        coded = CodedReason.of(log)
+        worker.finish_drift(ray_change_mm=0.8, within_tolerance=False, reason=coded.sentence, coded_reason=coded)
+    step = seeded.get(f"/v1/calibrations/{identifier}/next-step").json()
+    assert (step, step["button"]) == (seeded.get("/v1/scanners/example/next-step").json(), button)
+    places = ("/", "/scanners/example", f"/calibrate?calibration={identifier}", f"/calibrations/{identifier}/report")
+    pages = {path: seeded.get(path).text for path in places}
+    for path, html in pages.items():
+        assert step["headline"] in shown(html), path
+        assert step["action"] in shown(html), path
+    verdict = pages[f"/calibrate?calibration={identifier}"]
+    primary = re.search(r'class="(?:button )?primary large"[^>]*>([^<]*)<', verdict)[1]
+    assert primary == {"accept": "Accept", "scan-again": "Scan again", "calibrate": "Calibrate"}[button]
+    events = seeded.get("/v1/events?duration_s=0.05&after=0").text
+    assert f'"headline":{json.dumps(step["headline"])}' in events.replace('": ', '":')
+
+    # In Finnish, and without a word of English that is not marked as such.
+    for path in (*places[:3], f"{places[3]}?language=fi"):
+        page = seeded.get(path, headers={"Accept-Language": "fi"}).text
+        main = re.search(r"<main.*?</main>", page, re.DOTALL)[0]
+        finnish = shown(re.sub(r'<(\w+)[^>]*lang="en"[^>]*>.*?</\1>', "", main, flags=re.DOTALL))
+        assert [word for word in WORDS_FI if word in finnish] == [], path

@@ -18,12 +18,10 @@ FILES = {
     "volume": (kinds.RECONSTRUCT, "example-sparse/volume.h5", "entry/reconstruction/data", f"{LOG}/slices/0.npy"),
     "calibration": (kinds.CALIBRATE, "example/result.h5", "entry/arrays/sinogram", f"{FOUND}/result.h5"),
 }
+SLICES = ("slices/0.png", "slices/0.png?show=deviation", "mosaic.png", "side.png", "side.npy", "thumbnail.png")
 OTHERS = {
     "scan": ["preview", "thumbnail.png"],
-    "volume": [
-        *("slices/0.png", "slices/0.png?show=deviation", "mosaic.png", "side.png", "side.npy", "thumbnail.png"),
-        *("alpha-curve.png", "volume.h5"),
-    ],
+    "volume": [*SLICES, "alpha-curve.png", "volume.h5"],
     "calibration": ["report.png", "overlay.png", "log-before.png"],
 }
 
@@ -63,43 +61,35 @@ def test_a_damaged_file_is_one_problem(seeded, store, damage):
     check_problem(seeded.get(f"{LOG}/volume.h5"))
 
 
-@pytest.mark.parametrize("result", FILES)
-def test_so_is_everything_that_is_made_of_it(seeded, store, result):
-    path, _, first = file_of(store, result)
-    another_file(path, "")
-    for name in OTHERS[result]:
-        check_problem(seeded.get(f"{first.rpartition('/')[0].removesuffix('/slices')}/{name}"))
-
-
-def test_an_array_with_other_axes_is_one_problem(seeded, store):
+def test_an_array_with_other_axes_is_one_problem_and_so_is_everything_that_is_made_of_a_damaged_file(seeded, store):
     path, _, _ = file_of(store, "calibration")
     with h5py.File(path, "r+") as file:
         del file["entry/arrays/phantom_image"]
         file["entry/arrays/phantom_image"] = [1.0]
     check_problem(seeded.get(f"{FOUND}/report.png"))
-
-
-@pytest.mark.parametrize("page", ["/logs/example-sparse", "/calibrations/example/report"])
-def test_a_page_of_it_gives_the_sentence(seeded, store, page):
     for result in FILES:
         another_file(file_of(store, result)[0], "")
-    answer = seeded.get(page, headers={"Accept": "text/html"})
-    assert answer.status_code == 409
-    assert "is another file than the job wrote" in answer.text
+    for page in ("/logs/example-sparse", "/calibrations/example/report"):
+        answer = seeded.get(page, headers={"Accept": "text/html"})
+        assert (answer.status_code, "is another file than the job wrote" in answer.text) == (409, True)
+    for result in FILES:
+        path, _, first = file_of(store, result)
+        another_file(path, "")
+        for name in OTHERS[result]:
+            check_problem(seeded.get(f"{first.rpartition('/')[0].removesuffix('/slices')}/{name}"))
 
 
-@pytest.mark.parametrize("result", FILES)
-def test_no_changed_byte_is_parsed_and_the_time_of_change_does_not_tell(seeded, store, result):
+def test_no_changed_byte_is_parsed_and_the_time_of_change_does_not_tell(seeded, store):
     """A byte's fault may end the process, with all tests: that this one ends is part of what it says."""
-    path, _, first = file_of(store, result)
-    whole, generator = path.read_bytes(), np.random.default_rng(47)
-    collection = whole.find(b"GCOL")
-    sizes_in_the_heap = [] if collection < 0 else [collection + 24]  # which 255 makes an endless loop of
-    for number, place in enumerate([*sizes_in_the_heap, *generator.integers(len(whole), size=100)]):
-        with changed_byte(path, int(place), 255 if whole[place] != 255 else 0):
-            with pytest.raises(DamagedResult):
-                store.files.verified.digest(path)
-            if number % 25 == 0:
-                check_problem(seeded.get(first))
-    assert seeded.get(first).status_code == 200
-    assert seeded.get("/health/live").status_code == 200
+    for result in FILES:
+        path, _, first = file_of(store, result)
+        whole, generator = path.read_bytes(), np.random.default_rng(47)
+        collection = whole.find(b"GCOL")
+        sizes_in_the_heap = [] if collection < 0 else [collection + 24]  # which 255 makes an endless loop of
+        for number, place in enumerate([*sizes_in_the_heap, *generator.integers(len(whole), size=100)]):
+            with changed_byte(path, int(place), 255 if whole[place] != 255 else 0):
+                with pytest.raises(DamagedResult):
+                    store.files.verified.digest(path)
+                if number % 25 == 0:
+                    check_problem(seeded.get(first))
+        assert (seeded.get(first).status_code, seeded.get("/health/live").status_code) == (200, 200)

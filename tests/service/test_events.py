@@ -25,17 +25,7 @@ HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
 
 
 class WatchedEvents(Events):
-    """The table of events, on which a test looks while a feed reads it.
-
-    Attributes
-    ----------
-    reads : int
-        Number of looks at the table that have ended.
-    through : int
-        Number of the event through which the newest reader has read.
-    before, after
-        Called before and after each look, to hold it or to let it fail.
-    """
+    """The table of events, with how often and how far it was read, and what is called before and after each look."""
 
     def __init__(self, store: Store) -> None:
         super().__init__(store.database)
@@ -120,8 +110,7 @@ def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops
         worker.finish_calibration()
 
     first, *heard, last = follow(calibrate)
-    assert (first["event"], first["retry"]) == ("alive", "1000")
-    assert happened(heard) == ["queued", "started", "succeeded"]
+    assert (first["event"], first["retry"], happened(heard)) == ("alive", "1000", ["queued", "started", "succeeded"])
     assert [int(block["id"]) for block in heard] == [int(first["id"]) + step for step in (1, 2, 3)]
     seen = heard[-1]["data"]
     assert (seen["number"], seen["what"]) == (int(heard[-1]["id"]), "succeeded")
@@ -130,7 +119,7 @@ def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops
     assert (last["event"], last["id"], last["retry"]) == ("closing", heard[-1]["id"], "1000")
 
 
-def test_a_stream_goes_on_where_its_client_has_been(follow):
+def test_a_stream_goes_on_where_its_client_has_been_and_one_of_a_scanner_leaves_the_others_out(follow, store, seeded):
     every = follow(query="?after=0")
     numbers = [block["id"] for block in every if block["event"] not in {"alive", "closing"}]
     assert len(numbers) > 20
@@ -138,14 +127,9 @@ def test_a_stream_goes_on_where_its_client_has_been(follow):
     seen, rest = numbers[9], numbers[10:]
     for heard in (follow(query=f"?after={seen}"), follow(query="?after=0", **{"Last-Event-ID": seen})):
         assert [block["id"] for block in heard if block["event"] not in {"alive", "closing"}] == rest
-
-
-def test_a_client_of_a_database_that_was_put_back_hears_what_happens_from_now_on(store, follow):
     delete = lambda: store.schedules.delete("example")  # noqa: E731
     assert happened(follow(delete, **{"Last-Event-ID": "999999"})) == ["schedule-deleted"]
 
-
-def test_a_stream_of_one_scanner_leaves_the_others_out(seeded, follow):
     def change() -> None:
         for scanner_id in ("example", "example-spare"):
             scanner = seeded.get(f"/v1/scanners/{scanner_id}").json()
@@ -156,6 +140,10 @@ def test_a_stream_of_one_scanner_leaves_the_others_out(seeded, follow):
     assert [block["data"]["scanner_id"] for block in heard[1:-1]] == ["example-spare"]
     # The service knows how far this client has heard, though the last event was not for it.
     assert int(heard[-1]["id"]) >= int(heard[-2]["id"])
+    for wrong in ("-1", "x"):
+        answer = seeded.get("/v1/events", headers={"Last-Event-ID": wrong})
+        assert (answer.status_code, "Last-Event-ID" in answer.json()["detail"]) == (422, True)
+        assert seeded.get(f"/v1/events?after={wrong}").status_code == 422
 
 
 def test_silence_is_broken_and_an_outage_is_outlived(seeded, store, follow):
@@ -275,16 +263,8 @@ def test_a_stream_ends_with_its_key(seeded, store, follow):
     seeded.app.state.stream_times = StreamTimes(access_s=0.02)
     key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
     bearer = {"Authorization": f"Bearer {key.secret}"}
-    heard = follow(lambda: store.keys.revoke(key.id), **bearer)
-    assert heard[-1]["event"] == "closing"
+    assert follow(lambda: store.keys.revoke(key.id), **bearer)[-1]["event"] == "closing"
     assert seeded.get("/v1/events", headers=bearer).status_code == 401
-
-
-@pytest.mark.parametrize("wrong", ["-1", "x"])
-def test_a_wrong_number_is_refused_in_a_sentence(seeded, wrong):
-    answer = seeded.get("/v1/events", headers={"Last-Event-ID": wrong})
-    assert (answer.status_code, "Last-Event-ID" in answer.json()["detail"]) == (422, True)
-    assert seeded.get(f"/v1/events?after={wrong}").status_code == 422
 
 
 def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_nothing(store):

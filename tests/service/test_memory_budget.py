@@ -57,21 +57,8 @@ class Noted(MemoryBudget):
         return not self._held and not self._waiting
 
 
-@pytest.mark.parametrize(
-    ("asked", "order"),
-    [
-        # The first four fill half of the budget; the caller who comes last has the other half at once.
-        ([("a", 10)] * 8 + [("b", 10)], "aaaabaaaa"),
-        ([("a", 20)] * 3 + [("b", 20)] * 3 + [("c", 20)] * 2, "aabbacbc"),
-        # More than half: alone of its caller; more than all counts as all.
-        ([("a", 60), ("a", 10), ("b", 10)], "aba"),
-        ([("a", 200), ("b", 10)], "ab"),
-        # A small answer does not overtake a large one of another caller.
-        ([("a", 40), ("b", 20), ("c", 30), ("d", 10)], "abcd"),
-    ],
-)
-def test_callers_take_turns_and_nobody_has_more_than_half(asked, order):
-    async def all_answered() -> Noted:
+def test_callers_take_turns_and_nobody_has_more_than_half():
+    async def all_answered(asked: list[tuple[str, int]]) -> Noted:
         budget = Noted(80)
 
         async def answer(caller: str, size_bytes: int) -> None:
@@ -81,11 +68,21 @@ def test_callers_take_turns_and_nobody_has_more_than_half(asked, order):
         await asyncio.gather(*(answer(*each) for each in asked))
         return budget
 
-    budget = asyncio.run(all_answered())
-    assert "".join(budget.granted) == order
-    assert budget.is_idle
-    assert budget.largest_sum <= 80
-    assert budget.largest_share <= 40 or max(size for _, size in asked) > 40
+    for asked, order in (
+        # The first four fill half of the budget; the caller who comes last has the other half at once.
+        ([("a", 10)] * 8 + [("b", 10)], "aaaabaaaa"),
+        ([("a", 20)] * 3 + [("b", 20)] * 3 + [("c", 20)] * 2, "aabbacbc"),
+        # More than half: alone of its caller; more than all counts as all.
+        ([("a", 60), ("a", 10), ("b", 10)], "aba"),
+        ([("a", 200), ("b", 10)], "ab"),
+        # A small answer does not overtake a large one of another caller.
+        ([("a", 40), ("b", 20), ("c", 30), ("d", 10)], "abcd"),
+    ):
+        budget = asyncio.run(all_answered(asked))
+        assert "".join(budget.granted) == order
+        assert budget.is_idle
+        assert budget.largest_sum <= 80
+        assert budget.largest_share <= 40 or max(size for _, size in asked) > 40
 
 
 def test_a_client_that_goes_leaves_the_queue_and_what_is_sent_is_given_back():
@@ -132,23 +129,16 @@ def test_an_answer_that_nobody_reads_gives_its_memory_back(store, settings):
     assert app.state.memory_budget.is_idle
 
 
+COLORED, SMALL = "?color_map=viridis", "max_size=512"
+SLICES = (
+    *("png", f"png{COLORED}", "png?bits=16", "png?show=deviation", "jpg", f"jpg{COLORED}", f"jpg{COLORED}&{SMALL}"),
+    *("npy", f"npy?{SMALL}"),
+)
 PATHS = [
-    "v1/reconstructions/{0}/slices/0.png",
-    "v1/reconstructions/{0}/slices/0.png?color_map=viridis",
-    "v1/reconstructions/{0}/slices/0.png?bits=16",
-    "v1/reconstructions/{0}/slices/0.png?show=deviation",
-    "v1/reconstructions/{0}/slices/0.jpg",
-    "v1/reconstructions/{0}/slices/0.jpg?color_map=viridis",
-    "v1/reconstructions/{0}/slices/0.jpg?color_map=viridis&max_size=512",
-    "v1/reconstructions/{0}/slices/0.npy",
-    "v1/reconstructions/{0}/slices/0.npy?max_size=512",
-    "v1/reconstructions/{0}/mosaic.png?color_map=magma",
-    "v1/reconstructions/{0}/thumbnail.png",
-    "v1/reconstructions/{0}/volume.nrrd",
-    "v1/reconstructions/{1}/side.png?color_map=magma",
-    "v1/reconstructions/{1}/side.npy",
-    "v1/scans/{2}/preview",
-    "v1/scans/{2}/thumbnail.png",
+    *(f"v1/reconstructions/{{0}}/slices/0.{each}" for each in SLICES),
+    *(f"v1/reconstructions/{{0}}/{each}" for each in ("mosaic.png?color_map=magma", "thumbnail.png", "volume.nrrd")),
+    *(f"v1/reconstructions/{{1}}/side.{each}" for each in ("png?color_map=magma", "npy")),
+    *(f"v1/scans/{{2}}/{each}" for each in ("preview", "thumbnail.png")),
 ]
 # By matplotlib, which takes seconds.
 FIGURES = [
@@ -161,10 +151,7 @@ FIGURES = [
 @pytest.mark.usefixtures("_as_served")
 @pytest.mark.parametrize(
     ("side", "paths"),
-    [
-        (1024, PATHS),
-        pytest.param(4096, PATHS + FIGURES, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)]),
-    ],
+    [(1024, PATHS), pytest.param(4096, PATHS + FIGURES, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])],
 )
 def test_no_answer_takes_more_memory_than_it_reserves(seeded, store, settings, worker, side, paths):
     """The peak of this process's resident memory, over what it has before each answer; noise packs badly."""

@@ -1,12 +1,24 @@
-"""What a scrape tells, and whether the service says that it is ready."""
+"""What a scrape tells, whether the service says that it is ready, and that the example rules name what a scrape has."""
 
+import json
+import re
+import shutil
+import subprocess
 import threading
 import time
+from collections import defaultdict
+from collections.abc import Iterator
 from datetime import timedelta
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import results
+import yaml
+from asgi import refusal
 from machine_faults import database_away
+from missing_parts import skip_without
 from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_contracts.calibrations import CalibrationAsk
@@ -35,7 +47,7 @@ def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=kind, code=code, detail="it failed"))
 
 
-def test_a_scrape_of_the_examples(scrape):
+def test_a_scrape_of_the_examples_and_of_a_job_that_waits_for_a_worker(scrape, seeded, store, settings):
     assert scrape("sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
     assert scrape("sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
     assert scrape("sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
@@ -56,54 +68,6 @@ def test_a_scrape_of_the_examples(scrape):
     assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
     assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
     assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
-
-
-def test_the_old_count_has_its_old_labels_and_the_new_one_adds_up_to_it(seeded, scrape):
-    seeded.post("/v1/calibrations", json={"scan_id": "example"})
-    assert scrape("sawmill_jobs", state="queued") == 1
-    assert scrape("sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
-    assert scrape("sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
-
-
-def test_failures_are_counted_by_code_and_unknown_codes_as_one(seeded, store, scrape):
-    for code in ("too-few-views", "<made up>", "of an older version"):
-        seeded.post("/v1/calibrations", json={"scan_id": "example"})
-        fail(store, code)
-    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="too-few-views") == 1
-    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
-
-
-def test_memory_of_attempts(seeded, store, scrape):
-    for peak_memory_bytes in (2**30, 2**31):
-        seeded.post("/v1/drifts", json={"scan_id": "example"})
-        claim = store.jobs.claim("test")
-        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-        answer = results.answer_of(claim.job.kind, results.drift_result())
-        store.jobs.succeed(claim, answer, output, peak_memory_bytes=peak_memory_bytes)
-    assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
-    assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
-    assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
-
-
-def test_a_log_that_shows_movement_turns_the_scanner_red(store, worker, scrape):
-    store.drifts.accept(DriftAsk(scan_id="example"))
-    worker.finish_drift(within_tolerance=False, ray_change_mm=0.7, reason="the detector moved")
-    assert scrape("sawmill_scanner_in_tolerance", scanner="example") == 0
-    assert scrape("sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
-
-
-@pytest.mark.parametrize("by", ["failing", "failing its check"])
-def test_a_calibration_that_failed(store, worker, scrape, by):
-    store.calibrations.accept(CalibrationAsk(scan_id="example"))
-    if by == "failing":
-        fail(store, "phantom-not-seen")
-    else:
-        worker.finish_calibration(verdict="fail", predicted_ray_error_mm=None)
-    assert scrape("sawmill_scanner_calibration_failed", scanner="example") == 1
-    assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
-
-
-def test_jobs_that_wait_for_a_worker(seeded, store, settings, scrape):
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     assert scrape("sawmill_jobs_without_worker") == 0
     later = Store(store.settings, clock=lambda: store.now() + timedelta(minutes=1))
@@ -114,19 +78,49 @@ def test_jobs_that_wait_for_a_worker(seeded, store, settings, scrape):
     later.close()
 
 
-def test_a_database_that_is_away_leaves_the_rest(store, scrape):
+def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(seeded, store, scrape):
+    for code in ("too-few-views", "<made up>", "of an older version"):
+        seeded.post("/v1/calibrations", json={"scan_id": "example"})
+        fail(store, code)
+    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="too-few-views") == 1
+    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
+    for peak_memory_bytes in (2**30, 2**31):
+        seeded.post("/v1/drifts", json={"scan_id": "example"})
+        claim = store.jobs.claim("test")
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        answer = results.answer_of(claim.job.kind, results.drift_result())
+        store.jobs.succeed(claim, answer, output, peak_memory_bytes=peak_memory_bytes)
+    assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
+    assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
+    assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    assert scrape("sawmill_jobs", state="queued") == 1
+    assert scrape("sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
+    assert scrape("sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
+
+
+def test_movement_and_a_calibration_that_failed_turn_the_scanner_red(store, worker, scrape):
+    store.drifts.accept(DriftAsk(scan_id="example"))
+    worker.finish_drift(within_tolerance=False, ray_change_mm=0.7, reason="the detector moved")
+    assert scrape("sawmill_scanner_in_tolerance", scanner="example") == 0
+    assert scrape("sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
+    unseen, wrong = partial(fail, store, "phantom-not-seen"), {"verdict": "fail", "predicted_ray_error_mm": None}
+    good, bad = worker.finish_calibration, partial(worker.finish_calibration, **wrong)
+    for end, failed in ((unseen, 1), (good, 0), (bad, 1)):
+        store.calibrations.accept(CalibrationAsk(scan_id="example"))
+        end()
+        assert scrape("sawmill_scanner_calibration_failed", scanner="example") == failed
+        assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
+
+
+def test_a_database_or_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
     assert scrape("sawmill_database_up") == 1
     with database_away(store.database):
-        assert scrape("sawmill_database_up") == 0
-        assert scrape("sawmill_jobs", state="queued") is None
+        assert (scrape("sawmill_database_up"), scrape("sawmill_jobs", state="queued")) == (0, None)
         assert scrape("sawmill_data_folder_free_bytes") > 0
         assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
-
-
-def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape):
     (store.files.folder / "identity").unlink()  # as in the empty folder of a share that is not mounted
-    assert scrape("sawmill_data_folder_up") == 0
-    assert scrape("sawmill_data_folder_free_bytes") is None
+    assert (scrape("sawmill_data_folder_up"), scrape("sawmill_data_folder_free_bytes")) == (0, None)
     assert scrape("sawmill_database_up") == 1
 
 
@@ -181,16 +175,12 @@ def test_requests_are_counted_by_route_and_known_methods(client, scrape):
     assert "BREW" not in client.get("/metrics").text
 
 
-def test_a_service_with_nothing_to_do_is_ready(client):
+def test_a_service_with_nothing_to_do_is_ready_until_its_database_is_away(client, store, log_lines):
     assert client.get("/health/live").text == "alive"
     assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}
-
-
-def test_a_database_that_is_away_is_reported(client, store, log_lines):
     with database_away(store.database):
         answer = client.get("/health/ready")
-        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
-        assert client.get("/health/live").status_code == 200
+        assert (refusal(answer), client.get("/health/live").status_code) == ((503, "storage-unavailable"), 200)
     assert "disk I/O error" not in answer.text, "anybody may ask"
     [line] = [line for line in log_lines() if line["event"] == "not-ready"]
     assert line["reason"].endswith("disk I/O error")
@@ -199,49 +189,42 @@ def test_a_database_that_is_away_is_reported(client, store, log_lines):
 @pytest.mark.usefixtures("read_only_disk")
 def test_a_data_folder_on_a_read_only_disk_is_named(seeded):
     ready = seeded.get("/health/ready")
-    assert (ready.status_code, ready.json()["code"], ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
+    assert (*refusal(ready), ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
     assert "is on a disk that is read-only now" in ready.json()["detail"]
 
 
 @pytest.mark.parametrize(
-    ("trouble", "words"),
+    ("spoil", "words"),
     [
-        ("not mounted", "has no file 'identity'"),
-        ("another one", "is another one"),
-        ("without its folders", "/data/incoming"),
+        (lambda folder: (folder / "identity").unlink(), "has no file 'identity'"),
+        (lambda folder: (folder / "identity").write_text("of another service\n"), "is another one"),
+        (lambda folder: (folder / "incoming").rmdir(), "/data/incoming"),
     ],
+    ids=["not mounted", "another one", "without its folders"],
 )
-def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, trouble, words):
-    identity = store.files.folder / "identity"
-    if trouble == "not mounted":
-        identity.unlink()
-    elif trouble == "without its folders":
-        (store.files.folder / "incoming").rmdir()
-    else:
-        identity.write_text("of another service\n")
+def test_a_data_folder_that_cannot_be_used_is_named_and_uploads_are_put_off(seeded, store, spoil, words):
+    spoil(store.files.folder)
     ready = seeded.get("/health/ready")
-    assert (ready.status_code, ready.json()["code"], ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
+    assert (*refusal(ready), ready.headers["retry-after"]) == (503, "storage-unavailable", "5")
     assert words in ready.json()["detail"]
     sent = seeded.post("/v1/scans?scanner_id=example&data=counts", content=b"scan")
-    assert (sent.status_code, sent.json()["code"]) == (503, "storage-unavailable")
+    assert refusal(sent) == (503, "storage-unavailable")
     assert words in sent.json()["detail"]
     assert seeded.get("/v1/scans").status_code == 200
 
 
-@pytest.mark.parametrize(("running", "state"), [(0, "without-worker"), (1, "ready")])
-def test_jobs_that_nobody_does_are_reported(client, store, running, state):
-    store.jobs = Waiting(running)
-    answer = client.get("/health/ready")
-    assert (answer.status_code, answer.json()["state"]) == (200, state)
-
-
-def test_jobs_that_wait_for_a_redis_that_refuses_the_password_are_reported(client, store, refusing_redis_url):
-    client.app.state.broker_url = refusing_redis_url
+def test_jobs_that_nobody_does_or_that_wait_for_a_redis_that_refuses_are_reported(client, store, refusing_redis_url):
+    state, client.app.state.broker_url = client.app.state, refusing_redis_url
     assert "refuses the user or the password: jobs do not begin" in client.get("/system").text
     store.jobs = Waiting(running=0)
     health = client.get("/health/ready").json()
     assert health["state"] == "without-worker"
     assert health["detail"].endswith("Redis refuses the user or the password in SAWMILL_BROKER_URL")
+    state.broker_url = None
+    for running, word in ((0, "without-worker"), (1, "ready")):
+        store.jobs = Waiting(running)
+        answer = client.get("/health/ready")
+        assert (answer.status_code, answer.json()["state"]) == (200, word)
 
 
 class Waiting:
@@ -256,3 +239,123 @@ class Waiting:
 
     def counts(self) -> dict[JobState, int]:
         return dict.fromkeys(JobState, 0) | {JobState.RUNNING: self.running}
+
+
+FOLDER = Path(__file__).parents[2] / "examples" / "monitoring"
+# Prometheus's own metric, and what its server adds to each sample.
+FROM_ELSEWHERE = {"up": {"job": {"sawmill"}}}
+TOKEN = re.compile(r'"[^"]*"|[A-Za-z_:][A-Za-z0-9_:]*|=~|!~|!=|==|[<>]=?|[0-9.]+[smhd]?|[^\s\w]')
+# Words of PromQL that take a list of labels, and others that are no metric.
+WITH_LABELS = {"by", "on", "without", "ignoring", "group_left", "group_right"}
+OTHER_WORDS = {"or", "and", "unless", "sum", "max", "increase", "rate", "absent", "histogram_quantile"}
+
+
+class Selector(NamedTuple):
+    """A metric with the labels that it is asked for by, each with an operator and a value."""
+
+    name: str
+    matchers: list[tuple[str, str, str]]
+
+
+def rules() -> list[dict]:
+    groups = yaml.safe_load((FOLDER / "alerts.yml").read_text())["groups"]
+    return [rule for group in groups for rule in group["rules"]]
+
+
+def dashboard() -> dict:
+    return json.loads((FOLDER / "dashboard.json").read_text())
+
+
+def expressions() -> list[str]:
+    targets = [target for panel in dashboard()["panels"] for target in panel.get("targets", [])]
+    return [rule["expr"] for rule in rules()] + [target["expr"] for target in targets]
+
+
+def parsed(expression: str) -> tuple[list[Selector], set[str]]:
+    """The selectors of an expression, and the labels that it groups or joins by."""
+    words = iter(TOKEN.findall(expression))
+    selectors, grouped = [], set()
+    for word in words:
+        if word in WITH_LABELS:
+            assert next(words) == "("
+            grouped |= set(up_to(words, ")"))
+        elif word == "{":
+            asked = up_to(words, "}")
+            selectors[-1].matchers.extend(
+                zip(asked[::3], asked[1::3], (v.strip('"') for v in asked[2::3]), strict=True)
+            )
+        elif re.fullmatch(r"[a-z_:]\w*", word) and word not in OTHER_WORDS:
+            selectors.append(Selector(word, []))
+    return selectors, grouped
+
+
+def up_to(words: Iterator[str], end: str) -> list[str]:
+    return [word for word in iter(words.__next__, end) if word != ","]
+
+
+@pytest.fixture
+def known(client) -> dict[str, dict[str, set[str]]]:
+    """Of a scrape of a service that has answered: the values of each label of each name."""
+    client.get("/v1/scanners")
+    found = defaultdict(lambda: defaultdict(set))
+    for family in text_string_to_metric_families(client.get("/metrics").text):
+        for sample in family.samples:
+            values = found[sample.name]
+            for label, value in sample.labels.items():
+                values[label].add(value)
+    return FROM_ELSEWHERE | found
+
+
+def test_rules_and_dashboard_are_whole_and_name_what_is_of_a_scrape(known):
+    page = dashboard()
+    panels = [panel for panel in page["panels"] if panel["type"] != "row"]
+    assert page["title"] == "Sawmill calibration"
+    assert page["schemaVersion"] >= 36
+    assert len({panel["id"] for panel in page["panels"]}) == len(page["panels"])
+    assert all(panel["targets"] and panel["datasource"]["uid"] == "${datasource}" for panel in panels)
+    cells = [(x, y) for panel in page["panels"] for x, y in area(**panel["gridPos"])]
+    assert len(cells) == len(set(cells)), "panels lie over each other"
+    variables = {variable["name"] for variable in page["templating"]["list"]}
+    assert set(re.findall(r"\$\{?([a-z]+)", json.dumps(panels))) <= variables
+    assert len({rule["alert"] for rule in rules()}) == len(rules())
+    for rule in rules():
+        assert rule["labels"]["severity"] in {"warning", "critical"}
+        assert {"summary", "description"} == set(rule["annotations"])
+        selectors, grouped = parsed(rule["expr"])
+        left = grouped if "sum by" in rule["expr"] else {label for name, _ in selectors for label in known[name]}
+        assert set(re.findall(r"\$labels\.(\w+)", str(rule["annotations"]))) <= left
+    for expression in expressions():
+        selectors, grouped = parsed(expression)
+        assert selectors, expression
+        for name, matchers in selectors:
+            assert name in known, expression
+            for label, _, value in matchers:
+                assert label in known[name], expression
+                if label != "status" and not value.startswith("$"):  # no request has failed here
+                    assert set(value.split("|")) <= known[name][label], expression
+        assert grouped <= {label for name, _ in selectors for label in known[name]}, expression
+    for panel in dashboard()["panels"]:
+        for target in panel.get("targets", []):
+            selectors, grouped = parsed(target["expr"])
+            left = grouped or {label for name, _ in selectors for label in known[name]}
+            assert set(re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])) <= left
+
+
+def area(x: int, y: int, w: int, h: int) -> Iterator[tuple[int, int]]:
+    assert x + w <= 24
+    return ((column, line) for column in range(x, x + w) for line in range(y, y + h))
+
+
+@pytest.fixture
+def promtool() -> str:
+    return shutil.which("promtool") or skip_without("promtool, a part of Prometheus, is not installed")
+
+
+def test_promtool_accepts_the_rules_and_a_scrape(client, promtool):
+    run = partial(subprocess.run, capture_output=True, text=True, check=False)
+    checked = run([promtool, "check", "rules", str(FOLDER / "alerts.yml")])
+    assert checked.returncode == 0, checked.stderr
+    checked = run([promtool, "check", "metrics"], input=client.get("/metrics").text)
+    # Its one complaint is about style: lengths are in millimetres, as everywhere in the product.
+    assert [line for line in checked.stderr.splitlines() if 'use base unit "meters"' not in line] == []
+    assert checked.returncode in {0, 3}

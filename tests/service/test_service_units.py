@@ -15,6 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 from missing_parts import skip_without
+from page_text import absent
 from plain_logs import log_plainly
 from ports import free_port
 from structlog.testing import capture_logs
@@ -75,46 +76,14 @@ def unit(request: pytest.FixtureRequest) -> Unit:
     return parsed(Installation(program()).units()[request.param])
 
 
-def test_a_unit_starts_a_command_of_this_installation_as_its_own_user(unit):
+def test_a_unit_starts_a_command_as_its_own_user_within_limits_that_leave_attempts_room(unit):
     service = unit["Service"]
     for start in (*service["ExecStart"], service["ExecStartPre"][0].removeprefix("-")):
         command, subcommand = shlex.split(start)
         assert os.access(command, os.X_OK)
         assert subcommand in {"serve", "worker", "compile"}
-    assert service["User"] == ["sawmill"]
-    assert service["StateDirectory"] == ["sawmill"]
-
-
-def test_watched_folders_are_those_of_the_service_and_its_workers():
-    folders = (Path("/srv/scanner data"), Path("/mnt/50%"))
-    units = {name: parsed(text) for name, text in Installation(program(), watched=folders).units().items()}
-    for name in ("sawmill.service", "sawmill-worker@.service"):
-        service = units[name]["Service"]
-        # A share that is away at the start may come at any time.
-        assert service["ReadWritePaths"] == ['"-/srv/scanner data" -/mnt/50%%']
-        [setting] = [shlex.split(text)[0] for text in service["Environment"] if "WATCH" in text]
-        assert json.loads(setting.replace("%%", "%").partition("=")[2]) == list(map(str, folders))
-    assert "WATCH" not in str(units["sawmill-backup@.service"])
-    answer = install("--print", "--watch", "/srv/a", "--watch", "/srv/b")
-    assert "ReadWritePaths=-/srv/a -/srv/b\n" in answer.output
-    assert "--watch=/srv/a --watch=/srv/b" in answer.output
-    assert "'scanners' must be an" in install("--print", "--watch", "scanners", code=2).output
-
-
-def test_a_backup_is_named_by_its_instance():
-    units = {name: parsed(text) for name, text in Installation(program()).units().items()}
-    backup = units["sawmill-backup@.service"]["Service"]
-    assert shlex.split(backup["ExecStart"][0])[1:] == ["backup", "%f", "--keep", "30"]
-    # A folder that is not there is named by the command, and not by systemd's status 226.
-    assert (backup["ReadWritePaths"], backup["ProtectSystem"], backup["Type"]) == (["-%f"], ["strict"], ["oneshot"])
-    assert (backup["StateDirectory"], backup["UMask"]) == (["sawmill"], ["0077"])
-    answer = CliRunner().invoke(main, ["backup", "--help"])
-    assert (answer.exit_code, "--keep" in answer.output) == (0, True)
-    assert units["sawmill-backup@.timer"]["Timer"]["Persistent"] == ["yes"]
-
-
-def test_its_limits_leave_room_for_the_product_s_own_and_for_what_confines_attempts(unit):
-    service, settings = unit["Service"], ExecutionSettings()
+    assert (service["User"], service["StateDirectory"]) == (["sawmill"], ["sawmill"])
+    settings = ExecutionSettings()
     graces = settings.stop_grace_s + settings.kill_grace_s
     assert float(service["TimeoutStopSec"][0]) > SHUTDOWN_S + graces + 12
     _, hard = service["LimitNOFILE"][0].split(":")
@@ -128,6 +97,30 @@ def test_its_limits_leave_room_for_the_product_s_own_and_for_what_confines_attem
     assert not service.keys() & {"MemoryDenyWriteExecute", "ProcSubset"}
     # A job's process that is ended for its memory takes no other with it.
     assert (service["OOMPolicy"], service["KillMode"]) == (["continue"], ["mixed"])
+
+
+def test_watched_folders_are_the_service_s_and_its_workers_and_a_backup_is_named_by_its_instance():
+    folders = (Path("/srv/scanner data"), Path("/mnt/50%"))
+    units = {name: parsed(text) for name, text in Installation(program(), watched=folders).units().items()}
+    for name in ("sawmill.service", "sawmill-worker@.service"):
+        service = units[name]["Service"]
+        # A share that is away at the start may come at any time.
+        assert service["ReadWritePaths"] == ['"-/srv/scanner data" -/mnt/50%%']
+        [setting] = [shlex.split(text)[0] for text in service["Environment"] if "WATCH" in text]
+        assert json.loads(setting.replace("%%", "%").partition("=")[2]) == list(map(str, folders))
+    assert "WATCH" not in str(units["sawmill-backup@.service"])
+    answer = install("--print", "--watch", "/srv/a", "--watch", "/srv/b")
+    assert absent(answer.output, "ReadWritePaths=-/srv/a -/srv/b\n", "--watch=/srv/a --watch=/srv/b") == []
+    assert "'scanners' must be an" in install("--print", "--watch", "scanners", code=2).output
+    units = {name: parsed(text) for name, text in Installation(program()).units().items()}
+    backup = units["sawmill-backup@.service"]["Service"]
+    assert shlex.split(backup["ExecStart"][0])[1:] == ["backup", "%f", "--keep", "30"]
+    # A folder that is not there is named by the command, and not by systemd's status 226.
+    assert (backup["ReadWritePaths"], backup["ProtectSystem"], backup["Type"]) == (["-%f"], ["strict"], ["oneshot"])
+    assert (backup["StateDirectory"], backup["UMask"]) == (["sawmill"], ["0077"])
+    answer = CliRunner().invoke(main, ["backup", "--help"])
+    assert (answer.exit_code, "--keep" in answer.output) == (0, True)
+    assert units["sawmill-backup@.timer"]["Timer"]["Persistent"] == ["yes"]
 
 
 def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
@@ -144,7 +137,16 @@ def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
         assert bool(done.returncode) is bool(complaint)
 
 
-def test_folders_elsewhere_are_awaited_and_doubted_where_the_service_could_not_start(tmp_path):
+def test_units_are_printed_or_written_with_what_follows_and_doubted_where_they_could_not_start(tmp_path):
+    printed = install("--print")
+    assert "install-service --to /etc/systemd/system" in printed.stderr
+    assert "systemctl enable --now sawmill.service" in printed.stderr
+    (tmp_path / "sawmill.service").write_text("an older one")
+    assert "install-service" not in install("--to", tmp_path).stderr
+    units = Installation(program()).units()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == units
+    assert printed.stdout == "".join(f"# {name}\n{text}\n" for name, text in units.items())
+    assert "The units cannot be written" in install("--to", "/proc", code=1).stderr
     service = parsed(Installation(program(), Path("/srv/my data")).units()["sawmill.service"])
     assert service["Service"]["ReadWritePaths"] == ['"/srv/my data"']
     assert service["Unit"]["RequiresMountsFor"][0].endswith('"/srv/my data"')
@@ -159,34 +161,17 @@ def test_folders_elsewhere_are_awaited_and_doubted_where_the_service_could_not_s
     assert "is in a folder that the system empties" in shown
 
 
-def test_units_are_printed_or_written_with_what_follows(tmp_path):
-    printed = install("--print")
-    assert "install-service --to /etc/systemd/system" in printed.stderr
-    assert "systemctl enable --now sawmill.service" in printed.stderr
-    (tmp_path / "sawmill.service").write_text("an older one")
-    written = install("--to", tmp_path)
-    assert "install-service" not in written.stderr
-    units = Installation(program()).units()
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == units
-    assert printed.stdout == "".join(f"# {name}\n{text}\n" for name, text in units.items())
-    assert "The units cannot be written" in install("--to", "/proc", code=1).stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
+def test_what_could_not_work_is_refused():
+    for arguments, sentence in (
         ((), "'--print' or '--to'"),
         (("--print", "--to", "."), "one of them, not both"),
         (("--print", "--user", "Mr. Mill"), "not 'Mr. Mill'"),
         (("--print", "--data", '/srv/"data"'), "must be an absolute path of printable characters"),
         (("--print", "--token", "/etc/to\nken"), "must be an absolute path of printable characters"),
-    ],
-    ids=["nothing", "both", "user", "quotes", "control character"],
-)
-def test_what_could_not_work_is_refused(arguments, sentence):
-    complaint = install(*arguments, code=2)
-    assert complaint.stdout == ""
-    assert sentence in " ".join(complaint.stderr.replace("│", " ").split())
+    ):
+        complaint = install(*arguments, code=2)
+        assert complaint.stdout == ""
+        assert sentence in " ".join(complaint.stderr.replace("│", " ").split())
 
 
 def test_a_command_that_is_a_link_stays_one(tmp_path):
@@ -210,9 +195,8 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield listening
 
 
-def test_signs_of_life_come_at_half_the_interval_and_to_the_watched_process_alone(manager, tmp_path):
-    address = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "100000"}
-    now_s = [1000.0]
+def test_signs_of_life_come_at_half_the_interval_and_a_manager_that_is_gone_is_logged(manager, tmp_path):
+    address, now_s = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "100000"}, [1000.0]
     alive = ServiceManager(address, clock_s=lambda: now_s[-1])
     manager.settimeout(0)
     for at_s, shown in ((1000.0, True), (1000.04, False), (1000.06, True), (1000.1, False), (1000.2, True)):
@@ -227,9 +211,6 @@ def test_signs_of_life_come_at_half_the_interval_and_to_the_watched_process_alon
         ServiceManager(others).show_life()
     with pytest.raises(BlockingIOError):
         manager.recv(100)
-
-
-def test_a_manager_in_the_abstract_namespace_is_found_and_one_that_is_gone_is_logged():
     name = f"sawmill-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(f"\0{name}")
@@ -273,8 +254,7 @@ def test_the_unit_s_command_with_its_environment_reports_lives_and_stops(manager
             assert httpx.get(f"{address}/v1/scanners", headers=headers, trust_env=False, timeout=60).status_code == 200
             assert manager.recv(100) == b"WATCHDOG=1"
             process.send_signal(signal.SIGTERM)
-            states = iter(lambda: manager.recv(100), b"STOPPING=1")
-            assert set(states) <= {b"WATCHDOG=1"}
+            assert set(iter(lambda: manager.recv(100), b"STOPPING=1")) <= {b"WATCHDOG=1"}
             assert process.wait(60) == 0
         finally:
             process.kill()

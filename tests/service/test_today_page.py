@@ -1,15 +1,22 @@
+"""Today and its open alarms, on the pages, over HTTP and in metrics."""
+
 import re
+from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import pytest
-from results import comparison
+from page_text import absent
+from results import SCANNER_FORM, comparison
 from sqlalchemy import event
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
+from sawmill_service.scanner_conditions import SHOWN_SCANNERS, condition_of
 from sawmill_store.examples import SCANNER_NAMES
+from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
 FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom in rows <0:4>")
@@ -116,8 +123,7 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
     discard(old)
     assert step() == with_second
     discard(second)
-    assert step() == with_first
-    assert with_first["tone"] == "bad"
+    assert (step(), with_first["tone"]) == (with_first, "bad")
     good = newest(comparison=comparison())
     page = f"/calibrate?calibration={good}"
     assert (step()["tone"], step()["button"]) == ("bad", "accept")
@@ -155,7 +161,7 @@ def test_without_a_scanner_the_page_leads_to_the_first_in_three_steps(client):
     assert re.findall(r'href="([^"]+)"', steps) == ["/scanners/new", "/phantoms", "/calibrate"]
 
 
-def test_of_many_scanners_those_that_need_nobody_are_folded(seeded, store):
+def test_of_many_scanners_those_that_need_nobody_are_folded_and_they_take_no_more_questions_than_few(seeded, store):
     spec = store.scanners.get("example")
     for number in range(6):
         store.scanners.create(ScannerSpec(name=f"Line {number}", constants=spec.constants))
@@ -164,12 +170,30 @@ def test_of_many_scanners_those_that_need_nobody_are_folded(seeded, store):
     assert "Fine (1)" in folded
     assert "1 fine, 7 need you" in shown
 
+    def statements() -> int:
+        asked = []
+        listener = lambda *_: asked.append(None)  # noqa: E731
+        event.listen(store.database.engine, "before_cursor_execute", listener)
+        assert seeded.get("/today/rows").status_code == 200
+        event.remove(store.database.engine, "before_cursor_execute", listener)
+        return len(asked)
 
-def test_a_display_on_the_wall_shows_names_and_what_to_do_and_leads_nowhere(seeded):
+    statements()  # the first look at a new service asks for the time as well
+    few = statements()
+    spec = store.scanners.get("example")
+    for _ in range(10):
+        store.scanners.create(ScannerSpec(name="another", constants=spec.constants))
+    assert statements() <= few + 1  # the time again, on a slow machine
+
+
+def test_a_display_on_the_wall_leads_nowhere_and_the_part_that_changes_is_that_of_the_page(seeded):
     shown = seeded.get("/?kiosk").text
     assert "Line &lt;2&gt;" in shown
     assert not re.findall(r"<(?:a|button|select|input)\b", shown.partition("<main")[2])
     assert "<nav" not in shown
+    part = re.search(r'<ol class="scanners".*</ol>', seeded.get("/today/rows").text, re.DOTALL)[0]
+    ages = r">[^<]*</time>"
+    assert re.sub(ages, "", part) in re.sub(ages, "", seeded.get("/").text)
 
 
 @pytest.fixture
@@ -197,8 +221,7 @@ def test_one_button_removes_the_examples_and_all_that_was_made_of_them(examples,
     job = examples.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
     assert examples.post("/examples/delete").status_code == 409
     worker.finish_calibration()
-    assert store.jobs.get(job).state == "succeeded"
-    assert examples.post("/examples/delete").headers["Location"] == "/"
+    assert (store.jobs.get(job).state, examples.post("/examples/delete").headers["Location"]) == ("succeeded", "/")
     assert rows(examples) == {}
     for kind in ("scans", "calibrations", "reconstructions", "drifts", "plans", "inspections", "schedules"):
         assert examples.get(f"/v1/{kind}").json()["items"] == [], kind
@@ -207,23 +230,18 @@ def test_one_button_removes_the_examples_and_all_that_was_made_of_them(examples,
     assert [each.action for each in store.audit.page(limit=2).items] == ["phantom-deleted", "scanner-deleted"]
 
 
-@pytest.mark.parametrize(
-    ("moved_mm", "tone", "share"), [(0.05, "good", "0.100"), (0.43, "watch", "0.860"), (0.8, "bad", "1.600")]
-)
-def test_movement_is_a_bar_to_its_tolerance(seeded, checked, moved_mm, tone, share):
-    checked(ray_change_mm=moved_mm, within_tolerance=moved_mm < 0.5, reason="the COR moved <0.81 mm>")
-    row = rows(seeded)["example"]
-    assert word(row)[0] == tone
-    assert f'<div class="moved {tone}">' in row
-    assert f"--share: {share}" in row
-    assert f"<strong>{moved_mm:.2f}\N{NO-BREAK SPACE}mm</strong> of 0.50\N{NO-BREAK SPACE}mm" in row
-    assert re.search(r'<time datetime="20\d\d-[^"]+" data-show="age"', row)
-    assert '<svg class="spark"' in row
-    assert "checks in 30 days" in row
-    if tone == "bad":
-        assert "A log shows that something has moved: 0.80 mm, and 0.50 mm is allowed." in row
-        assert '<p lang="en">the COR moved &lt;0.81 mm&gt;</p>' in row
-    assert button(row) == ("/calibrate?scanner=example", "Calibrate")
+def test_movement_is_a_bar_to_its_tolerance(seeded, checked):
+    for moved_mm, tone, share in ((0.05, "good", "0.100"), (0.43, "watch", "0.860"), (0.8, "bad", "1.600")):
+        checked(ray_change_mm=moved_mm, within_tolerance=moved_mm < 0.5, reason="the COR moved <0.81 mm>")
+        row = rows(seeded)["example"]
+        assert (word(row)[0], absent(row, f'<div class="moved {tone}">', f"--share: {share}")) == (tone, [])
+        assert f"<strong>{moved_mm:.2f}\N{NO-BREAK SPACE}mm</strong> of 0.50\N{NO-BREAK SPACE}mm" in row
+        assert re.search(r'<time datetime="20\d\d-[^"]+" data-show="age"', row)
+        assert absent(row, '<svg class="spark"', "checks in 30 days") == []
+        if tone == "bad":
+            assert "A log shows that something has moved: 0.80 mm, and 0.50 mm is allowed." in row
+            assert '<p lang="en">the COR moved &lt;0.81 mm&gt;</p>' in row
+        assert button(row) == ("/calibrate?scanner=example", "Calibrate")
 
 
 @pytest.mark.parametrize("fails", [True, False])
@@ -253,24 +271,78 @@ def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, newest, s
     assert "Not checked since its calibration." in row
 
 
-def test_the_part_that_changes_is_that_of_the_page(seeded):
-    part = re.search(r'<ol class="scanners".*</ol>', seeded.get("/today/rows").text, re.DOTALL)[0]
-    ages = r">[^<]*</time>"
-    assert re.sub(ages, "", part) in re.sub(ages, "", seeded.get("/").text)
+@pytest.fixture
+def later(store):
+    """What a scheduler finds three days later, of a scanner that may be silent for a day."""
+    known = store.scanners.get("example")
+    store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits(quiet_after_hours=24)}))
+    other = Store(store.settings, clock=lambda: datetime.now(UTC) + timedelta(days=3))
+    yield other
+    other.close()
 
 
-def test_many_scanners_take_no_more_questions_than_one(seeded, store):
-    def statements() -> int:
-        asked = []
-        listener = lambda *_: asked.append(None)  # noqa: E731
-        event.listen(store.database.engine, "before_cursor_execute", listener)
-        assert seeded.get("/today/rows").status_code == 200
-        event.remove(store.database.engine, "before_cursor_execute", listener)
-        return len(asked)
+def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
+    assert seeded.get("/v1/alarms").json() == {"alarms": []}
+    ((_, opened),) = later.alarms.check()
+    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["alarms"]
+    assert (alarm["what"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
+    assert datetime.fromisoformat(alarm["since"]) == opened.since
+    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
+    sentence = "It has sent no scan for longer than is allowed."
+    assert sentence in seeded.get("/scanners/example").text
+    assert sentence in seeded.get("/").text
+    finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
+    assert "Se ei ole lähettänyt skannauksia sallitussa ajassa" in finnish
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in seeded.get("/metrics").text
+    known = store.scanners.get("example")
+    store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits()}))
+    store.alarms.check()
+    assert sentence not in seeded.get("/scanners/example").text
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 0.0' in seeded.get("/metrics").text
 
-    statements()  # the first look at a new service asks for the time as well
-    few = statements()
-    spec = store.scanners.get("example")
-    for _ in range(10):
-        store.scanners.create(ScannerSpec(name="another", constants=spec.constants))
-    assert statements() <= few + 1  # the time again, on a slow machine
+
+def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seeded, store, later):
+    later.alarms.check()
+    path = "/v1/scanners/example/alarms/scanner-quiet/acknowledge"
+    ask = {"until": "2026-01-01T00:00:00Z", "reason": "maintenance"}
+    assert seeded.post(path, json=ask).json()["code"] == "acknowledgement-ended"
+    assert 'data-changes-at="' not in seeded.get("/").text
+    seeded.post("/operator/acknowledge/example/scanner-quiet", data={"reason": "Huolto", "zone": "Europe/Helsinki"})
+    (alarm,) = seeded.get("/v1/alarms").json()["alarms"]
+    assert alarm["acknowledged"]["reason"] == "Huolto"
+    until = datetime.fromisoformat(alarm["acknowledged"]["until"])
+    assert until.astimezone(ZoneInfo("Europe/Helsinki")).hour in {6, 14, 22}
+    for page in ("/", "/scanners/example"):
+        assert ": Huolto</strong>" in seeded.get(page).text
+    assert (condition_of(store, store.scanners.get("example")).state.alarms) == ()
+    assert f'data-changes-at="{until:%Y-%m-%dT%H:%M}' in seeded.get("/").text
+    wrong = seeded.post("/operator/acknowledge/example/scanner-quiet", data={"until": "noon"})
+    assert wrong.json()["detail"] == "until must be a time such as 14:00, not 'noon'"
+    assert "Acknowledged" in seeded.get("/scanners/example/history?kind=alarm").text
+
+
+def test_limits_are_set_on_the_scanner_s_page_and_every_alarm_of_one_is_on_the_first_page(seeded, store, later):
+    limits = AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1)
+    spare = store.scanners.get("example-spare")
+    store.scanners.update("example-spare", spare.model_copy(update={"alarms": limits}))
+    later.alarms.check()
+    row = seeded.get("/").text.split('id="scanner-example-spare"')[1].split("</li>")[0]
+    assert absent(row, "It has no scan yet", "It has sent no scan for longer than is allowed") == []
+    assert "No phantom was scanned for longer than is allowed" in row
+    assert "Counted from:" in seeded.get("/scanners/example-spare").text
+    typed = SCANNER_FORM | {"phantom_scan_every_days": "14", "quiet_after_hours": ""}
+    assert seeded.post("/scanners/example/settings", data=typed).status_code == 303
+    assert store.scanners.get("example").alarms == AlarmLimits(phantom_scan_every_days=14)
+    wrong = seeded.post("/scanners/example/settings", data={**typed, "quiet_after_hours": "0"})
+    assert "must be more than 0, not 0" in wrong.text
+
+
+def test_alarms_beyond_the_scanners_that_metrics_show_are_counted(seeded, store, later):
+    later.alarms.check()
+    spare = ScannerSpec.model_validate(store.scanners.get("example-spare").model_dump(include={"name", "constants"}))
+    with store.database.write_as_one():
+        for _ in range(SHOWN_SCANNERS):
+            store.scanners.create(spare)
+    scraped = seeded.get("/metrics").text
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in scraped
+    assert 'sawmill_scanner_calibration_failed{scanner="example"}' not in scraped

@@ -30,7 +30,7 @@ def get(client, path):
     return answer
 
 
-def test_what_0_1_0_computed_is_answered(client):
+def test_a_data_folder_of_0_1_0_is_answered_served_filled_from_and_worked_on(client, store, worker):
     scanner = get(client, "/v1/scanners/example").json()
     assert (scanner["name"], scanner["active_calibration_id"]) == ("example scanner", "example")
     calibrations = {each["id"]: each["state"] for each in get(client, "/v1/calibrations").json()["items"]}
@@ -47,9 +47,6 @@ def test_what_0_1_0_computed_is_answered(client):
     assert {each["enabled"] for each in get(client, "/v1/schedules").json()["items"]} == {False}
     for page in ("/", "/scanners/example", "/calibrations/example/report", "/logs/example", "/scans/example", "/jobs"):
         get(client, page)
-
-
-def test_files_of_0_1_0_are_served(client):
     calibration = get(client, "/v1/calibrations/example").json()
     with h5py.File(io.BytesIO(get(client, "/v1/calibrations/example/result.h5").content)) as file:
         assert file["entry/arrays/sinogram"].shape == (120, 192)
@@ -59,9 +56,6 @@ def test_files_of_0_1_0_are_served(client):
     assert slices.max() > 0.0
     assert get(client, "/v1/reconstructions/example/slices/0.png").content.startswith(b"\x89PNG")
     assert get(client, "/v1/scans/example/sinogram.png").content.startswith(b"\x89PNG")
-
-
-def test_measurements_and_the_history_are_filled_from_what_0_1_0_stored(client):
     measurements = get(client, "/v1/scanners/example/measurements").json()["items"]
     measured = {(each["kind"], each["subject_id"]): each for each in measurements}
     assert measured.keys() == {("calibration", "example"), ("drift", "example"), ("calibration", "second")}
@@ -75,20 +69,11 @@ def test_measurements_and_the_history_are_filled_from_what_0_1_0_stored(client):
     assert [each["tilt_change_deg"] for each in rows] == pytest.approx(changes)
     assert [each["tilt_deg"] for each in rows] == pytest.approx(tilts)
     history = get(client, "/v1/scanners/example/history/entries").json()["items"]
-    assert [(each["what"], each["subject_id"]) for each in history] == [
-        ("cancelled", "cancelled"),
-        ("calibration-rolled-back", "example"),
-        ("failed", "failed"),
-        ("calibration-activated", "second"),
-        ("succeeded", "second"),
-        ("succeeded", "example"),
-        ("calibration-activated", "example"),
-        ("succeeded", "example"),
+    assert [f"{each['what']} {each['subject_id']}" for each in history] == [
+        *("cancelled cancelled", "calibration-rolled-back example", "failed failed", "calibration-activated second"),
+        *("succeeded second", "succeeded example", "calibration-activated example", "succeeded example"),
     ]
     assert history[1]["why"] == "back to the first"
-
-
-def test_jobs_of_0_1_0_and_new_ones_are_done(client, store, worker):
     asked = client.post("/v1/calibrations", json={"scan_id": "example"})
     assert asked.status_code == 202, asked.text
     assert [store.jobs.get(store.plans.get("queued").job_id).state, asked.json()["state"]] == ["queued", "queued"]

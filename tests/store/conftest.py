@@ -1,27 +1,22 @@
 """A store in a temporary folder, and what is needed to fill it."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from itertools import count
-from pathlib import Path
-from typing import Any
 
 import pytest
 from emptied_databases import EmptiedDatabases
-from postgres_server import PostgresDatabases
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import insert
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.scanners import ScannerSpec, StoredScanner
-from sawmill_contracts.scans import Scan, ScanSpec
-from sawmill_platform.contracts.jobs import JobKind, JobState
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import JobRow
-from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.jobs.job_store import Claim
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
@@ -32,28 +27,28 @@ class TestClock:
 
     __test__ = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
-    def __call__(self) -> datetime:
+    def __call__(self):
         return self.now
 
-    def advance(self, **step: float) -> None:
+    def advance(self, **step):
         self.now += timedelta(**step)
 
 
 @pytest.fixture
-def clock() -> TestClock:
+def clock():
     return TestClock()
 
 
 @pytest.fixture(scope="session")
-def databases(postgres: PostgresDatabases, tmp_path_factory: pytest.TempPathFactory) -> EmptiedDatabases:
+def databases(postgres, tmp_path_factory):
     return EmptiedDatabases(postgres, tmp_path_factory.mktemp("template"))
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Leave PostgreSQL to `make nightly`, except where a test is marked `dialect` or is about PostgreSQL alone."""
     for item in items:
         on_postgresql = getattr(item, "callspec", None) and item.callspec.params.get("database_url") == "postgresql"
@@ -63,29 +58,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
+def database_url(request):
     """Each database in turn."""
     if request.param == "sqlite":
         yield None
         return
-    databases: EmptiedDatabases = request.getfixturevalue("databases")
-    with databases.one() as url:
+    with request.getfixturevalue("databases").one() as url:
         yield url
 
 
 @pytest.fixture
-def empty_url(request: pytest.FixtureRequest, database_url: str | None, tmp_path: Path) -> str:
+def empty_url(request, database_url, tmp_path):
     """A database of the same sort without tables."""
     return f"sqlite:///{tmp_path}/empty.db" if database_url is None else request.getfixturevalue("postgres_url")
 
 
 @pytest.fixture
-def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
+def settings(tmp_path, database_url):
     return StorageSettings(data_folder=tmp_path / "data", database_url=database_url)
 
 
 @pytest.fixture
-def filled(request: pytest.FixtureRequest, settings: StorageSettings, empty_data: Path) -> StorageSettings:
+def filled(request, settings, empty_data):
     """Of a store whose tables and built-in phantoms are there: that is quicker than migrating."""
     on_sqlite = settings.database_url is None
     shutil.copytree(empty_data if on_sqlite else request.getfixturevalue("databases").data, settings.data_folder)
@@ -93,38 +87,23 @@ def filled(request: pytest.FixtureRequest, settings: StorageSettings, empty_data
 
 
 @pytest.fixture
-def clocked_store(filled: StorageSettings, clock: TestClock) -> Iterator[Store]:
-    """A store whose clock the test moves."""
-    opened = Store(filled, clock=clock)
-    yield opened
-    opened.close()
-
-
-@pytest.fixture
-def store(request: pytest.FixtureRequest, filled: StorageSettings) -> Iterator[Store]:
+def store(request, filled):
     """A store, whose clock a test moves that is marked `clocked`."""
     clocked = request.node.get_closest_marker("clocked")
-    opened = Store(filled, clock=request.getfixturevalue("clock") if clocked else None)
-    yield opened
-    opened.close()
+    with closing(Store(filled, clock=request.getfixturevalue("clock") if clocked else None)) as opened:
+        yield opened
 
 
 @pytest.fixture
-def scanner(store: Store) -> StoredScanner:
+def scanner(store):
     return store.scanners.create(ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS)))
 
 
 @pytest.fixture
-def upload(scanner: StoredScanner) -> Callable[..., Scan]:
+def upload(scanner):
     """Accept a scan of four bytes."""
 
-    def accept(
-        store: Store,
-        *,
-        phantom_id: str | None = "l-shape",
-        scan_id: str | None = None,
-        received: Received | None = None,
-    ) -> Scan:
+    def accept(store, *, phantom_id="l-shape", scan_id=None, received=None):
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id=phantom_id)
         received = received or store.files.receive([b"scan"], max_bytes=10)
         return store.scans.accept(spec, received, scan_id=scan_id)
@@ -133,10 +112,10 @@ def upload(scanner: StoredScanner) -> Callable[..., Scan]:
 
 
 @pytest.fixture
-def finish() -> Callable[..., Claim]:
+def finish():
     """Do the oldest job as a worker would, without any science."""
 
-    def do(store: Store, **changes: Any) -> Claim:
+    def do(store, **changes):
         claim = store.jobs.claim("test")
         assert claim is not None
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
@@ -148,19 +127,30 @@ def finish() -> Callable[..., Claim]:
 
 
 @pytest.fixture
-def ready_scan(store: Store, upload: Callable[..., Scan], finish: Callable[..., Claim]) -> Scan:
+def refuse(store):
+    """Do the oldest job and find that its file cannot be used."""
+
+    def fail(detail="no phantom is seen"):
+        failure = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail=detail)
+        return store.jobs.fail(store.jobs.claim("test"), failure)
+
+    return fail
+
+
+@pytest.fixture
+def ready_scan(store, upload, finish):
     accepted = upload(store)
     finish(store)
     return store.scans.get(accepted.id)
 
 
 @pytest.fixture
-def add_jobs(filled: StorageSettings, clock: TestClock) -> Iterator[Callable[..., None]]:
+def add_jobs(filled, clock):
     """Rows of jobs, a second apart; an id begins with the job's group, or with its kind where it has none."""
     database = Database(make_engine(filled.url), clock)
     numbers = count()
 
-    def insert_rows(number: int, kind: JobKind, *, took_s: float | None = None, **values: Any) -> None:
+    def insert_rows(number, kind, *, took_s=None, **values):
         with database.write() as session:
             for _ in range(number):
                 clock.advance(seconds=1)

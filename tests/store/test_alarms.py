@@ -11,11 +11,9 @@ from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
-from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_store.mill_tables import PhantomRow, ScannerRow
 from sawmill_store.store import Store
-from sawmill_vocabulary import DataKind, Disc
+from sawmill_vocabulary import Disc
 
 pytestmark = pytest.mark.clocked
 
@@ -34,17 +32,6 @@ def limited(store, scanner):
 
 
 @pytest.fixture
-def log(store, scanner):
-    """Accept a scan without a phantom."""
-
-    def accept():
-        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-        return store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
-
-    return accept
-
-
-@pytest.fixture
 def phantom(store):
     """Create a phantom whose measurement is good until a day."""
 
@@ -59,25 +46,15 @@ def phantom(store):
     return create
 
 
-@pytest.fixture
-def refuse(store):
-    """Do the oldest job and find that the file cannot be read."""
-
-    def fail():
-        store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="unreadable", detail="no scan"))
-
-    return fail
-
-
 def events_of(store):
     """The events of alarms, the oldest first."""
     events = [event for event in store.events.following(0) if event.what.startswith("alarm")]
     return [(event.what.removeprefix("alarm-"), event.detail["what"]) for event in events]
 
 
-def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store, scanner, limited, log, clock):
+def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store, scanner, limited, upload, clock):
     limited(quiet_after_hours=24)
-    log()
+    upload(store, phantom_id=None)
     clock.advance(hours=23)
     assert store.alarms.check() == []
     clock.advance(hours=1)
@@ -87,7 +64,7 @@ def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store,
     clock.advance(hours=30)
     assert store.alarms.check() == []
     assert store.alarms.open(scanner_id=scanner.id) == store.alarms.open() == [alarm]
-    log()
+    upload(store, phantom_id=None)
     assert [(what, ended) for what, ended in store.alarms.check()] == [("alarm-closed", alarm)]
     assert store.alarms.open() == store.alarms.check() == []
     assert events_of(store) == [("opened", "scanner-quiet"), ("closed", "scanner-quiet")]
@@ -116,14 +93,14 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
 
 @pytest.mark.slow
 @pytest.mark.dialect
-def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, limited, log, clock):
+def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store, scanner, limited, upload, clock):
     """A log every Monday, silence from Tuesday on; two services are started anew each month."""
     limited(quiet_after_hours=24, phantom_scan_every_days=30)
     with ThreadPoolExecutor(3) as pool:
         for _ in range(3):
             others = [Store(store.settings, clock=clock) for _ in range(2)]
             for _ in range(4):
-                log()
+                upload(store, phantom_id=None)
                 for days in (0, 2):
                     clock.advance(days=days)
                     list(pool.map(lambda each: each.alarms.check(), (store, *others)))
@@ -191,14 +168,14 @@ def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_othe
     assert [alarm.scanner_id for alarm in store.alarms.open()] == [other]
 
 
-def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, finish, log, clock):
+def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, finish, clock):
     limited(phantom_scan_every_days=10, quiet_after_hours=100)
     clock.advance(days=9)
     calibrated = upload(store).id
     finish(store)
     store.calibrations.accept(CalibrationAsk(scan_id=calibrated))
     finish(store)
-    last = log().id
+    last = upload(store, phantom_id=None).id
     finish(store)
     store.scans.delete(calibrated)
     store.scans.delete(last)

@@ -8,13 +8,11 @@ import shutil
 import signal
 import subprocess
 import tarfile
-from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from data_0_1_0 import ARCHIVE
@@ -49,30 +47,29 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
-from sawmill_store.named_folders import NAMED_FOLDERS
 from sawmill_store.store import Store
+from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 
-Call = Callable[[], object]
 take_backup = partial(taking.take_backup, named=NAMED_FOLDERS)
 
 
-def silent(_progress: object) -> None:
+def silent(_progress):
     """Nobody looks at the progress."""
 
 
 @pytest.fixture
-def into(tmp_path: Path) -> Path:
+def into(tmp_path):
     folder = tmp_path / "disk"
     folder.mkdir()
     return folder
 
 
 @pytest.fixture
-def elsewhere(request: pytest.FixtureRequest, tmp_path: Path) -> StorageSettings:
+def elsewhere(request, tmp_path):
     """An empty service on a database of the test's kind."""
     kind = request.node.callspec.params.get("database_url") if hasattr(request.node, "callspec") else None
     url = request.getfixturevalue("postgres_url") if kind == "postgresql" else None
@@ -80,10 +77,10 @@ def elsewhere(request: pytest.FixtureRequest, tmp_path: Path) -> StorageSettings
 
 
 @pytest.fixture
-def work(store: Store, upload: Callable[..., Any], finish: Callable[..., Any]) -> Callable[..., str]:
+def work(store, upload, finish):
     """Upload a scan and read it as a worker would: its id."""
 
-    def do() -> str:
+    def do():
         scan = upload(store)
         finish(store)
         return scan.id
@@ -91,7 +88,7 @@ def work(store: Store, upload: Callable[..., Any], finish: Callable[..., Any]) -
     return do
 
 
-def rows_of(settings: StorageSettings) -> dict[str, list[Any]]:
+def rows_of(settings):
     with closing(Database(make_engine(settings.url))) as database, database.read() as session:
         return {
             name: [dict(row) for row in session.execute(table.select().order_by(*table.primary_key)).mappings()]
@@ -99,7 +96,7 @@ def rows_of(settings: StorageSettings) -> dict[str, list[Any]]:
         }
 
 
-def files_of(settings: StorageSettings) -> dict[str, tuple[int, str]]:
+def files_of(settings):
     """What results and uploads are, with their times."""
     return {
         path.relative_to(settings.data_folder).as_posix(): (path.stat().st_mtime_ns, copied(path))
@@ -176,7 +173,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
     first = take_backup(settings, into, silent)
     sizes = [(first.path / path).stat().st_size for path in read_sums(first.path) if path.startswith("data/")]
     assert first.copied_bytes == sum(sizes) - twin.stat().st_size
-    opened: list[str] = []
+    opened = []
     with at_call("open", opened.append, below=settings.data_folder / "scans"):
         assert take_backup(settings, into, silent).copied_bytes == 0
     assert opened == []
@@ -202,7 +199,7 @@ def test_an_unchanged_file_is_linked_and_not_read(store, settings, work, into):
 def test_a_backup_is_durable_before_it_has_its_name(settings, work, into, monkeypatch):
     lists = []
 
-    def lose(_descriptor: int) -> int:
+    def lose(_descriptor):
         lists.extend(into.glob(f".*.partial/{SUMS}"))
         ctypes.set_errno(errno.EIO)
         return -1
@@ -245,7 +242,7 @@ def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(store
 
 
 @pytest.fixture(scope="module")
-def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Path:
+def one_backup(tmp_path_factory, empty_data):
     """Of a service on SQLite with two scans, and the service's own folder beside it."""
     folder = tmp_path_factory.mktemp("one")
     settings = StorageSettings(data_folder=folder / "data", database_url=None)
@@ -264,31 +261,31 @@ def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Pa
 
 
 @pytest.fixture
-def backup(one_backup: Path, tmp_path: Path) -> Path:
+def backup(one_backup, tmp_path):
     return Path(shutil.copytree(one_backup, tmp_path / one_backup.name))
 
 
-def nothing_in(settings: StorageSettings) -> bool:
+def nothing_in(settings):
     return {path.name for path in settings.data_folder.rglob("*")} <= {"serve.lock"}
 
 
-def flip(path: Path) -> None:
+def flip(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
 
 
-def replaced_by_link(path: Path) -> None:
+def replaced_by_link(path):
     path.rename(path.parents[3] / "aside")
     path.symlink_to(path.parents[3] / "aside")
 
 
-def replaced_by_pipe(path: Path) -> None:
+def replaced_by_pipe(path):
     path.unlink()
     os.mkfifo(path)
 
 
-def replaced_by_another(path: Path) -> None:
+def replaced_by_another(path):
     path.unlink()
     path.hardlink_to(next(other for other in path.parents[1].rglob("scan.h5") if other != path))
 
@@ -346,15 +343,12 @@ def test_a_backup_of_another_version_is_refused(backup, elsewhere):
 
 @pytest.mark.dialect
 def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, elsewhere, tmp_path):
+    columns = "id, created_at, kind, state, subject_id, attempt, cancel_requested"
+    values = "'old', '2026-03-02 05:00:00', 'ingest', 'running', 'old', 2, false"
     with closing(Database(make_engine(empty_url))) as database:
         database.upgrade("0003")
         with database.write() as session:
-            session.execute(
-                text(
-                    "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
-                    " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'running', 'old', 2, false)"
-                )
-            )
+            session.execute(text(f"INSERT INTO jobs ({columns}) VALUES ({values})"))  # noqa: S608 - constants
     (tmp_path / "old").mkdir()
     taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=empty_url), into, silent)
     assert taken.manifest.revision == "0003"
@@ -390,7 +384,7 @@ def test_what_must_not_be_done_is_refused_in_a_sentence(filled, settings, backup
             restore(backup, elsewhere, silent)
 
 
-def full_at(name: str) -> Callable[[str], None]:
+def full_at(name):
     """Refuse to open a file of this name, as a full disk does."""
     refuse = refusing(errno.ENOSPC)
     return lambda path: refuse(path) if path.endswith(name) else None
@@ -412,7 +406,7 @@ def test_a_full_disk_leaves_no_restored_service(backup, elsewhere, name):
     assert nothing_in(elsewhere)
 
 
-def killed(call: Call) -> bool:
+def killed(call):
     """Do it in a fork, which may kill itself; whether it has."""
     child = os.fork()
     if child == 0:
@@ -425,11 +419,11 @@ def killed(call: Call) -> bool:
     return os.WIFSIGNALED(status)
 
 
-def at_turn(turn: int) -> Callable[[Any], None]:
+def at_turn(turn):
     """Kill this process at the call of that number."""
     turns = [0]
 
-    def die(_given: Any) -> None:
+    def die(_given):
         turns[0] += 1
         if turns[0] == turn:
             os.kill(os.getpid(), signal.SIGKILL)

@@ -16,7 +16,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
 from sawmill_mill.alarms import alarm_sentence
-from sawmill_store.drift_charts import DriftCharts, _counted
+from sawmill_store.drift.drift_charts import DriftCharts, _counted
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_vocabulary import DataKind
 
@@ -60,15 +60,9 @@ def answer(change, sha256, **changes):
     measured = {"cor_column_mm": COLUMN + change[0], "tilt_rad": TILT + change[1], "source_to_detector_mm": 1619.3}
     of = {"cor_column_mm": change[0], "tilt_rad": change[1], "source_to_detector_mm": 0.0}
     deviation = {"cor_column_mm": DEVIATIONS[0], "tilt_rad": DEVIATIONS[1], "source_to_detector_mm": None}
-    return {
-        "measured": measured,
-        "change": of,
-        "standard_deviation": deviation,
-        "change_standard_deviation": deviation,
-        "covariance": np.pad(COVARIANCE, (0, 1)).tolist(),
-        "method": "view-pairs",
-        "input_sha256": sha256,
-    } | changes
+    known = {"measured": measured, "change": of, "covariance": np.pad(COVARIANCE, (0, 1)).tolist()}
+    known |= {"standard_deviation": deviation, "change_standard_deviation": deviation}
+    return known | {"method": "view-pairs", "input_sha256": sha256} | changes
 
 
 @pytest.fixture
@@ -95,30 +89,16 @@ def charted(store, scanner):
         with store.database.write() as session:
             active = session.scalars(select(ActivationRow).order_by(ActivationRow.number.desc()).limit(1)).one()
             start = since or active.activated_at
+            same = {"scanner_id": scanner.id, "kind": MeasurementKind.DRIFT, "against_id": active.calibration_id}
+            same |= {"method": "view-pairs", "activation_number": active.number, "awaits_chart": True}
+            same |= {"source_to_detector_mm": 1619.3, "relative_residual": 0.01, "covariance": COVARIANCE.tolist()}
+            same |= {"cor_column_standard_deviation_mm": DEVIATIONS[0], "tilt_standard_deviation_rad": DEVIATIONS[1]}
             for number, change in enumerate(changes):
                 column, tilt = random.multivariate_normal(np.asarray(change), COVARIANCE)
-                session.add(
-                    MeasurementRow(
-                        scanner_id=scanner.id,
-                        at=start + (number + 1) * timedelta(minutes=5),
-                        kind=MeasurementKind.DRIFT,
-                        subject_id=f"check-{number}",
-                        against_id=active.calibration_id,
-                        cor_column_mm=COLUMN + column,
-                        cor_column_standard_deviation_mm=DEVIATIONS[0],
-                        cor_column_change_mm=column,
-                        tilt_rad=TILT + tilt,
-                        tilt_standard_deviation_rad=DEVIATIONS[1],
-                        tilt_change_rad=tilt,
-                        covariance=COVARIANCE.tolist(),
-                        source_to_detector_mm=1619.3,
-                        relative_residual=0.01,
-                        method="view-pairs",
-                        activation_number=active.number,
-                        input_sha256=f"{number:064}",
-                        awaits_chart=True,
-                    )
-                )
+                measured = {"cor_column_mm": COLUMN + column, "cor_column_change_mm": column}
+                measured |= {"tilt_rad": TILT + tilt, "tilt_change_rad": tilt}
+                known = {"at": start + (number + 1) * timedelta(minutes=5), "subject_id": f"check-{number}"}
+                session.add(MeasurementRow(**same, **measured, **known, input_sha256=f"{number:064}"))
 
     return enter_looks
 

@@ -1,37 +1,33 @@
-import asyncio
+"""Folders and files are whole or not there, and a result is opened once its content is the one that its job wrote."""
+
 import errno
-import hashlib
 import os
 import subprocess
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Lock
 
 import pytest
 
 from sawmill_contracts import kinds
-from sawmill_platform.errors import NotFound, StorageFull, UploadTooLarge, disk_outage_reported
+from sawmill_platform.errors import DamagedResult, NotFound, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import IDENTITY, FileStore
-from sawmill_store.mill_files import MillFiles
+from sawmill_platform.files.verified_results import VerifiedResults, compute_digest
 
-LOCK = Lock()
+LOCK = threading.Lock()
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> FileStore:
+def files(tmp_path):
     store = FileStore(tmp_path)
     store.make_folders()
     (tmp_path / IDENTITY).write_text("of a test")
     return store
 
 
-def incoming(files: FileStore) -> list[Path]:
+def incoming(files):
     return list((files.folder / "incoming").iterdir())
-
-
-def test_an_upload_is_counted_and_hashed(files):
-    received = files.receive([b"ab", b"", b"c"], max_bytes=3)
-    assert received.path.read_bytes() == b"abc"
-    assert (received.size_bytes, received.sha256) == (3, hashlib.sha256(b"abc").hexdigest())
 
 
 def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
@@ -41,7 +37,9 @@ def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
         files.kept(kinds.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0), one_at_a_time=LOCK)
     assert list(folder.iterdir()) == []
     for content in (b"drawn", b"drawn again"):
-        path = files.kept(kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=Lock())
+        path = files.kept(
+            kinds.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=threading.Lock()
+        )
         assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
     assert incoming(files) == []
 
@@ -66,38 +64,7 @@ def test_folders_that_were_made_to_stay_are_removed(files, nested):
     assert list((files.folder / "attempts").iterdir()) == list((files.folder / "removed").iterdir()) == []
 
 
-def test_what_is_made_for_a_removed_subject_is_not_kept(files):
-    with pytest.raises(NotFound):
-        files.kept(kinds.CALIBRATE, "gone", "report.png", lambda: b"drawn", one_at_a_time=LOCK)
-    assert incoming(files) == []
-
-
-def test_a_streamed_upload_is_the_same(files):
-    async def chunks():
-        yield b"ab"
-        yield b"c"
-
-    received = asyncio.run(files.receive_stream(chunks(), max_bytes=3))
-    assert received.sha256 == hashlib.sha256(b"abc").hexdigest()
-
-
-def test_an_upload_beyond_its_limit_leaves_nothing(files):
-    with pytest.raises(UploadTooLarge, match="larger than the 3 bytes allowed"):
-        files.receive([b"ab", b"cd"], max_bytes=3)
-    assert incoming(files) == []
-
-
-def test_an_upload_that_breaks_off_leaves_nothing(files):
-    async def chunks():
-        yield b"ab"
-        raise ConnectionResetError
-
-    with pytest.raises(ConnectionResetError):
-        asyncio.run(files.receive_stream(chunks(), max_bytes=10))
-    assert incoming(files) == []
-
-
-def test_a_full_disk_is_reported_and_leaves_nothing(files):
+def test_a_full_disk_is_reported_and_leaves_nothing_and_other_trouble_is_not_called_full(files):
     def chunks():
         yield b"ab"
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -105,9 +72,6 @@ def test_a_full_disk_is_reported_and_leaves_nothing(files):
     with pytest.raises(StorageFull, match="the disk is full: the upload was given up"):
         files.receive(chunks(), max_bytes=10)
     assert incoming(files) == []
-
-
-def test_other_trouble_with_the_disk_is_not_called_full():
     with pytest.raises(PermissionError), disk_outage_reported("a test"):
         raise PermissionError(errno.EACCES, "no")
 
@@ -139,6 +103,101 @@ def test_an_attempt_owns_its_folder_alone(files):
     assert (newer / "half-written").exists(), "what others write is theirs"
 
 
-def test_a_result_that_was_not_written_is_not_found(files):
-    with pytest.raises(NotFound, match="there is no volume-h5 'one'"):
-        MillFiles(files.folder).volume("one")
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "volume.h5"
+    path.write_bytes(b"as its job wrote it")
+    while time.time() < path.stat().st_ctime + 0.15:  # a result is older than a tick of the file system's clock
+        time.sleep(0.02)
+    return path
+
+
+class Rows:
+    """Rows of jobs, and the number of times that a digest was compared, a file read apart and a digest noted."""
+
+    def __init__(self, path, *, noted=True):
+        self.sha256 = compute_digest(path) if noted else None
+        self.compared = self.read = 0
+
+    def noted(self, _):
+        self.compared += 1
+        return self.sha256
+
+    def read_apart(self, path):
+        self.read += 1
+        if path.read_bytes() != b"as its job wrote it":
+            raise DamagedResult(path.name, "its reader crashed")
+
+    def note(self, _, sha256):
+        self.sha256 = sha256
+
+    def results(self, **limits):
+        return VerifiedResults(self.noted, self.read_apart, self.note, **limits)
+
+
+def change(path, content):
+    """Replace the content, and keep size, name and time of change."""
+    before = path.stat()
+    path.write_bytes(content)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (path.stat().st_size, path.stat().st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+
+
+def test_a_file_is_compared_once_in_a_process_and_again_after_a_change_that_keeps_its_time(path):
+    rows = Rows(path)
+    results, other_process = rows.results(), rows.results()
+    assert [results.digest(path) for _ in range(3)] == [rows.sha256] * 3
+    assert rows.compared == 1
+    other_process.digest(path)
+    assert rows.compared == 2
+    change(path, b"as its disk made it")
+    for _ in range(2):
+        with pytest.raises(DamagedResult, match="its digest is not the one that was taken"):
+            results.digest(path)
+    path.write_bytes(b"as its job wrote it")
+    assert results.digest(path) == rows.sha256
+
+
+def test_a_result_without_a_digest_is_read_apart_once_and_noted(path):
+    rows = Rows(path, noted=False)
+    sha256 = rows.results().digest(path)
+    assert (rows.sha256, rows.read) == (sha256, 1)
+    rows.results().digest(path)
+    assert rows.read == 1
+    rows.sha256 = None
+    change(path, b"as its disk made it")
+    with pytest.raises(DamagedResult, match="its reader crashed"):
+        rows.results().digest(path)
+    assert rows.sha256 is None
+
+
+def test_one_thread_reads_a_file_that_many_want(path):
+    class Slow(Rows):
+        def noted(self, path):
+            begun.wait(60)
+            return super().noted(path)
+
+    begun, rows = threading.Event(), Slow(path)
+    results = rows.results()
+    with ThreadPoolExecutor(8) as pool:
+        digests = [pool.submit(results.digest, path) for _ in range(8)]
+        begun.set()
+    assert {each.result() for each in digests} == {rows.sha256}
+    assert rows.compared == 1
+
+
+def test_no_more_files_are_kept_in_mind_than_fit(path):
+    rows, other = Rows(path), path.with_name("other.h5")
+    results = rows.results(most_files=1)
+    other.write_bytes(path.read_bytes())
+    for each in (path, other, path):
+        results.digest(each)
+    assert rows.compared == 3
+
+
+def test_a_pipe_and_a_link_are_not_opened(path):
+    os.mkfifo(path.with_name("pipe"))
+    path.with_name("link").symlink_to(path)
+    for name in ("pipe", "link"):
+        with pytest.raises(DamagedResult, match="it is a link, a pipe"):
+            Rows(path).results().digest(path.with_name(name))

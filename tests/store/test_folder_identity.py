@@ -69,13 +69,17 @@ def test_a_first_start_gives_both_one_identity_which_a_copy_keeps(tmp_path):
 
 @sqlite_alone
 @pytest.mark.parametrize("by", ["missing", "empty", "another"])
-def test_a_folder_that_is_not_the_database_s_is_an_outage_and_nothing_is_made_in_it(apart, by):
+def test_a_folder_that_is_not_the_database_s_is_an_outage_and_nothing_is_made_in_it_or_of_it(apart, tmp_path, by):
+    (tmp_path / "backups").mkdir()
     with replaced(apart.data_folder, by):
         before = sorted(apart.data_folder.rglob("*"))
         for may_begin in (True, False):
             with pytest.raises(FolderUnavailable, match=f"{apart.data_folder}.*the database expects"):
                 Store.open(apart, may_begin=may_begin)
+        with pytest.raises(FolderUnavailable, match="the database expects"):
+            take_backup(apart, tmp_path / "backups", lambda _: None, named=())
         assert sorted(apart.data_folder.rglob("*")) == before
+    assert list((tmp_path / "backups").glob("sawmill-*")) == []
     Store.open(apart, may_begin=False).close()
 
 
@@ -91,6 +95,8 @@ def test_no_job_is_claimed_while_the_folder_is_not_in_its_place(store, upload, r
     request.getfixturevalue("read_only_disk")
     with pytest.raises(FolderUnavailable, match="read-only"):
         store.jobs.claim("a worker")
+    with pytest.raises(FolderUnavailable, match="read-only"):
+        Store.open(store.settings, may_begin=False)
     assert [job.attempt for job in store.jobs.page().items] == [0]
 
 
@@ -99,13 +105,6 @@ def test_a_worker_begins_neither_a_database_nor_a_folder(tmp_path):
     with pytest.raises(FolderUnavailable, match="start sawmill serve first"):
         Store.open(settings, may_begin=False)
     assert not settings.data_folder.exists()
-
-
-@sqlite_alone
-@pytest.mark.usefixtures("read_only_disk")
-def test_a_process_that_starts_on_a_read_only_disk_is_to_wait(filled):
-    with pytest.raises(FolderUnavailable, match="read-only"):
-        Store.open(filled, may_begin=False)
 
 
 @sqlite_alone
@@ -127,19 +126,10 @@ def test_a_folder_of_0_1_0_gets_its_identity_with_its_database_and_no_empty_one_
             Store.open(StorageSettings(data_folder=tmp_path / "empty", database_url=url), may_begin=may_begin)
     with closing(sqlite3.connect(tmp_path / "apart.db")) as connection:
         assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0003",)
-    with closing(
-        Store.open(StorageSettings(data_folder=tmp_path / "data", database_url=url), may_begin=False)
-    ) as store:
+    settings = StorageSettings(data_folder=tmp_path / "data", database_url=url)
+    with closing(Store.open(settings, may_begin=False)) as store:
         assert identity_of(store) == read_identity(tmp_path / "data")
     assert list((tmp_path / "empty").iterdir()) == []
-
-
-@sqlite_alone
-def test_no_backup_is_taken_of_a_folder_that_is_not_the_database_s(apart, tmp_path):
-    (tmp_path / "backups").mkdir()
-    with replaced(apart.data_folder, "empty"), pytest.raises(FolderUnavailable, match="the database expects"):
-        take_backup(apart, tmp_path / "backups", lambda _: None, named=())
-    assert list((tmp_path / "backups").glob("sawmill-*")) == []
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOENT])

@@ -11,7 +11,6 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow
 
@@ -37,15 +36,14 @@ def entered(store, scanner, **which):
 
 
 @pytest.mark.usefixtures("calibrated")
-def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock):
+def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock, refuse):
     since = clock.now + timedelta(seconds=1)
     clock.advance(hours=1)
     with acting_as(ANNA):
         store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
         finish(store, within_tolerance=False, reason="the turntable moved")
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="failing")
-        no_phantom = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom is seen")
-        store.jobs.fail(store.jobs.claim("test"), no_phantom)
+        refuse("no phantom is seen")
         store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="stopped")
     running = store.jobs.claim("test")
     with acting_as(BEN):
@@ -59,32 +57,21 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock)
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 * * * *", kind="check-drift"))
     clock.advance(hours=1)
     store.schedules.run_due()
-    by_schedule = f"schedule {schedule.id}"
+    by_schedule, renamed = f"schedule {schedule.id}", 'name: "Line 3", was "Line 2"'
     assert entered(store, scanner, since=since)[::-1] == [
         ("drift-check", "succeeded", "anna", "the turntable moved"),
         ("calibration", "failed", "anna", "no phantom is seen"),
-        (
-            "settings",
-            "scanner-changed",
-            "ben",
-            'name: "Line 3", was "Line 2"; alarms.quiet_after_hours: 24.0, was null',
-        ),
+        ("settings", "scanner-changed", "ben", f"{renamed}; alarms.quiet_after_hours: 24.0, was null"),
         ("calibration", "cancelled", "ben", None),
         ("alarm", "alarm-opened", "the service", "no scan came after 2026-03-02 05:00 UTC for 24 hours"),
         ("schedule", "schedule-created", "the service", None),
         ("schedule", "schedule-missed", by_schedule, "there was no new scan of a log that a drift check could use"),
     ]
     alarm = store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0]
-    assert (alarm.alarm, alarm.at, alarm.link) == (
-        "scanner-quiet",
-        clock.now - timedelta(hours=1),
-        f"/v1/scanners/{scanner.id}",
-    )
-    marks = store.history.marks(scanner.id, since - timedelta(hours=2))
-    assert [(mark.kind, mark.at) for mark in marks] == [
-        ("activation", since - timedelta(seconds=1)),
-        ("alarm", alarm.at),
-    ]
+    opened_at = clock.now - timedelta(hours=1)
+    assert (alarm.alarm, alarm.at, alarm.link) == ("scanner-quiet", opened_at, f"/v1/scanners/{scanner.id}")
+    marks = [(mark.kind, mark.at) for mark in store.history.marks(scanner.id, since - timedelta(hours=2))]
+    assert marks == [("activation", since - timedelta(seconds=1)), ("alarm", opened_at)]
 
 
 @pytest.mark.dialect

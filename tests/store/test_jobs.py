@@ -1,4 +1,4 @@
-from concurrent.futures import ThreadPoolExecutor
+"""How jobs are claimed, wait, are lost and end, and the checkpoints that the next attempt finds."""
 
 import pytest
 from pydantic import ValidationError
@@ -11,9 +11,8 @@ from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanSpec, ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_platform.errors import FolderUnavailable, LeaseLost, NotFound
-from sawmill_platform.settings import StorageSettings
+from sawmill_platform.files.file_store import checkpoints_of
 from sawmill_platform.workers.settings import Retries
-from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
 
 PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
@@ -36,25 +35,6 @@ def take_back_all(store):
     return [store.jobs.take_back(pulse, retries=AT_ONCE) for pulse in store.jobs.pulses()]
 
 
-def claim_all(settings: StorageSettings) -> list[str]:
-    store = Store(settings)
-    taken = []
-    while (claimed := store.jobs.claim("racer")) is not None:
-        taken.append(claimed.job_id)
-    store.close()
-    return taken
-
-
-@pytest.mark.slow
-@pytest.mark.dialect
-def test_each_job_is_claimed_once_by_threads(store, upload):
-    jobs = {upload(store).job_id for _ in range(24)}
-    with ThreadPoolExecutor(8) as pool:
-        taken = [job_id for some in pool.map(claim_all, [store.settings] * 8) for job_id in some]
-    assert len(taken) == 24
-    assert set(taken) == jobs
-
-
 @pytest.mark.slow
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
@@ -72,6 +52,7 @@ def test_each_job_is_claimed_once_by_processes(store, upload):
 def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
     jobs = [upload(store).job_id for _ in range(3)]
     assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [0, 1, 2]
+    assert (list(store.jobs.queued_job_ids()), list(store.jobs.queued_job_ids(older_than_s=60))) == (jobs, [])
     first = claim(store)
     assert first.job_id == jobs[0]
     assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [None, 0, 1]
@@ -103,16 +84,6 @@ def test_a_job_may_start_when_what_it_needs_has_failed(store, upload):
     assert claim(store).job_id == calibration.job_id
 
 
-def test_a_result_and_its_files_appear_together(store, upload, finish):
-    scan = upload(store)
-    done = finish(store)
-    assert store.jobs.get(done.job_id).state is JobState.SUCCEEDED
-    assert store.jobs.get(done.job_id).finished_at is not None
-    folder = store.files.results(done.job.kind, scan.id)
-    assert (folder / "result").read_text() == "attempt 1"
-    assert list((store.files.folder / "attempts").iterdir()) == []
-
-
 @pytest.mark.dialect
 def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     scan = upload(store)
@@ -135,19 +106,12 @@ def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     assert store.scans.get(scan.id).format == "NXtomo"
 
 
-def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
+def test_what_has_the_wrong_form_or_cannot_be_published_leaves_the_row_as_it_was(store, upload):
     scan = upload(store)
     held = claim(store)
     output = store.files.make_attempt_folder(held.job_id, held.attempt)
     with pytest.raises(ValidationError):
         store.jobs.check_output(kinds.INGEST, READING | {"surprise": 1}, output)
-    assert store.scans.get(scan.id).state is ScanState.INGESTING
-    assert store.jobs.get(held.job_id).state is JobState.RUNNING
-
-
-def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
-    scan = upload(store)
-    held = claim(store)
     with pytest.raises(FolderUnavailable, match="publishing a result was given up"):
         store.jobs.succeed(held, ANSWER, store.files.folder / "attempts" / "missing")
     assert store.scans.get(scan.id).state is ScanState.INGESTING
@@ -199,8 +163,8 @@ def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
     assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.FAILED
 
 
-def test_waits_double_up_to_a_minute_and_are_spread(clocked_store, clock, upload):
-    store = clocked_store
+@pytest.mark.clocked
+def test_waits_double_up_to_a_minute_and_are_spread(store, clock, upload):
     scan = upload(store)
     waits = []
     for _ in range(6):
@@ -222,9 +186,9 @@ def test_a_job_that_waits_is_cancelled_at_once(store, upload):
     assert (ended.state, ended.not_before, ended.waiting_for) == (JobState.CANCELLED, None, None)
 
 
+@pytest.mark.clocked
 @pytest.mark.dialect
-def test_a_wait_ends(clocked_store, clock, upload):
-    store = clocked_store
+def test_a_wait_ends(store, clock, upload):
     upload(store)
     store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=20.0))
     clock.advance(seconds=10)
@@ -290,16 +254,6 @@ def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upl
     assert not store.jobs.is_in_the_way(held)
 
 
-@pytest.mark.dialect
-def test_background_jobs_come_last(store, upload, example):
-    examples = [example().job_id for _ in range(2)]
-    users = [upload(store).job_id for _ in range(2)]
-    order = [*users, *examples]
-    assert [store.jobs.get(job_id).queue_position for job_id in order] == [0, 1, 2, 3]
-    assert list(store.jobs.queued_job_ids()) == order
-    assert [claim(store).job_id for _ in order] == order
-
-
 def test_a_job_brings_forward_what_it_needs(store, example):
     scans = [example() for _ in range(2)]
     calibrations = [
@@ -310,18 +264,6 @@ def test_a_job_brings_forward_what_it_needs(store, example):
     forward = {job.job_id for job in [*scans, *calibrations] if not store.jobs.get(job.job_id).background}
     assert forward == {scans[1].job_id, calibrations[1].job_id}
     assert claim(store).job_id == scans[1].job_id
-
-
-@pytest.mark.dialect
-def test_jobs_are_counted_and_listed_by_state(store, upload):
-    for _ in range(3):
-        upload(store)
-    held = claim(store)
-    assert store.jobs.counts()[JobState.QUEUED] == 2
-    assert store.jobs.counts()[JobState.FAILED] == 0
-    assert [job.id for job in store.jobs.page(state=JobState.RUNNING).items] == [held.job_id]
-    with pytest.raises(NotFound):
-        store.jobs.get("nothing")
 
 
 def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
@@ -340,8 +282,75 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     assert (lost.worker, lost.detail["code"]) == ("test", "worker-lost")
 
 
+def begin(store, content=None):
+    """The next attempt at the only job, its folder, and a checkpoint in it."""
+    claim = store.jobs.claim("test")
+    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+    if content is not None:
+        folder = checkpoints_of(output)
+        folder.mkdir()
+        (folder / "search").write_text(content)
+    return claim, output
+
+
+def kept(store, claim):
+    path = store.files.kept_with(claim.job_id) / "search"
+    return path.read_text() if path.is_file() else None
+
+
+def test_progress_that_is_kept_resets_the_losses(store, upload):
+    upload(store)
+    for attempt in range(1, 12):
+        claim, output = begin(store, f"generation {attempt}")
+        assert claim.job.losses <= 2, "it would have failed at the third"
+        if attempt % 2 == 0:
+            store.jobs.keep(claim, output, ["search"])
+            assert store.jobs.get(claim.job_id).losses == 0
+            assert kept(store, claim) == f"generation {attempt}"
+        assert store.jobs.fail(claim, PASSING, retries=AT_ONCE) is JobState.QUEUED
+
+
 @pytest.mark.dialect
-def test_only_jobs_that_have_waited_are_swept(store, upload):
-    scan = upload(store)
-    assert list(store.jobs.queued_job_ids(older_than_s=60)) == []
-    assert list(store.jobs.queued_job_ids()) == [scan.job_id]
+def test_a_late_attempt_keeps_nothing(store, upload):
+    upload(store)
+    late, late_output = begin(store, "late")
+    store.jobs.release(late)
+    newer = store.jobs.claim("newer")
+    output = store.files.folder / "newer"
+    checkpoints_of(output).mkdir(parents=True)
+    (checkpoints_of(output) / "search").write_text("newer")
+    store.jobs.keep(newer, output, ["search"])
+    with pytest.raises(LeaseLost, match="attempt 1 no longer holds"):
+        store.jobs.keep(late, late_output, ["search"])
+    assert kept(store, newer) == "newer"
+
+
+@pytest.mark.parametrize("name", ["../search", "a/b", ".hidden", ""])
+def test_names_stay_in_the_folder(store, upload, name):
+    upload(store)
+    claim, output = begin(store, "some")
+    with pytest.raises(NotFound):
+        store.jobs.keep(claim, output, [name])
+
+
+@pytest.mark.parametrize("end", ["succeed", "fail", "cancelled", "cancel while it waits", "lost"])
+def test_what_was_kept_goes_when_the_job_ends(store, upload, end):
+    upload(store)
+    claim, output = begin(store, "some")
+    store.jobs.keep(claim, output, ["search"])
+    if end == "succeed":
+        store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
+    elif end == "fail":
+        store.jobs.fail(claim, OURS)
+    elif end == "cancelled":
+        store.jobs.request_cancel(claim.job_id)
+        store.jobs.cancelled(claim)
+    elif end == "cancel while it waits":
+        assert store.jobs.release(claim) is JobState.QUEUED
+        assert kept(store, claim) == "some", "a clean stop leaves it"
+        store.jobs.request_cancel(claim.job_id)
+    else:
+        (pulse,) = store.jobs.pulses()
+        assert store.jobs.take_back(pulse, retries=Retries(max_losses=1)).state is JobState.FAILED
+    assert store.jobs.get(claim.job_id).state.ended
+    assert list((store.files.folder / "kept").iterdir()) == []

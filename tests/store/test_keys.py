@@ -1,17 +1,18 @@
-"""Keys and the audit, on both databases."""
+"""Keys, the sessions that they open, and the audit, on both databases."""
 
 from datetime import timedelta
 
 import pytest
-from pydantic import ValidationError
-from sqlalchemy import text
+from sqlalchemy import func, select, text
 from sqlalchemy.exc import DBAPIError
 
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
+from sawmill_platform.keys.sessions import LASTS, RENEWAL_STEP
 
 pytestmark = pytest.mark.clocked
 
@@ -73,11 +74,6 @@ def test_the_last_use_is_kept_to_a_minute(store, clock):
     assert store.keys.all().keys[0].last_used_at == first + USE_STEP
 
 
-def test_a_display_only_reads():
-    with pytest.raises(ValidationError, match="a display's key must have the scope read, not submit"):
-        KeyAsk(name="tablet", scope=Scope.SUBMIT, display=True)
-
-
 @pytest.mark.dialect
 def test_the_audit_names_who_and_only_grows(store):
     with acting_as(Actor("anna", key_id="k1", address="192.0.2.7", request_id="r1")):
@@ -102,3 +98,59 @@ def test_the_audit_names_who_and_only_grows(store):
         ):
             connection.execute(text(change))
     assert list(store.audit.all()) == [made, revoked]
+
+
+OPENER = hash_of("the token")
+
+
+@pytest.mark.dialect
+def test_a_link_is_used_once_within_ten_minutes(store, clock):
+    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ, display=True))
+    first, second = store.sessions.invite(key.id), store.sessions.invite(key.id)
+    clock.advance(minutes=9)
+    assert [store.sessions.use_link(first), store.sessions.use_link(first)] == [hash_of(key.secret), None]
+    clock.advance(minutes=1)
+    assert store.sessions.use_link(second) is None
+    assert count(store) == 0
+
+
+@pytest.mark.dialect
+def test_a_login_removes_the_sessions_that_have_ended(store, clock):
+    ask = KeyAsk(name="tablet", scope=Scope.READ, display=True)
+    kept, revoked, rotated = (store.keys.create(ask) for _ in range(3))
+    displays = [store.sessions.open(hash_of(key.secret), lasting=True) for key in (kept, revoked, rotated)]
+    store.sessions.open(OPENER, lasting=False)
+    store.keys.revoke(revoked.id)
+    store.keys.rotate(rotated.id, grace_s=86400)
+    clock.advance(hours=12)
+    store.sessions.open(OPENER, lasting=False)
+    assert [store.sessions.find(secret) is not None for secret in displays] == [True, False, True]
+    assert count(store) == 3
+    clock.advance(hours=12)
+    store.sessions.open(OPENER, lasting=False)
+    assert [store.sessions.find(secret) is not None for secret in displays] == [True, False, False]
+
+
+def count(store):
+    with store.database.read() as session:
+        return session.scalar(select(func.count()).select_from(SessionRow))
+
+
+def test_a_person_s_session_is_found_by_its_secret_alone_until_it_was_not_used_for_long(store, clock):
+    secret, idle = (store.sessions.open(OPENER, lasting=False) for _ in range(2))
+    assert store.sessions.find(secret).opened_by_hash == OPENER
+    assert store.sessions.find(secret + "x") is store.sessions.find(OPENER) is None
+    with store.database.read() as session:
+        assert secret not in str(session.execute(text("SELECT * FROM sessions")).all())
+    first = store.sessions.find(secret).expires_at
+    for seconds, moved in ((RENEWAL_STEP.total_seconds() - 1, first), (1, first + RENEWAL_STEP)):
+        clock.advance(seconds=seconds)
+        store.sessions.renew(store.sessions.find(secret))
+        assert store.sessions.find(secret).expires_at == moved, "written once an hour"
+    for _ in range(23):
+        clock.advance(hours=1)
+        store.sessions.renew(store.sessions.find(secret))
+    assert store.sessions.find(secret) is not None
+    assert store.sessions.find(idle) is None
+    clock.advance(seconds=LASTS.total_seconds())
+    assert store.sessions.find(secret) is None

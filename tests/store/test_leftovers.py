@@ -1,11 +1,9 @@
-"""What kills and failed commits leave goes with time, and nothing else does."""
+"""What kills and failed commits leave goes with time, and nothing else; files that somebody took away are named."""
 
 import errno
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from databases import sqlite_alone
@@ -15,12 +13,12 @@ from sqlalchemy.exc import OperationalError
 from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.files.leftovers import NAMES_A_ROUND
-from sawmill_platform.jobs.job_store import Claim
-from sawmill_store.store import Store
 
 GRACE_S = 3600.0
 AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")
@@ -32,36 +30,36 @@ INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phan
 class Observer:
     """Looks through a store at times of its own clock."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store):
         self.now_s = 0.0
         self.leftovers = store.leftovers(grace_s=GRACE_S, now_s=lambda: self.now_s)
 
-    def look(self, after_s: float = 0.0) -> list[Path]:
+    def look(self, after_s=0.0):
         self.now_s += after_s
         return self.leftovers.remove_some()
 
 
 @pytest.fixture
-def observer(store: Store) -> Observer:
+def observer(store):
     return Observer(store)
 
 
 @pytest.fixture
-def claimed(store: Store, upload: Callable[..., object]) -> Claim:
+def claimed(store, upload):
     upload(store)
     claim = store.jobs.claim("test")
     assert claim is not None
     return claim
 
 
-def made(path: Path) -> Path:
+def made(path):
     path.mkdir(parents=True)
     (path / "file").write_text("")
     return path
 
 
 @contextmanager
-def failing_commit(store: Store, error: Exception) -> Iterator[None]:
+def failing_commit(store, error):
     """The next commit fails."""
 
     def fail(_):
@@ -192,10 +190,7 @@ def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan
     with at_call("os.rename", lambda _: 1 / 0, below=store.files.folder), pytest.raises(ZeroDivisionError):
         store.scans.delete(ready_scan.id)
     observer.look()
-    gone = [
-        store.files.results(kinds.INGEST, ready_scan.id),
-        store.files.upload(kinds.INGEST, ready_scan.id).parent,
-    ]
+    gone = [store.files.results(kinds.INGEST, ready_scan.id), store.files.upload(kinds.INGEST, ready_scan.id).parent]
     assert sorted(observer.look(GRACE_S)) == sorted(gone)
 
 
@@ -204,7 +199,7 @@ def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
     number = 2 * NAMES_A_ROUND + 1
     for index in range(number):
         (store.files.folder / "plans" / f"nobodys-{index}").mkdir()
-    statements: list[str] = []
+    statements = []
     event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
     counts = []
     for _ in range(3):
@@ -227,3 +222,39 @@ def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
         observer.look(GRACE_S)
     assert stuck.exists()
     assert not other.exists()
+
+
+def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
+    scan = upload(store)
+    finish(store)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    finish(store)
+    reconstruction = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=calibration.id))
+    finish(store)
+    unread = upload(store)
+    files = [
+        store.files.results(kinds.CALIBRATE, calibration.id) / "result.h5",
+        store.files.results(kinds.RECONSTRUCT, reconstruction.id) / "volume.h5",
+        store.files.results(kinds.INGEST, scan.id) / "scan.h5",
+        *sorted(store.files.upload(kinds.INGEST, one.id) for one in (scan, unread)),
+    ]
+    for file in files[:3]:
+        file.touch()
+    assert store.lost_files() == []
+    for file in files:
+        file.unlink()
+    assert store.lost_files() == [file.relative_to(store.files.folder).as_posix() for file in files]
+
+
+def test_what_is_deleted_meanwhile_is_not_lost(store, ready_scan):
+    """The transaction that has read the rows shows them as they were."""
+    deleted = []
+
+    def delete_once(*given):
+        if "FROM scans" in given[2] and not deleted:
+            deleted.append(given[2])
+            store.scans.delete(ready_scan.id)
+
+    event.listen(store.database.engine, "after_cursor_execute", delete_once)
+    assert store.lost_files() == []
+    assert len(deleted) == 1

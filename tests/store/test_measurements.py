@@ -5,30 +5,18 @@ import math
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from results import calibration_result
+from results import comparison
 from sqlalchemy import insert
 
 from sawmill_contracts.calibrations import CalibrationAsk
 from sawmill_contracts.drifts import DriftAsk
 from sawmill_contracts.measurements import MeasurementKind
-from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid, NotFound
-from sawmill_store.measurements import MOST_READ
+from sawmill_store.drift.measurements import MOST_READ
 from sawmill_store.mill_tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
-COMPARISON = {
-    "calibration_id": "first",
-    "ray_change_mm": 0.75,
-    "scale_change_percent": 0.1,
-    "angle_change_deg": 0.1,
-    "cor_column_change_mm": -1.25,
-    "source_distance_change_mm": 2.5,
-    "tilt_change_deg": 0.05,
-    "within_tolerance": False,
-    "reason": "the rays moved",
-}
-WHOLE = calibration_result(comparison=COMPARISON | {"tolerance_mm": 0.5})
+MOVED = comparison(0.75, calibration_id="first")
 
 
 @pytest.fixture
@@ -37,7 +25,7 @@ def measured(store, ready_scan, finish):
     store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True), identifier="first")
     finish(store)
     store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="second")
-    finish(store, comparison=WHOLE["comparison"])
+    finish(store, comparison=MOVED)
     store.drifts.accept(DriftAsk(scan_id=ready_scan.id), identifier="check")
     finish(store)
 
@@ -65,10 +53,9 @@ def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
     assert changes == (None, None, None, None)
 
 
-def test_what_fails_measures_nothing(store, scanner, ready_scan):
+def test_what_fails_measures_nothing(store, scanner, ready_scan, refuse):
     store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
-    claim = store.jobs.claim("test")
-    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="no phantom"))
+    refuse()
     assert store.measurements.page(scanner.id).items == []
 
 
@@ -95,16 +82,14 @@ def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
 @pytest.mark.dialect
 def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_the_time(store, scanner):
     start, step, many = BEFORE, timedelta(minutes=5), 3000
+    same = {"scanner_id": scanner.id, "cor_column_mm": -209.0, "tilt_rad": -0.07, "source_to_detector_mm": 1600.0}
     rows = [
-        {
-            "scanner_id": scanner.id,
+        same
+        | {
             "at": start + number * step,
             "kind": MeasurementKind.CALIBRATION if number % 100 == 0 else MeasurementKind.DRIFT,
             "subject_id": f"one-{number}",
             "ray_change_mm": 2.0 if number == 1333 else None if number == 2444 else 0.01,
-            "cor_column_mm": -209.0,
-            "tilt_rad": -0.07,
-            "source_to_detector_mm": 1600.0,
             "relative_residual": 0.01,
         }
         for number in range(many)
@@ -113,9 +98,7 @@ def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_
         for first in range(0, many, 500):  # each within the time that a statement may take on a busy machine
             session.execute(insert(MeasurementRow), rows[first : first + 500])
     found, total = store.measurements.movements_of(scanner.id, start, start + many * step)
-    assert store.measurements.movements(start, start + many * step) == {scanner.id: found}, (
-        "the first page reads no more"
-    )
+    assert store.measurements.movements(start, start + many * step) == {scanner.id: found}, "no more is read"
     names = [one.subject_id for one in found]
     assert total == many
     assert 500 < len(found) <= MOST_READ

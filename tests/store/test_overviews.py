@@ -14,7 +14,7 @@ from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.kinds import CALIBRATE
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Conflict
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow, MeasurementRow, ScannerRow
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.dialect
-def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish):
+def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish, refuse):
     other = store.scanners.create(ScannerSpec(name="Line 9", constants=scanner.constants))
     ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
     store.calibrations.accept(ask, identifier="first")
@@ -31,9 +31,9 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
     saw = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
     finish(store)
     drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="no-log", detail="none"))
+    refuse()
     store.calibrations.accept(ask, identifier="second")
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="none"))
+    refuse()
     store.calibrations.accept(ask, identifier="third")
 
     new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)
@@ -46,7 +46,7 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
 
 
 @pytest.mark.dialect
-def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan, finish):
+def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan, finish, refuse):
     asks = {name: CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape") for name in ("used", "better", "wrong")}
     for name, ask in asks.items():
         store.calibrations.accept(ask, identifier=name)
@@ -62,7 +62,7 @@ def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan
     store.calibrations.accept(asks["wrong"], identifier="failed")
     with pytest.raises(Conflict, match="is queued: cancel its job"):
         store.calibrations.discard("failed", "wrong file")
-    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-seen", detail="none"))
+    refuse()
     assert undecided() == ("failed", "wrong", False)
     store.calibrations.discard("failed", "wrong file")
     assert undecided() == ("wrong", "wrong", True)
@@ -72,10 +72,8 @@ def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan
     with pytest.raises(Conflict, match="is in use"):
         store.calibrations.discard("used", "by mistake")
     entries = store.history.page(scanner.id, kind=HistoryKind.DISCARD).items
-    assert [(entry.subject_id, entry.why) for entry in entries] == [
-        ("wrong", "wrong phantom"),
-        ("failed", "wrong file"),
-    ]
+    decided = [(entry.subject_id, entry.why) for entry in entries]
+    assert decided == [("wrong", "wrong phantom"), ("failed", "wrong file")]
     assert store.history.newest(scanner.id, HistoryKind.DISCARD, "failed") == entries[1]
     store.calibrations.activate("better", "by hand")
     assert undecided() == (None, "better", False)
@@ -131,27 +129,26 @@ def rows_of(name, history, start):
             if letter != "none":
                 measured = {"kind": MeasurementKind.CALIBRATION, "at": ended_at, "subject_id": subject}
                 verdicts = {"verdict": "fail" if letter == "fail" else "pass", "within_tolerance": letter != "moved"}
-                yield (
-                    MeasurementRow,
-                    mine | measured | verdicts | ZEROS | {"against_id": against and f"{name}-{against}"},
-                )
+                verdicts |= {"against_id": against and f"{name}-{against}"}
+                yield MeasurementRow, mine | measured | verdicts | ZEROS
 
 
-def test_every_history_to_length_four_has_the_newest_undecided_results_of_a_plain_model(clocked_store, scanner):
+@pytest.mark.clocked
+def test_every_history_to_length_four_has_the_newest_undecided_results_of_a_plain_model(store, scanner):
     """The rows of all histories are written at once, with a scanner for each."""
     words = chain.from_iterable(product(LETTERS, repeat=length) for length in range(5))
     histories = {f"s{number}": played(letters) for number, letters in enumerate(words)}
     histories = {name: history for name, history in histories.items() if history is not None}
-    start, tables = clocked_store.now(), defaultdict(list)
+    start, tables = store.now(), defaultdict(list)
     spec = scanner.model_dump(mode="json", include=set(ScannerSpec.model_fields))
     for name, (history, *_) in histories.items():
         tables[ScannerRow].append({"id": name, "created_at": start, "spec": spec})
         for table, row in rows_of(name, history, start):
             tables[table].append(row)
-    with clocked_store.database.write() as session:
+    with store.database.write() as session:
         for table in (ScannerRow, JobRow, CalibrationRow, ActivationRow, EventRow, MeasurementRow):
             session.execute(insert(table), tables[table])
-    found = {each.scanner.id: each for each in clocked_store.overviews.read(limit=len(histories) + 1)}
+    found = {each.scanner.id: each for each in store.overviews.read(limit=len(histories) + 1)}
     for name, (_, *ids) in histories.items():
         seen = found[name]
         newest = seen.scanner.active_calibration_id, seen.ended_id, seen.succeeded_id, seen.red_id

@@ -1,18 +1,22 @@
-"""Uploads that can be resumed, on each database."""
+"""Uploads that can be resumed, and answers that are kept for repeats: one transaction with what is answered."""
 
 import hashlib
-from typing import Any
+import os
+import signal
 
 import pytest
+from results import CONSTANTS
 
 from sawmill_contracts import kinds
+from sawmill_contracts.geometry import ScannerConstants
+from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.contracts.uploads import UploadAsk, UploadState
 from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
-from sawmill_platform.keys.repeats import KeptAnswer, KeyedRequest
-from sawmill_platform.uploads.upload_store import UploadQuota, Uploads, WrongOffset
+from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
+from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -20,11 +24,11 @@ CONTENT = b"0123456789"
 QUOTA = UploadQuota(3, 25, 40)
 
 
-def create(store: Store, **given: Any) -> Upload:
+def create(store, **given):
     return store.uploads.create(UploadAsk(size_bytes=len(CONTENT), **given), QUOTA)
 
 
-def send(store: Store, upload: Upload, first: int, end: int, *, content: bytes = CONTENT) -> Upload:
+def send(store, upload, first, end, *, content=CONTENT):
     part = store.uploads.begin_part(upload.id, first)
     part.take(AsSent(), content[first:end], commits=True)
     part.finish(AsSent())
@@ -34,28 +38,22 @@ def send(store: Store, upload: Upload, first: int, end: int, *, content: bytes =
     return store.uploads.get(upload.id)
 
 
-def test_parts_become_a_file_that_is_used_once_with_the_scan_that_is_made_of_it(store, scanner):
-    upload = create(store, sha256=hashlib.sha256(CONTENT).hexdigest())
+def test_an_upload_is_used_once_with_the_scan_that_is_made_of_it(store, scanner):
+    upload = create(store)
     assert store.uploads.promised_bytes() == 10
-    assert send(store, upload, 0, 4).offset_bytes == 4
+    send(store, upload, 0, 4)
     with pytest.raises(Conflict, match="4 of 10 bytes have come"):
         store.uploads.received(upload.id)
-    with pytest.raises(WrongOffset, match="goes on at 4, not at 3"):
-        store.uploads.begin_part(upload.id, 3)
-    assert send(store, upload, 4, 10).state is UploadState.COMPLETE
+    send(store, upload, 4, 10)
     assert store.uploads.promised_bytes() == 0
+    nowhere, spec = (ScanSpec(scanner_id=name, data=DataKind.COUNTS) for name in ("nowhere", scanner.id))
+    refused, first, second = (store.uploads.received(upload.id) for _ in range(3))
     with pytest.raises(NotFound):
-        store.scans.accept(
-            ScanSpec(scanner_id="nowhere", data=DataKind.COUNTS), received := store.uploads.received(upload.id)
-        )
-    assert not received.path.exists()
-    both = [store.uploads.received(upload.id) for _ in range(2)]
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-    scan = store.scans.accept(spec, both[0])
-    assert (scan.size_bytes, scan.sha256) == (10, upload.sha256)
+        store.scans.accept(nowhere, refused)
+    assert not refused.path.exists()
+    scan = store.scans.accept(spec, first)
     with pytest.raises(Conflict, match="has been used"):
-        store.scans.accept(spec, both[1])
-    assert store.uploads.get(upload.id).used_by == f"/v1/scans/{scan.id}"
+        store.scans.accept(spec, second)
     with pytest.raises(Conflict, match=f"has become /v1/scans/{scan.id}"):
         store.uploads.received(upload.id)
     assert list((store.files.folder / "incoming").iterdir()) == []
@@ -164,10 +162,88 @@ def test_what_a_key_and_all_may_leave_waiting_is_bounded(store):
         create(store)
 
 
-def test_an_upload_that_stands_still_for_a_day_goes(clocked_store, clock):
-    still, going_on = create(clocked_store), create(clocked_store)
+@pytest.mark.clocked
+def test_an_upload_that_stands_still_for_a_day_goes(store, clock):
+    still, going_on = create(store), create(store)
     clock.advance(hours=23)
-    send(clocked_store, going_on, 0, 3)
+    send(store, going_on, 0, 3)
     clock.advance(hours=2)
-    assert list(clocked_store.uploads.remove_expired()) == [still.id]
-    assert clocked_store.uploads.get(going_on.id).offset_bytes == 3
+    assert list(store.uploads.remove_expired()) == [still.id]
+    assert store.uploads.get(going_on.id).offset_bytes == 3
+
+
+ASKED = KeyedRequest("somebody", "once", "0" * 64)
+SPEC = ScannerSpec(name="Line 3", constants=ScannerConstants(**CONSTANTS))
+
+
+def kept_as(scanner):
+    return KeptAnswer(201, {"location": scanner.id}, scanner.model_dump_json())
+
+
+def made(store, request=ASKED):
+    return store.repeats.once(request, lambda: store.scanners.create(SPEC), kept_as)
+
+
+def scanners(store):
+    return [scanner.id for scanner in store.scanners.page(limit=200).items]
+
+
+def test_what_is_refused_within_and_got_over_leaves_the_rest(store):
+    def some():
+        first = store.scanners.create(SPEC, scanner_id="line-3")
+        with pytest.raises(Conflict):
+            store.scanners.create(SPEC, scanner_id="line-3")
+        assert store.scanners.get("line-3") == first, "what was written is read before the commit"
+        return first
+
+    store.repeats.once(ASKED, some, kept_as)
+    assert scanners(store) == ["line-3"]
+
+
+@pytest.mark.clocked
+@pytest.mark.dialect
+def test_an_answer_is_kept_for_its_time_and_then_removed(store, clock):
+    first = made(store)
+    clock.now += KEPT - (step := KEPT / 1000)
+    store.repeats.forget_old()
+    assert made(store) == kept_as(first)
+    clock.now += step
+    assert store.repeats.find(ASKED) is None
+    second = made(store)
+    assert second.id != first.id
+    clock.now += KEPT
+    store.repeats.forget_old()
+    with store.database.read() as session:
+        assert session.connection().exec_driver_sql("SELECT count(*) FROM repeats").scalar() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", ["claimed", "made", "committed"])
+def test_a_kill_leaves_both_or_neither(store, settings, scanner, moment):
+    """The process ends as by SIGKILL: nothing is unwound, and the connection is gone."""
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+
+    def accept(store, dies_at=None):
+        def make():
+            if dies_at == "claimed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            accepted = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10))
+            if dies_at == "made":
+                os.kill(os.getpid(), signal.SIGKILL)
+            return accepted
+
+        return store.repeats.once(ASKED, make, lambda scan: KeptAnswer(202, {}, scan.model_dump_json()))
+
+    child = os.fork()
+    if child == 0:
+        own = Store(settings)  # a connection is not shared with the parent
+        accept(own, moment)
+        os.kill(os.getpid(), signal.SIGKILL)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    kept = store.repeats.find(ASKED)
+    again = accept(store)
+    assert isinstance(again, KeptAnswer) is (moment == "committed") is (kept is not None)
+    scan, *others = store.scans.page().items
+    assert others == []
+    assert len(store.jobs.page().items) == 1
+    assert store.files.upload(store.jobs.page().items[0].kind, scan.id).read_bytes() == b"scan"

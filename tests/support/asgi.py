@@ -17,6 +17,11 @@ def blocks(text: str) -> list[dict[str, Any]]:
     return found
 
 
+def refusal(answer: httpx.Response) -> tuple[int, str]:
+    """The status and the code of a problem."""
+    return answer.status_code, answer.json()["code"]
+
+
 def asynchronous(app: Any, **headers: str) -> httpx.AsyncClient:
     return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=ORIGIN, headers=headers, timeout=60)
 

@@ -8,10 +8,5 @@ from sawmill_formats.output.calibration_file import write_calibration
 
 def write_answer(path: Path, result: CalibrationResult) -> None:
     """As the service's result.h5, without arrays."""
-    write_calibration(
-        path,
-        result.model_dump(mode="json"),
-        {},
-        software_version=result.software_version,
-        input_sha256=result.input_sha256,
-    )
+    about = result.model_dump(include={"software_version", "input_sha256"})
+    write_calibration(path, result.model_dump(mode="json"), {}, **about)

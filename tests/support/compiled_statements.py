@@ -1,8 +1,4 @@
-"""Each test's database has an engine of its own: the SQL that one compiled is taken by the next, as within a process.
-
-SQLAlchemy keeps compiled statements by their dialect, an object of each engine, and in the engine. Here dialects of one
-class are equal, and all engines keep together.
-"""
+"""Let all engines of a process share compiled statements: SQLAlchemy keeps them by dialect, one of each engine."""
 
 from typing import Any
 

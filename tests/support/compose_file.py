@@ -25,6 +25,7 @@ OF_IMAGE = {
     "redis": {},
 }
 
+SERVERS = ("api", "tls", "health", "redis", "postgres")
 Service = dict[str, Any]
 
 
@@ -85,9 +86,7 @@ class Place:
     """Where the containers' addresses, files and users are here."""
 
     folder: Path  # has `.env` and `secrets`, as where the file is used, and takes volumes and tmpfs
-    ports: dict[str, str] = field(
-        default_factory=lambda: {name: str(free_port()) for name in ("api", "tls", "health", "redis", "postgres")}
-    )
+    ports: dict[str, str] = field(default_factory=lambda: {name: str(free_port()) for name in SERVERS})
 
     @property
     def variables(self) -> dict[str, str]:
@@ -112,10 +111,7 @@ class Place:
 
     def command(self, name: str, words: list[str]) -> list[str]:
         """With what a container's network and its host's name decide otherwise."""
-        added = {
-            "redis": ["--port", self.ports["redis"], "--bind", "127.0.0.1"],
-            "celery": ["-n", f"celery@{name}"],
-        }
+        added = {"redis": ["--port", self.ports["redis"], "--bind", "127.0.0.1"], "celery": ["-n", f"celery@{name}"]}
         moved = [self.moved(interpolated(word, self.variables)) for word in words]
         return [*moved, *added.get(name, []), *added.get(words[0], [])]
 
@@ -125,26 +121,16 @@ class Place:
         found = {target: self.folder / "volumes" / source for target, source in named.items()}
         if "/var/cache/sawmill" in found:  # here kernels lie beside the code
             found["/var/cache/sawmill"] = Path(sawmill_worker.__file__).parents[1]
-        return found | {
-            target: self.folder / "tmpfs" / name / target[1:] for _, target in of_containers(service, "tmpfs")
-        }
+        tmpfs = self.folder / "tmpfs" / name
+        return found | {target: tmpfs / target[1:] for _, target in of_containers(service, "tmpfs")}
 
     def environment(self, name: str, service: Service) -> dict[str, str]:
         """What compose and the image give, and where programs are; nothing else of this process's own."""
         mounted = self.mounted(name, service)
         nowhere = self.folder / "read-only"
         image = {variable: str(mounted.get(path, nowhere)) for variable, path in OF_IMAGE.get(name, OURS).items()}
-        given = {
-            key: self.moved(interpolated(value, self.variables))
-            for key, value in service.get("environment", {}).items()
-        }
-        here = {variable: os.environ[variable] for variable in ("PYTHONPATH",) if variable in os.environ}
-        return {
-            "PATH": PROGRAMS,
-            "LANG": "C.UTF-8",
-            "HOSTNAME": name,
-            "PGPORT": self.ports["postgres"],
-            **here,
-            **image,
-            **given,
-        }
+        stated = service.get("environment", {}).items()
+        given = {key: self.moved(interpolated(value, self.variables)) for key, value in stated}
+        here = {"PATH": PROGRAMS, "LANG": "C.UTF-8", "HOSTNAME": name, "PGPORT": self.ports["postgres"]}
+        here |= {variable: os.environ[variable] for variable in ("PYTHONPATH",) if variable in os.environ}
+        return {**here, **image, **given}

@@ -1,7 +1,4 @@
-"""What docker-compose.yml starts, as processes of this machine held as its containers are: there is no Docker engine.
-
-Commands, environments, health checks and the order are the file's own; `compose_file.Place` says what is not.
-"""
+"""What docker-compose.yml starts, as processes held as its containers are; `compose_file.Place` is the rest."""
 
 import os
 import shutil
@@ -52,11 +49,8 @@ class Composed:
         """Each after those that it depends on; those that need not wait for the others first."""
         order: list[str] = []
         while len(order) < len(self.services):
-            ready = [
-                name
-                for name, service in self.services.items()
-                if name not in order and set(service.get("depends_on", {})) <= set(order)
-            ]
+            later = {name: each.get("depends_on", {}) for name, each in self.services.items() if name not in order}
+            ready = [name for name, needed in later.items() if set(needed) <= set(order)]
             assert ready, f"these wait for each other: {set(self.services) - set(order)}"
             order += ready
         return order
@@ -66,22 +60,16 @@ class Composed:
         mounted = self.place.mounted(name, service)
         for folder in mounted.values():
             folder.mkdir(parents=True, exist_ok=True)
-        environment = self.place.environment(name, service)
-        user = None
+        environment, user = self.place.environment(name, service), None
         if name == "proxy":
             _configure_proxy(self.place, service)
         if name == "postgres":
             user = _make_database(self.place, environment, Path(environment["PGDATA"]))
         held = [sys.executable, "-I", "-S", contained.__file__, user or "", *map(str, mounted.values()), "--"]
+        command, at = [*held, *self.place.command(name, service["command"])], mounted.get("/data", self.place.folder)
         with self.log(name).open("ab") as log:
-            self.processes[name] = subprocess.Popen(
-                [*held, *self.place.command(name, service["command"])],
-                env=environment,
-                cwd=mounted.get("/data", self.place.folder),
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+            to_log = {"stdout": log, "stderr": log}
+            self.processes[name] = subprocess.Popen(command, env=environment, cwd=at, **to_log, start_new_session=True)
         if name == "postgres":
             self.wait_for(name, "service_healthy")
             with self.database("postgres") as connection:  # as the image does
@@ -94,12 +82,8 @@ class Composed:
         """Its health check, begun."""
         kind, *words = self.services[name]["healthcheck"]["test"]
         command = self.place.command(name, words) if kind == "CMD" else ["sh", "-c", interpolated(words[0], {})]
-        return subprocess.Popen(
-            command,
-            env=self.place.environment(name, self.services[name]),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        environment, nowhere = self.place.environment(name, self.services[name]), subprocess.DEVNULL
+        return subprocess.Popen(command, env=environment, stdout=nowhere, stderr=nowhere)
 
     def is_healthy(self, name: str) -> bool:
         if name == "redis":  # the wheel has no client: what it would send is sent

@@ -1,8 +1,4 @@
-"""`contained.py USER FOLDER... -- COMMAND...`: becomes a command held as docker-compose.yml holds its containers.
-
-It can gain no privilege and has no capability (`no-new-privileges`, `cap_drop`), and writes nowhere but below the
-folders (`read_only`), where the kernel has Landlock, version 2 or newer. An empty USER is whoever starts it.
-"""
+"""`contained.py USER FOLDER... -- COMMAND...`: becomes a command without privileges that writes below folders alone."""
 
 import ctypes
 import os

@@ -12,11 +12,7 @@ _PIECE_BYTES = 2**14
 
 
 class CuttingProxy:
-    """Passes bytes on in both directions.
-
-    The first `cuts` parts are cut `after_bytes`, the head included. The service learns of every other cut; the others
-    leave it an open, silent line. The offsets of the next `wrong_offsets` parts are changed to 1.
-    """
+    """Passes bytes on; cuts the first parts `after_bytes`, every other one silently; makes the next offsets wrong."""
 
     def __init__(self, service: tuple[str, int], *, cuts: int, after_bytes: int, wrong_offsets: int = 0) -> None:
         self._service, self._after_bytes = service, after_bytes

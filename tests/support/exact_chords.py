@@ -1,7 +1,4 @@
-"""Scans by exact chords of rays, which share nothing with the forward model but the phantom's corners and discs.
-
-Cells are points in the plane: a detector may be made of modules, the phantom may stand anywhere in each view.
-"""
+"""Scans by exact chords of rays, which share nothing with the forward model but the phantom's corners and discs."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -92,8 +89,7 @@ def scan(
 ) -> Array:
     """Compute the mean transmission of each cell, (views, cells).
 
-    `moved_mm` displaces the phantom across and along the beam, `turned_rad` turns it beyond the angles, (views,);
-    `slope_per_mm` is the relative change of all densities in x and y of the drawing, 0 at its origin.
+    `moved_mm` is across and along the beam, `turned_rad` beyond the angles; `slope_per_mm` is relative.
     """
     ends = detector.points(frame, rays).reshape(-1, 2)
     towards = ends / np.hypot(ends[:, 0], ends[:, 1])[:, None]

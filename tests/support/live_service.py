@@ -98,6 +98,10 @@ class Service:
     def upload(self, content: Any, **spec: str) -> dict[str, Any]:
         return self.post("/v1/scans", params=spec, content=content)
 
+    def upload_phantom(self, content: bytes, scanner_id: str | None = None) -> dict[str, Any]:
+        spec = {"scanner_id": scanner_id or self.create_scanner(), "data": "counts", "phantom_id": "l-shape"}
+        return self.upload(content, **spec)
+
     def wait(self, job_id: str) -> dict[str, Any]:
         deadline = time.monotonic() + JOB_S
         while time.monotonic() < deadline:
@@ -185,7 +189,7 @@ def wait_until(holds: Callable[[], object], limit_s: float = 120.0) -> None:
     deadline = time.monotonic() + limit_s
     while not holds():
         assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
+        time.sleep(0.05)
 
 
 @contextmanager
@@ -204,12 +208,10 @@ def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequ
 
 
 def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", log: Path) -> None:
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
+    def ready() -> bool:
         assert server.poll() is None, log.read_text()
-        try:
-            if client.get("/health/ready").is_success:
-                return
-        except httpx.TransportError:
-            time.sleep(0.05)
-    raise AssertionError(log.read_text())
+        with suppress(httpx.TransportError):
+            return client.get("/health/ready").is_success
+        return False
+
+    wait_until(ready, START_S)

@@ -1,7 +1,4 @@
-"""Faults of the machine that no test can make for real: a plugin of pytest with a fixture for each.
-
-A disk that fills would fill for all, only root can set a clock or mount a disk, and a name server cannot be cut off.
-"""
+"""A plugin of pytest with a fixture for each fault of the machine that no test can make for real."""
 
 import os
 import shutil
@@ -78,11 +75,7 @@ def without_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def database_away(database: Database) -> Iterator[threading.Event]:
-    """Let SQLite's disk fail within the block: nobody has the file open any more, and opening it fails.
-
-    This is the driver's error: what becomes of it is the product's work. The event is set when somebody has met the
-    error. The block ends when the product reads again, which it tries every second.
-    """
+    """Let SQLite fail to open its file within the block, and set the event when somebody has met that."""
     met = threading.Event()
 
     def fail(*_: object) -> NoReturn:

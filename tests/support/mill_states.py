@@ -56,8 +56,10 @@ def fill(store: Store, worker: Finisher) -> dict[str, str]:
     measured = SizeMeasurement(what="x", measured_mm=199.8, standard_uncertainty_mm=0.15, instrument="caliper 12")
     measured_id = store.phantoms.measure("l-shape", MeasurementsAsk(measurements=[measured])).id
     _unfinished(store, worker)
+    lists = ("scans", "logs", "phantoms", "jobs", "system", "audit", "retention")
     results = ("passed", "watched", "moved", "slipped", "failed", "queued")
     return {
+        **{name: f"/{name}" for name in lists},
         "today": "/",
         "kiosk": "/?kiosk",
         "scanner": f"/scanners/{SCANNER}?days=90",
@@ -71,25 +73,18 @@ def fill(store: Store, worker: Finisher) -> dict[str, str]:
         "refused": "/calibrate?inspection=refused",
         **{f"calibration-{each}": f"/calibrate?calibration={each}" for each in results},
         **{f"report-{each}": f"/calibrations/{each}/report" for each in results[:4]},
-        "scans": "/scans",
         "scan": "/scans/example",
         "scan-refused": "/scans/unreadable",
-        "logs": "/logs",
         "log": "/logs/example",
         "log-compared": "/logs/example?beside=example-sparse",
         "log-failed": "/logs/failed",
         "log-queued": "/logs/queued",
-        "phantoms": "/phantoms",
         "phantom": "/phantoms/l-shape",
         "phantom-measured": f"/phantoms/{measured_id}",
         "phantom-traced": "/phantoms/traced",
         "phantom-refused": "/phantoms/untraced",
         "new-phantom": "/phantoms/new",
-        "jobs": "/jobs",
-        "system": "/system",
-        "audit": "/audit",
         "webhooks": "/system/webhooks",
-        "retention": "/retention",
         "problems": "/problems/",
         "problem": "/problems/phantom-not-seen",
         "nothing": "/nothing/here",

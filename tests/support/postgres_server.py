@@ -21,15 +21,8 @@ from ports import free_port
 
 START_S = 120.0
 # Tests lose nothing that they would miss, and `file_copy` makes a database in 25 ms.
-OPTIONS = {
-    "fsync": "off",
-    "full_page_writes": "off",
-    "unix_socket_directories": "",
-    "listen_addresses": "127.0.0.1",
-    "io_method": "sync",
-    "shared_buffers": "16MB",
-    "max_connections": "300",  # of every process of a run
-}
+OPTIONS = {"fsync": "off", "full_page_writes": "off", "unix_socket_directories": "", "listen_addresses": "127.0.0.1"}
+OPTIONS |= {"io_method": "sync", "shared_buffers": "16MB", "max_connections": "300"}  # of every process of a run
 # Trusts its owner, and asks everybody else for a password.
 ACCESS = "host all postgres 127.0.0.1/32 trust\nhost all all 127.0.0.1/32 scram-sha-256\n"
 END_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -95,14 +88,8 @@ class PostgresServer(PostgresDatabases):
         options = [part for name, value in OPTIONS.items() for part in ("-c", f"{name}={value}")]
         command = [str(self._postgres), "-D", str(self.data), "-p", str(self.port), *options]
         with (self.data / "log").open("ab") as log:
-            self.process = subprocess.Popen(
-                command,
-                stdout=log,
-                stderr=log,
-                user=self._user,
-                start_new_session=True,
-                preexec_fn=ends,  # noqa: PLW1509 - takes no lock
-            )
+            apart = {"user": self._user, "start_new_session": True, "preexec_fn": ends}  # which takes no lock
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, **apart)
         deadline = time.monotonic() + START_S
         while not self.answers():
             assert self.process.poll() is None, (self.data / "log").read_text()

@@ -1,10 +1,4 @@
-"""Plugin of pytest that prints at the end how many processor seconds each folder of tests has taken.
-
-The seconds of a test include those of its processes that ended in it. What belongs to no test (imports, collection,
-fixtures of a whole run) is the row "between tests". A run of the whole suite also prints the sum in units of the
-reference computation (benchmarks/measurement.py), so that machines can be compared, and fails above the limit of
-pyproject.toml.
-"""
+"""Plugin of pytest that prints the processor seconds of each folder's tests, their ended processes included."""
 
 import os
 import tomllib

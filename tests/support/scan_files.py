@@ -68,8 +68,9 @@ def nxtomo(tmp_path, stack, angles_deg):
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def published_data():
+    """The folder of the published data."""
     folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
@@ -90,6 +91,20 @@ def refusal(path, **given):
             pass
     assert "\n" not in str(refused.value)
     return refused.value.code, str(refused.value)
+
+
+def refused(path, code, *words, **given):
+    """The sentence that refuses a file, with this code and these words."""
+    found, sentence = refusal(path, **given)
+    assert found == code, sentence
+    assert [word for word in words if word not in sentence] == [], sentence
+    return sentence
+
+
+def each_refusal(path):
+    """Parametrise a test with the name, the code and the sentence of each line of a text file."""
+    rows = [line.split(" | ") for line in path.read_text("utf-8").splitlines()]
+    return pytest.mark.parametrize(("name", "code", "sentence"), rows, ids=[name for name, *_ in rows])
 
 
 def new_volume(path, shape, **changes):

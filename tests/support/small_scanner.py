@@ -50,22 +50,11 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
     """A calibration that found a theta."""
 
     def found(theta: Theta = THETA, **changes: Any) -> CalibrationSucceeded:
-        known = results.calibration_result(
-            id="found",
-            created_at="2030-01-01T00:00:00Z",
-            scanner_id="line-2",
-            scan_id="scan",
-            phantom_id="l-shape",
-            job_id="job",
-            options=CalibrationOptions(),
-            theta=theta,
-            source_frame=theta.source_frame(SCANNER.source_to_cor_mm),
-            standard_deviation=None,
-            covariance=None,
-            predicted_ray_error_mm=None,
-            scanner=CONSTANTS,
-            views=60,
-        )
+        ids = {"scanner_id": "line-2", "scan_id": "scan", "phantom_id": "l-shape", "job_id": "job", "id": "found"}
+        unknown = dict.fromkeys(("standard_deviation", "covariance", "predicted_ray_error_mm")) | {"views": 60}
+        made = {"created_at": "2030-01-01T00:00:00Z", "options": CalibrationOptions(), "scanner": CONSTANTS}
+        frame = theta.source_frame(SCANNER.source_to_cor_mm)
+        known = results.calibration_result(**ids, **unknown, **made, theta=theta, source_frame=frame)
         return CalibrationSucceeded.model_validate(known | changes)
 
     return found

@@ -1,8 +1,4 @@
-"""Faults at calls of the system: a disk that refuses, a machine without processes to give, a kill at any moment.
-
-Python announces these calls to its audit hooks (docs.python.org, "Audit events table"), which may raise an exception in
-place of the call. So a test names a call and a path, as a machine would refuse it, and nothing of the product.
-"""
+"""Faults at calls of the system, as Python announces them to audit hooks (docs.python.org, "Audit events table")."""
 
 import os
 import sys
@@ -28,11 +24,7 @@ def _path_of(arguments: tuple[Any, ...]) -> str:
 
 @contextmanager
 def at_call(call: str, fault: Fault, *, below: Path | str = "") -> Iterator[None]:
-    """Let something happen just before each call of the system, within the block, in every thread.
-
-    `call` is the name of an audit event; the fault is called with the path, and what it raises the call raises; `below`
-    is the beginning of the paths (the first argument of the call) at which it happens.
-    """
+    """Call `fault` with the path before each such audit event below a path; what it raises, the call raises."""
     entry = (call, str(below), fault)
     _faults.append(entry)
     try:

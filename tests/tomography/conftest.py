@@ -1,19 +1,19 @@
 """The published scanner, where its data lie, and angles all round the turn."""
 
+# ruff: noqa: F811 - fixtures of this file ask for the one that is imported
+
 import math
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io
+from scan_files import published_data  # noqa: F401 - a fixture
 
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, Theta
 
 TAU = 2.0 * math.pi
-BESIDE_THE_PROJECT = Path(__file__).parents[3] / "shared" / "data"
 
 
 @pytest.fixture(scope="session")
@@ -61,25 +61,16 @@ def random_thetas() -> Callable[[int, int], list[Theta]]:
 
 
 @pytest.fixture(scope="session")
-def published() -> Path:
-    """The folder of the published data."""
-    folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", BESIDE_THE_PROJECT))
-    if not folder.is_dir():
-        pytest.skip(f"no published data in {folder}: name their folder in SAWMILL_PUBLISHED_DATA")
-    return folder
+def l_phantom_sinogram(published_data):
+    return scipy.io.loadmat(published_data / "l-phantom" / "sinogram.mat")["arr"].astype(np.float64)
 
 
 @pytest.fixture(scope="session")
-def l_phantom_sinogram(published):
-    return scipy.io.loadmat(published / "l-phantom" / "sinogram.mat")["arr"].astype(np.float64)
+def log_sinogram(published_data):
+    return np.load(published_data / "log-phantom" / "sinogram.npy", allow_pickle=False)
 
 
 @pytest.fixture(scope="session")
-def log_sinogram(published):
-    return np.load(published / "log-phantom" / "sinogram.npy", allow_pickle=False)
-
-
-@pytest.fixture(scope="session")
-def log_truth(published):
-    with h5py.File(published / "log-phantom" / "truth.mat") as file:
+def log_truth(published_data):
+    with h5py.File(published_data / "log-phantom" / "truth.mat") as file:
         return file["logPhan"][()]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiers import first_by_day
 
 from sawmill_tomography.drift.change import (
     DetectorFit,
@@ -110,39 +111,33 @@ def plain(full_turn):
     return scan(full_turn(180), seed=WITHOUT_METAL)
 
 
-def with_faulty_cells(plain):
-    plain[:, 150] = 0.0
-    plain[:, 231] = 1.4 * plain.max()
-    plain[:, 230] = 30.0 * np.random.default_rng(3).random(180)
-
-
-def with_corrupt_views(plain):
-    plain[40], plain[90], plain[120, :200] = 30.0, 0.0, -50.0
-
-
-def with_views_of_another_angle(plain):
-    plain[[20, 60, 61]] = plain[[10, 75, 76]]
-
-
-def with_gains_of_each_view(plain):
-    plain *= 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
+def spoil(plain, how):
+    match how:
+        case "faulty cells":
+            plain[:, 150], plain[:, 231] = 0.0, 1.4 * plain.max()
+            plain[:, 230] = 30.0 * np.random.default_rng(3).random(180)
+        case "corrupt views":
+            plain[40], plain[90], plain[120, :200] = 30.0, 0.0, -50.0
+        case "views of another angle":
+            plain[[20, 60, 61]] = plain[[10, 75, 76]]
+        case "gains of each view":
+            plain *= 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
 
 
 @pytest.mark.parametrize("sense", list(Rotation))
 @pytest.mark.parametrize(
-    ("spoil", "remark"),
+    ("how", "remark"),
     [
         (None, None),
-        (with_faulty_cells, "detector cells without a usable signal"),
-        (with_corrupt_views, "3 corrupt views"),
-        (with_views_of_another_angle, "3 views whose rays do not agree"),
-        (with_gains_of_each_view, "gain scattered by"),
+        ("faulty cells", "detector cells without a usable signal"),
+        ("corrupt views", "3 corrupt views"),
+        ("views of another angle", "3 views whose rays do not agree"),
+        ("gains of each view", "gain scattered by"),
     ],
 )
-def test_what_is_wrong_with_a_scan_is_left_out_or_evened_out_and_named(plain, full_turn, frame, sense, spoil, remark):
+def test_what_is_wrong_with_a_scan_is_left_out_or_evened_out_and_named(plain, full_turn, frame, sense, how, remark):
     sinogram = plain.copy()
-    if spoil is not None:
-        spoil(sinogram)
+    spoil(sinogram, how)
     fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002))
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
     assert fit.deviation[0] < 0.15  # a clean scan of this log gives 0.05 mm
@@ -169,10 +164,7 @@ def disturbed(angles, *, encoder_deg=0.0, wobble_mm=0.0, body=None, seed=WITHOUT
 @pytest.mark.parametrize("sense", list(Rotation))
 @pytest.mark.parametrize(
     ("disturbance", "part", "order", "amplitude"),
-    [
-        ({"encoder_deg": 0.3}, "encoder", 1, 0.3),
-        ({"wobble_mm": 1.0}, "bearing", 2, 1.0),
-    ],
+    [({"encoder_deg": 0.3}, "encoder", 1, 0.3), ({"wobble_mm": 1.0}, "bearing", 2, 1.0)],
 )
 def test_a_disturbed_turn_is_no_drift(full_turn, frame, sense, disturbance, part, order, amplitude):
     sinogram = disturbed(full_turn(180), **disturbance)
@@ -192,13 +184,13 @@ def test_a_steady_turn_is_not_called_disturbed(plain, full_turn, frame):
     assert disturbed_turn(fit) == ()
 
 
-@pytest.mark.parametrize("sense", list(Rotation))
+@pytest.mark.parametrize("sense", first_by_day(1, Rotation))
 def test_rays_through_nails_are_left_out(full_turn, frame, sense):
     """Nails starve their rays: cut off at a line integral of 6, they are no longer the same from either side."""
     nails = (Disc((70.0, 20.0), 4.0, 1.0), Disc((-40.0, -60.0), 5.0, 1.0), Disc((10.0, 85.0), 3.0, 1.0))
     body = log(WITHOUT_METAL)
-    sinogram = np.minimum(disturbed(full_turn(180), body=Phantom("nailed", (*body.shapes, *nails))), 6.0)
-    fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002), sense)
+    sinogram = np.minimum(disturbed(full_turn(120), body=Phantom("nailed", (*body.shapes, *nails))), 6.0)
+    fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(120)), moved(frame, 0.6, 0.002), sense)
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
     assert fit.deviation[0] < 0.15
     assert not fit.disturbances
@@ -306,12 +298,7 @@ def turned(theta: Theta, by: float) -> Theta:
     ("now", "noise", "within", "cause"),
     [
         (THETA, 0.002, True, "Nothing moved that this scan can show"),
-        (
-            turntable(THETA, 0.5),
-            0.02,
-            True,
-            "Look at the turntable and at the detector's stops",
-        ),
+        (turntable(THETA, 0.5), 0.02, True, "Look at the turntable and at the detector's stops"),
         (turntable(THETA, 20.0), 0.002, False, "the tilt followed as when the turntable moves sideways"),
         (slid(THETA, 20.0), 0.002, False, "Look at the detector's stops"),
         (turned(THETA, 0.04), 0.002, False, "Look at the mounting of detector and source"),

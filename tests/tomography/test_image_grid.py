@@ -28,6 +28,7 @@ def test_pixels_stand_around_the_centre_of_their_field():
     np.testing.assert_allclose(grid.x_mm, [7.0, 9.0, 11.0, 13.0], atol=1e-14)
     np.testing.assert_allclose(grid.y_mm, [-6.0, -4.0, -2.0, 0.0], atol=1e-14)
     assert grid.reach_mm == pytest.approx(np.hypot(14.0, 7.0))
+    np.testing.assert_allclose(ImageGrid(3, 9.0).x_mm, [-3.0, 0.0, 3.0], atol=1e-15)
 
 
 @pytest.mark.parametrize("views", ["any", "quarter turns"])

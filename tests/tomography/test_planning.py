@@ -25,10 +25,7 @@ def fan(scanner, theta, full_turn):
     return lambda views: FanBeamGeometry(scanner, theta, full_turn(views))
 
 
-@pytest.mark.parametrize(
-    ("views", "distance_mm", "column_mm"),
-    [(360, 0.18, 0.005), (20, 0.86, 0.023)],
-)
+@pytest.mark.parametrize(("views", "distance_mm", "column_mm"), [(360, 0.18, 0.005), (20, 0.86, 0.023)])
 def test_the_l_shape_s_bound_is_the_one_known_from_elsewhere(fan, views, distance_mm, column_mm):
     """Figures of an independent implementation, which rounds them to one or two digits."""
     deviation = plan(fan(views), L_SHAPE, noise=NOISE).frame_deviation
@@ -61,14 +58,8 @@ def test_calibrations_scatter_as_planned(fan, phantom):
     errors, distances = [], []
     for seed in range(REPEATS):
         sinogram = simulate_sinogram(phantom, geometry, noise=NOISE, seed=seed)
-        task = CalibrationTask(
-            geometry.scanner,
-            phantom,
-            sinogram,
-            geometry.angles_rad,
-            handedness=Handedness.AS_DRAWN,
-            rotation=Rotation.AS_GIVEN,
-        )
+        senses = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+        task = CalibrationTask(geometry.scanner, phantom, sinogram, geometry.angles_rad, **senses)
         found = calibrate(task, seed=seed).frame
         error = to_vector(found) - to_vector(geometry.frame)
         error[0] = angle_difference(found.psi_rad, geometry.frame.psi_rad)

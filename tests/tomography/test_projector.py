@@ -6,7 +6,7 @@ import pytest
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta, cell_centres_mm
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon
+from sawmill_tomography.phantoms.phantom import Phantom, Polygon
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.projector import Projector
@@ -90,8 +90,6 @@ def test_a_block_is_its_slices_one_by_one(projector, name, slices):
         assert np.linalg.norm(forward[index] - alone) < 1e-6 * np.linalg.norm(alone)
         alone = a.adjoint(sinograms[index])
         assert np.linalg.norm(back[index] - alone) < 1e-6 * np.linalg.norm(alone)
-    mismatch = np.vdot(forward.astype(np.float64), sinograms) - np.vdot(images.astype(np.float64), back)
-    assert abs(mismatch) < 1e-6 * np.linalg.norm(forward) * np.linalg.norm(sinograms)
 
 
 @every_geometry
@@ -131,21 +129,15 @@ def test_quarter_turns_need_the_centre_of_rotation_in_the_middle_and_views_that_
 
 @every_geometry
 @every_size
-def test_forward_agrees_with_astra(projector, oracle, name, size):
+def test_forward_and_adjoint_agree_with_astra(projector, oracle, name, size):
     a = projector(name, size)
     image = smooth_image(size, 303)
     ours, theirs = a.forward(image), oracle(a).FP(image)
     # ASTRA is in single precision throughout: at 128 pixels it is 1e-5 from the matrix of exact lengths, we 3e-8.
     assert np.linalg.norm(ours - theirs) < 1e-4 * np.linalg.norm(theirs)
-
-
-@every_geometry
-@every_size
-def test_adjoint_agrees_with_astra(projector, oracle, name, size):
-    a = projector(name, size)
     sinogram = np.random.default_rng(304).standard_normal(a.geometry.sinogram_shape).astype(np.float32)
     ours, theirs = a.adjoint(sinogram), oracle(a).BP(sinogram)
-    # As above: ASTRA's adjoint is 5e-4 from the matrix's transpose at 128 pixels, ours 6e-8.
+    # Its adjoint is 5e-4 from the matrix's transpose at 128 pixels, ours 6e-8.
     assert np.linalg.norm(ours - theirs) < 1e-3 * np.linalg.norm(theirs)
 
 
@@ -195,23 +187,6 @@ def test_a_rectangle_of_whole_pixels_is_projected_as_the_polygon_it_is(projector
     np.testing.assert_allclose(a.forward(image), seen, atol=330.0 * 1e-5)
 
 
-@every_geometry
-def test_a_disc_is_projected_as_its_chords(projector, name):
-    a = projector(name, 256)
-    body = Phantom("disc", (Disc((20.0, -35.0), 90.0),))
-    source, centre, axis = a.geometry.vectors()
-    ends = centre[:, None, :] + cell_centres_mm(a.geometry.scanner)[None, :, None] * axis[:, None, :]
-    along = ends - source[:, None, :]
-    along /= np.linalg.norm(along, axis=-1, keepdims=True)
-    off = np.array([20.0, -35.0]) - source[:, None, :]
-    distance = along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0]
-    chord = 2.0 * np.sqrt(np.maximum(90.0**2 - distance**2, 0.0))
-    error = a.forward(body.rasterise(256, 400.0)) - chord
-    # The rim is blurred over one pixel of 1.6 mm: chords of 2 sqrt(2 r e) near it, and nothing in the middle.
-    assert np.linalg.norm(error) < 0.01 * np.linalg.norm(chord)
-    assert np.abs(error[distance**2 < 45.0**2]).max() < 1.6
-
-
 def test_a_ray_along_a_row_of_pixels_has_the_row_s_length():
     """A ray with slope exactly 0, where a march over pixels divides by nothing."""
     geometry = FanBeamGeometry(Scanner(500.0, 3, 1.0), Theta(0.0, 300.0, 0.0, 0.0, 0.0), np.array([0.0, math.pi]))
@@ -239,11 +214,6 @@ def test_what_does_not_fit_is_refused(projector):
 def test_a_grid_without_pixels_is_refused(size, field, message):
     with pytest.raises(GeometryError, match=message):
         ImageGrid(size, field)
-
-
-def test_pixels_are_centred_on_the_centre_of_rotation():
-    np.testing.assert_allclose(ImageGrid(4, 8.0).x_mm, [-3.0, -1.0, 1.0, 3.0], atol=1e-15)
-    np.testing.assert_allclose(ImageGrid(3, 9.0).x_mm, [-3.0, 0.0, 3.0], atol=1e-15)
 
 
 def test_a_field_that_no_ray_crosses_is_refused_in_a_sentence():

@@ -83,7 +83,7 @@ def test_a_block_that_nobody_waits_for_any_more_does_not_go_on():
     assert went_on == []
 
 
-def test_blocks_stay_within_their_memory():
+def test_blocks_stay_within_their_memory_and_few_slices_are_shared_out():
     for views, cells, size in ((360, 768, 256), (1800, 2048, 1024), (90, 384, 128), (3600, 4096, 2048)):
         for threads in (1, 2, 16):
             step, concurrent = cost.blocks(views, cells, size, 2500, cost.MEMORY_BYTES, threads)
@@ -92,9 +92,6 @@ def test_blocks_stay_within_their_memory():
             assert (step, concurrent) == (1, 1) or needed <= cost.MEMORY_BYTES
     assert cost.blocks(360, 768, 256, 2500, cost.MEMORY_BYTES, 2) == (32, 2)
     assert cost.blocks(360, 768, 256, 2500, 1, 2) == (1, 1)
-
-
-def test_few_slices_are_shared_out():
     assert cost.blocks(360, 768, 256, 64, cost.MEMORY_BYTES, 2) == (32, 2)
     assert cost.blocks(360, 768, 256, 33, cost.MEMORY_BYTES, 2) == (32, 2)
     # Fewer than a vector are one block, which all threads compute.

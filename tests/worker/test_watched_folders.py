@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from results import answer_of
+from results import answer_of, reading
 from structlog.testing import capture_logs
 
 from sawmill_contracts.geometry import ScannerConstants
@@ -26,7 +26,7 @@ from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_platform.errors import Invalid
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.scans import Scans
+from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_worker.watched_folders import WAIT_S, WatchedFolders
 
@@ -34,22 +34,19 @@ BAD = b"no scan"
 FILES = 20
 
 
-class Clock:
-    now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
-
-
 @dataclass
 class Watched:
-    """A scanner's folder, its taker, and a worker that refuses what begins with `BAD`."""
+    """A scanner's folder, its taker with a clock, and a worker that refuses what begins with `BAD`."""
 
     store: Store
     folder: Path
-    scanner_id: str
-    clock: Clock
-    taker: WatchedFolders
+    now_s: float = 1000.0
+
+    def __post_init__(self) -> None:
+        self.scanner_id, self.taker = self.store.scanners.create(spec(self.folder)).id, self.new_taker()
+
+    def new_taker(self) -> WatchedFolders:
+        return WatchedFolders(self.store, threading.Event(), lambda: self.now_s)
 
     def put(self, name: str, content: bytes) -> Path:
         path = self.folder / name
@@ -59,14 +56,18 @@ class Watched:
     def look(self, times: int = 1, *, after_s: float = 0.0) -> None:
         """Let the taker look, each time after this number of seconds."""
         for _ in range(times):
-            self.clock.now_s += after_s
+            self.now_s += after_s
             self.taker.look()
             self.taker.wait(60.0)
 
-    def settle(self) -> None:
-        """Let what stands still be taken, read and removed."""
+    def take(self) -> None:
+        """Let what stands still be taken."""
         self.look()
         self.look(after_s=10.0)
+
+    def settle(self) -> None:
+        """Let what stands still be taken, read and removed."""
+        self.take()
         self.read()
         self.look()
 
@@ -79,14 +80,12 @@ class Watched:
                 self.store.jobs.fail(claim, failure)
                 continue
             output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            shape = {"views": 3, "rows": 1, "detector": 8}
-            reading = {"format": "npy", "shape": shape, "angular_range_deg": (0.0, 240.0)}
-            self.store.jobs.succeed(claim, answer_of(claim.job.kind, reading), output)
+            self.store.jobs.succeed(claim, answer_of(claim.job.kind, reading()), output)
 
     def again(self) -> None:
         """Take the place of the taker by one that knows nothing, as after a kill."""
         self.taker.close()
-        self.taker = WatchedFolders(self.store, threading.Event(), self.clock)
+        self.taker = self.new_taker()
 
     def change(self, **changes: object) -> None:
         scanner = self.store.scanners.get(self.scanner_id)
@@ -104,11 +103,8 @@ class Watched:
         return (self.store.files.folder / "uploads/scans" / scan.id / "original").read_bytes()
 
     def refused(self) -> dict[str, bytes]:
-        return {
-            path.name: path.read_bytes()
-            for path in self.folder.glob("refused/*/*")
-            if not path.name.endswith(".reason.txt")
-        }
+        files = (path for path in self.folder.glob("refused/*/*") if not path.name.endswith(".reason.txt"))
+        return {path.name: path.read_bytes() for path in files}
 
     def reason(self, name: str) -> list[str]:
         (path,) = self.folder.glob(f"refused/*/{name}.reason.txt")
@@ -142,9 +138,7 @@ def begin(place: Path, empty_data: Path, root: Path) -> Watched:
     store = Store(StorageSettings(data_folder=place / "data", database_url=None, watch_folders=[root]))
     folder = root / "line-2"
     folder.mkdir(parents=True)
-    scanner_id = store.scanners.create(spec(folder)).id
-    clock = Clock()
-    return Watched(store, folder, scanner_id, clock, WatchedFolders(store, threading.Event(), clock))
+    return Watched(store, folder)
 
 
 @pytest.fixture
@@ -285,8 +279,7 @@ def test_refused_files_can_be_read_by_those_who_can_read_the_folder(watched):
 def test_a_file_whose_taker_was_killed_makes_one_scan(watched, killed):
     name, content = ("bad.npy", BAD) if killed == "before the reason" else ("log.npy", b"log")
     watched.put(name, content)
-    watched.look()
-    watched.look(after_s=10.0)
+    watched.take()
     (file,) = watched.taken()
     (scan,) = watched.scans()
     if killed == "before the move":
@@ -309,8 +302,7 @@ def test_a_file_whose_taker_was_killed_makes_one_scan(watched, killed):
 
 def test_a_scan_that_was_deleted_at_once_is_not_made_again(watched):
     watched.put("log.npy", b"log")
-    watched.look()
-    watched.look(after_s=10.0)
+    watched.take()
     watched.read()
     watched.store.scans.delete(watched.scans()[0].id)
     watched.look()
@@ -328,8 +320,7 @@ def test_a_file_that_is_written_to_after_it_was_taken(watched, when):
             path.rename(taken / path.name)
             watched.look()
         else:
-            watched.look()
-            watched.look(after_s=10.0)
+            watched.take()
         writer.write(b"and last")
         writer.flush()
         watched.look()
@@ -345,8 +336,7 @@ def test_a_file_that_is_written_to_after_it_was_taken(watched, when):
 
 def test_a_touched_file_of_equal_bytes_has_not_changed(watched):
     watched.put("log.npy", b"log")
-    watched.look()
-    watched.look(after_s=10.0)
+    watched.take()
     os.utime(watched.taken()[0], (1, 1))
     watched.read()
     watched.look()
@@ -455,17 +445,15 @@ class PoisonedScans(Scans):
 
 
 def test_files_at_which_something_fails_keep_no_other_waiting(watched, log):
-    right, watched.store.scans = (
-        watched.store.scans,
-        PoisonedScans(watched.store.database, watched.store.files, watched.store.places),
-    )
+    store = watched.store
+    right, store.scans = store.scans, PoisonedScans(store.database, store.files, store.places)
     for number in range(3):
         os.utime(watched.put(f"poison {number}.npy", b"%d" % number), (0, 0))
     watched.put("log.npy", b"log")
     watched.settle()
     assert watched.contents() == {"log.npy": b"log"}
     assert len(log("watched-waits")) == 3
-    watched.store.scans = right
+    store.scans = right
     watched.look(2, after_s=WAIT_S)
     assert len(watched.contents()) == 4
 
@@ -490,11 +478,11 @@ def test_a_deleted_phantom_is_waited_for(watched, log):
 
 
 def test_of_two_takers_one_takes_and_the_other_goes_on_when_it_ends(watched):
-    other = WatchedFolders(watched.store, threading.Event(), watched.clock)
+    other = watched.new_taker()
     watched.put("log.npy", b"log")
     watched.look()
     for _ in range(3):
-        watched.clock.now_s += 10.0
+        watched.now_s += 10.0
         other.look()
         other.wait()
     assert watched.scans() == []

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
-from sawmill_calibration.calibration.result_file import read_calibration as read_result
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
-from sawmill_calibration.phantom_drawings import drawing_of, html_of
-from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.pictures.templating import html_of
+from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
+from sawmill_calibration.result_file import read_calibration as read_result
 from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
 from sawmill_contracts.calibrations import (
@@ -115,7 +116,7 @@ class Calibration:
         """
         if self.arrays is None:
             raise InputError("no-arrays", "this calibration was read from a file: calibrate its scan again to plot it")
-        from sawmill_worker.pictures.calibration_report import report_figure  # noqa: PLC0415 - matplotlib is slow
+        from sawmill_calibration.pictures.calibration_report import report_figure  # noqa: PLC0415 - matplotlib is slow
 
         return report_figure(self.result, self.arrays(), step_alone(self.result))
 
@@ -124,13 +125,13 @@ class Calibration:
 
         A calibration that was read from a file has no pictures of the scan; the page says so.
         """
-        from sawmill_worker.pictures.report_page import About, report_html  # noqa: PLC0415 - few need it
+        from sawmill_calibration.pictures.report_page import About, report_html  # noqa: PLC0415 - few need it
 
         arrays = None if self.arrays is None else self.arrays()
         Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        from sawmill_worker.pictures.report_numbers import calibration_table  # noqa: PLC0415
+        from sawmill_calibration.pictures.report_numbers import calibration_table  # noqa: PLC0415
 
         sentences = [*self.reasons, *self.result.adjustments]
         title = f"Calibration with {self.result.phantom}"
@@ -163,7 +164,7 @@ class Reconstruction:
 
     def plot(self, number: int | None = None) -> "Figure":
         """Draw one slice, counted from 0: the middle one by default, in the grey window of the volume."""
-        from sawmill_worker.pictures.figures import slice_figure  # noqa: PLC0415 - matplotlib is slow to import
+        from sawmill_calibration.pictures.figures import slice_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         shown = range(len(self.volume))[len(self.volume) // 2 if number is None else number]
         row = range(*self.result.rows, self.result.row_step)[shown]
@@ -177,7 +178,7 @@ class Reconstruction:
         )
 
     def _repr_html_(self) -> str:
-        from sawmill_worker.pictures.images import image_png  # noqa: PLC0415
+        from sawmill_calibration.pictures.images import image_png  # noqa: PLC0415
 
         result = self.result
         rows = [
@@ -226,7 +227,7 @@ class Drift:
 
     def plot(self) -> "Figure":
         """Draw each parameter's change with its uncertainty."""
-        from sawmill_worker.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
+        from sawmill_calibration.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         return drift_figure(self.result)
 
@@ -346,8 +347,7 @@ def reconstruct(
     chosen = options_of(ReconstructionOptions, options)
     with input_errors_translated():
         rows = rows_of_memory(scan, rows=chosen.rows, views=chosen.views)
-        source = ReconstructionInput.of(rows, _geometry(rows, geometry, rotation))
-        volume, result = reconstruct_in_memory(source, chosen, on_progress)
+        volume, result = reconstruct_in_memory(rows, _geometry(rows, geometry, rotation), chosen, on_progress)
     return Reconstruction(volume, result, chosen.field_centre_mm)
 
 

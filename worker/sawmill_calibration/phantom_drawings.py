@@ -1,8 +1,6 @@
-"""A phantom's drawing: built-in, read from a file or traced from a picture; and results as notebooks show them."""
+"""A phantom's drawing: built-in, read from a file or traced from a picture."""
 # ruff: noqa: PLC0415 - a built-in phantom needs no readers of files and pictures
 
-from base64 import b64encode
-from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -14,7 +12,6 @@ from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomAsk, PhantomDra
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE
-from sawmill_worker.templating import templates_of
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:
@@ -49,20 +46,3 @@ def traced_drawing(
             return from_phantom(trace(picture, width_mm, name=name, size_tolerance=size_tolerance))
         except ValidationError as error:
             raise refused("phantom", f"the picture shows no phantom that can be drawn: {complaint(error)}") from error
-
-
-TEMPLATES = templates_of("sawmill_calibration")
-
-
-def html_of(
-    title: str,
-    rows: Sequence[tuple[str, object]],
-    *,
-    verdict: str | None = None,
-    sentences: Sequence[str] = (),
-    png: bytes | None = None,
-) -> str:
-    """Return a title with a verdict, sentences, a table of labels and values, and a picture; all text is escaped."""
-    picture = None if png is None else b64encode(png).decode("ascii")
-    page = TEMPLATES.get_template("result.html")
-    return page.render(title=title, rows=rows, verdict=verdict, sentences=sentences, picture=picture)

@@ -1,6 +1,6 @@
 """The closed list of failure codes: a metric labelled by code has no more values than this list.
 
-`tests/worker/jobs/test_failure_codes.py` compares the list with the codes that the sources name.
+`tests/worker/jobs/test_kinds.py` compares the list with the codes that the sources name.
 """
 
 OTHER = "other"

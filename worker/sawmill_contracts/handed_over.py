@@ -12,27 +12,13 @@ from sawmill_platform.contracts.attempts import AttemptInput
 
 
 class HandedOver(AttemptInput):
-    """Rows that the job's own row refers to; null where it refers to none.
+    """Rows that the job's own row refers to; null where it refers to none."""
 
-    Attributes
-    ----------
-    asked_json
-        The job's row, of the contract that its kind answers with; null: the job reads an upload.
-    picture
-        Name and size of the picture that the job traces.
-    active
-        The scanner's active calibration, for a job on a scan that names none.
-    baselines
-        Baselines of the calibration, for a drift check; at most one for each method.
-    file
-        The upload, or the scan that was made of one; null: the job reads none, or the scan was refused.
-    """
-
-    asked_json: str | None = None
+    asked_json: str | None = None  # the job's row, of its kind's contract; null: the job reads an upload
     scan: Scan | None = None
     scanner: StoredScanner | None = None
     phantom: StoredPhantom | None = None
-    picture: PhantomPicture | None = None
+    picture: PhantomPicture | None = None  # the picture that the job traces
     calibration: Calibration | None = None
-    active: Calibration | None = None
-    baselines: tuple[KnownBaseline, ...] = ()
+    active: Calibration | None = None  # the scanner's active one, for a job on a scan that names none
+    baselines: tuple[KnownBaseline, ...] = ()  # of the calibration, for a drift check; at most one for each method

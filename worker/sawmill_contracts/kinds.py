@@ -51,57 +51,31 @@ class Operation:
 
 @dataclass(frozen=True, kw_only=True)
 class AskedKind(KindDeclaration, Generic[Ask, Answer]):
-    """A job that a client requests and whose answer is stored. A kind with an upload has a route written by hand.
+    """A job that a client requests and whose answer is stored. A kind with an upload has a route written by hand."""
 
-    Attributes
-    ----------
-    ask, options : type of Contract
-        The body of the request, a `Given`; the part of it that is stored for the job.
-    answer
-        The contract of the stored thing, or a union of contracts.
-    read : callable
-        Maps a stored record to the answer (`stored_as`).
-    links : type of Contract
-        Links to the answer and its files: `self`, `job`, the names of `files`, and references such as `calibration`.
-    files : mapping
-        A link's name -> its path below /v1/<plural>/<id>/.
-    references : tuple of Reference
-        References of a request, which are resolved in this order.
-    blocks_deletion : bool
-        Whether its scanner and its phantom cannot be deleted while it is stored. A scan can, once its job has ended.
-    listed_by : tuple of str
-        Filters of a list: `state`, and ids of references.
-    to_ask, to_list, to_get : Operation
-        The routes' texts.
-    is_short : callable
-        Maps the options to whether the job takes seconds: short jobs wait for no long one. By default no job is short.
-    needed_scope : callable
-        Maps the request to the scope that a key needs for it: `submit` for work alone.
-    asked_at : str or None
-        Path of the request, if not /v1/<plural>; the path may contain a reference's id.
-    tag : str or None
-        The group of its routes, if not <plural>.
-    about : str or None
-        Description of the group <plural> in the public document; None with `tag`.
-    """
-
+    # ask, options: the body of the request, a `Given`; the part of it that is stored for the job.
     ask: type[Ask]
     options: type[Contract]
-    answer: Any
-    read: Callable[[Mapping[str, Any]], Answer]
+    answer: Any  # the contract of the stored thing, or a union of contracts
+    read: Callable[[Mapping[str, Any]], Answer]  # maps a stored record to the answer (`stored_as`)
+    # Links to the answer and its files: `self`, `job`, the names of `files`, and references such as `calibration`.
     links: type[Contract]
-    files: Mapping[str, str] = field(default_factory=dict)
-    references: tuple[Reference, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)  # a link's name -> its path below /v1/<plural>/<id>/
+    references: tuple[Reference, ...] = ()  # references of a request, which are resolved in this order
+    # Whether its scanner and its phantom cannot be deleted while it is stored. A scan can, once its job has ended.
     blocks_deletion: bool = True
-    listed_by: tuple[str, ...] = ("state",)
+    listed_by: tuple[str, ...] = ("state",)  # filters of a list: `state`, and ids of references
+    # to_ask, to_list, to_get: the routes' texts.
     to_ask: Operation
     to_list: Operation
     to_get: Operation
+    # Maps the options to whether the job takes seconds: short jobs wait for no long one. By default no job is short.
     is_short: Callable[[Any], bool] = lambda _: False
+    # Maps the request to the scope that a key needs for it: `submit` for work alone.
     needed_scope: Callable[[Ask], Scope] = lambda _: Scope.SUBMIT
-    asked_at: str | None = None
-    tag: str | None = None
-    about: str | None = None
+    asked_at: str | None = None  # path of the request, if not /v1/<plural>; the path may contain a reference's id
+    tag: str | None = None  # the group of its routes, if not <plural>
+    about: str | None = None  # description of the group <plural> in the public document; None with `tag`
     processor_s: int = 24 * 3600
     time_limit_s: int = 24 * 3600
     stall_s: int = 1800

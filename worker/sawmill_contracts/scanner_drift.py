@@ -126,41 +126,23 @@ class ScannerDrift(Contract):
 
 
 class CountedLook(NamedTuple):
-    """Measurement of a drift check, for the scanner's chart.
-
-    Attributes
-    ----------
-    days
-        Days since the calibration became the active one.
-    calibrated
-        Calibrated (u_c, tau).
-    change
-        Measured values less calibrated ones, with the check's own errors.
-    """
+    """Measurement of a drift check, for the scanner's chart."""
 
     at: datetime
-    days: float
-    calibrated: tuple[float, float]
-    change: DetectorEstimate
+    days: float  # days since the calibration became the active one
+    calibrated: tuple[float, float]  # calibrated (u_c, tau)
+    change: DetectorEstimate  # measured values less calibrated ones, with the check's own errors
 
 
 class Followed(NamedTuple):
-    """State of a chart after further drift checks.
+    """State of a chart after further drift checks."""
 
-    Attributes
-    ----------
-    state
-        State of the chart, as JSON.
-    pools
-        Mean at each of the new drift checks, in their order, and of how many: this one and those before it.
-    alarm
-        First finding that is a jump or a trend, and the time at which its drift check ended.
-    """
-
-    state: dict[str, Any]
+    state: dict[str, Any]  # state of the chart, as JSON
     baseline: KnownBaseline | None
     finding: DriftFinding
+    # First finding that is a jump or a trend, and the time at which its drift check ended.
     alarm: tuple[DriftFinding, datetime] | None
+    # Mean at each of the new drift checks, in their order, and of how many: this one and those before it.
     pools: list[tuple[DetectorEstimate, int]]
 
 

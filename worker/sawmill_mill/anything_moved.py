@@ -37,16 +37,11 @@ class StandIn(Message):
 
 @dataclass(frozen=True)
 class AnythingMoved:
-    """The third question about one calibration, with a number, its limit and the reason.
-
-    Attributes
-    ----------
-    moved_mm, limit_mm : float or None
-        RMS distance by which the rays moved since the calibration that was in use; None without one.
-    """
+    """The third question about one calibration, with a number, its limit and the reason."""
 
     answer: Answer
     reason: Reason
+    # moved_mm, limit_mm: RMS distance by which the rays moved since the calibration that was in use; None without one.
     moved_mm: float | None = None
     limit_mm: float | None = None
 

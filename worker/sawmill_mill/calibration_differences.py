@@ -17,22 +17,13 @@ DEVIATIONS = 1.96
 
 @dataclass(frozen=True)
 class Difference:
-    """A number of the source frame in two calibrations.
+    """A number of the source frame in two calibrations."""
 
-    Attributes
-    ----------
-    name : str
-        Field of `SourceFrame`; its ending is the unit, and that of all values here.
-    change : float
-        The second value less the first; of the first angle by the shorter way round.
-    error : float or None
-        Bound of the change with 95 %, from both covariances; None where either calibration does not state it.
-    """
-
-    name: str
+    name: str  # field of `SourceFrame`; its ending is the unit, and that of all values here
     first: float
     second: float
-    change: float
+    change: float  # the second value less the first; of the first angle by the shorter way round
+    # Bound of the change with 95 %, from both covariances; None where either calibration does not state it.
     error: float | None
 
     @property

@@ -137,25 +137,14 @@ class StepMessage(Message):
 
 @dataclass(frozen=True)
 class NextStep:
-    """The next step.
+    """The next step."""
 
-    Attributes
-    ----------
-    reason : Reason
-        Headline, action and details in every language.
-    button : Button
-        The one button that stands out.
-    tone, word : str
-        Colour and word of the scanner: good, watch, bad or idle.
-    english : str or None
-        Sentence that an earlier version stored in place of a reason.
-    """
-
-    reason: Reason
-    button: Button
+    reason: Reason  # headline, action and details in every language
+    button: Button  # the one button that stands out
+    # tone, word: colour and word of the scanner: good, watch, bad or idle.
     tone: str
     word: str
-    english: str | None = None
+    english: str | None = None  # sentence that an earlier version stored in place of a reason
 
     @property
     def answer(self) -> NextStepAnswer:

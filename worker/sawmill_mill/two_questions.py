@@ -57,21 +57,11 @@ def in_percent(value: float) -> str:
 
 @dataclass(frozen=True)
 class RaysRight:
-    """The first question, whether the rays are right among themselves: this makes an image sharp.
+    """The first question, whether the rays are right among themselves: this makes an image sharp."""
 
-    Attributes
-    ----------
-    upper_95_mm : float or None
-        Upper 95 % limit of the RMS ray error; None without error bars.
-    limit_mm : float or None
-        The largest allowed value; None where nobody recorded it.
-    verdict : Verdict
-        The verdict on the rays alone; in an answer of an earlier version the whole verdict.
-    """
-
-    upper_95_mm: float | None
-    limit_mm: float | None
-    verdict: Verdict
+    upper_95_mm: float | None  # upper 95 % limit of the RMS ray error; None without error bars
+    limit_mm: float | None  # the largest allowed value; None where nobody recorded it
+    verdict: Verdict  # the verdict on the rays alone; in an answer of an earlier version the whole verdict
 
     question = N_("Are the rays right?")
 
@@ -112,24 +102,12 @@ class RaysRight:
 
 @dataclass(frozen=True)
 class MillimetresRight:
-    """The second question, whether the image's millimetres are right: the phantom's size is the ruler of the scale.
+    """The second question, whether the image's millimetres are right: the phantom's size is the ruler of the scale."""
 
-    Attributes
-    ----------
-    percent_95 : float or None
-        95 % uncertainty of sizes in the image; None where it is not known.
-    limit_percent : float or None
-        The largest allowed value; None where nobody recorded it.
-    diameter_mm : float
-        Diameter of the largest log: the disc in which ray errors are counted.
-    contradicted : bool
-        Whether the phantom's size and the scanner's constants contradict each other.
-    """
-
-    percent_95: float | None
-    limit_percent: float | None
-    diameter_mm: float
-    contradicted: bool = False
+    percent_95: float | None  # 95 % uncertainty of sizes in the image; None where it is not known
+    limit_percent: float | None  # the largest allowed value; None where nobody recorded it
+    diameter_mm: float  # diameter of the largest log: the disc in which ray errors are counted
+    contradicted: bool = False  # whether the phantom's size and the scanner's constants contradict each other
 
     question = N_("Are the millimetres right?")
 

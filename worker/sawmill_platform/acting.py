@@ -8,27 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Actor:
-    """A person or program that acts, with the name that the audit and the jobs show.
+    """A person or program that acts, with the name that the audit and the jobs show."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the key, or another name of the actor.
-    key_id : str or None
-        Id of the key; None: no key.
-    address : str or None
-        Address from which the request came; None: there is no request.
-    request_id : str or None
-        Id of the request.
-    of_service : bool
-        True if the service acts by itself.
-    """
-
-    name: str
-    key_id: str | None = None
-    address: str | None = None
-    request_id: str | None = None
-    of_service: bool = False
+    name: str  # name of the key, or another name of the actor
+    key_id: str | None = None  # id of the key; None: no key
+    address: str | None = None  # address from which the request came; None: there is no request
+    request_id: str | None = None  # id of the request
+    of_service: bool = False  # True if the service acts by itself
 
 
 THE_SERVICE = Actor("the service", of_service=True)

@@ -47,32 +47,17 @@ class JobServiceStore:
         Rows that jobs work on.
     clock
         Clock for rows and due times; null: the clock that all processes on this store share.
-
-    Attributes
-    ----------
-    uploads, jobs, events, keys, sessions, audit, repeats, webhooks
-        The rows.
-    tallies
-        Counts of jobs and of attempts.
-    places
-        Places of jobs in the queue, which are limited.
-    files
-        The data folder.
-    database
-        Connections to the tables.
-    settings
-        Settings with which another process can open the same store.
     """
 
     def __init__(
         self, settings: StorageSettings, files: FileStore, subjects: Subjects, clock: Clock | None = None
     ) -> None:
         refuse_half_restored(settings.data_folder)
-        self.settings = settings
+        self.settings = settings  # with which another process can open the same store
         self.files = files
         self._named_folders = subjects.named_folders
         self.database = Database(make_engine(settings.url, settings.database_password_file), clock)
-        self.places = Places(self.database, settings)
+        self.places = Places(self.database, settings)  # of jobs in the queue, which are limited
         self.uploads = Uploads(self.database, files, settings.disk_reserve_bytes)
         self.jobs = Jobs(self.database, files, subjects)
         files.verified = VerifiedResults(

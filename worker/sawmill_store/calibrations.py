@@ -15,7 +15,7 @@ from sawmill_store.mill_files import MillFiles
 from sawmill_store.mill_tables import CalibrationRow, ReconstructionRow, ScannerRow
 from sawmill_store.requests.asked import Asked
 from sawmill_store.requests.references import found_asked
-from sawmill_store.scanners import read_scanner
+from sawmill_store.scanners.scanners import read_scanner
 
 
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):

@@ -12,8 +12,6 @@ from sawmill_platform.contracts.jobs import UNFINISHED
 from sawmill_platform.database.tables import JobDependencyRow, JobRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
-from sawmill_store.alarms import close_alarms
-from sawmill_store.history import forget_history
 from sawmill_store.mill_tables import (
     ActivationRow,
     CalibrationRow,
@@ -23,6 +21,8 @@ from sawmill_store.mill_tables import (
     ScheduleRow,
     table_of,
 )
+from sawmill_store.scanners.alarms import close_alarms
+from sawmill_store.scanners.history import forget_history
 from sawmill_store.store import Store
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"

@@ -303,7 +303,7 @@ class MeasurementRow(Base):
     input_sha256: Mapped[str | None] = mapped_column(String(64))
     # True until the check is in the chart, then null.
     awaits_chart: Mapped[bool | None]
-    # Mean with the checks before this one, once it is in the chart (`sawmill_store/drift_charts.py`).
+    # Mean with the checks before this one, once it is in the chart (`sawmill_store/drift/drift_charts.py`).
     pooled_looks: Mapped[int | None]
     pooled_cor_column_mm: Mapped[float | None] = mapped_column(Float(53))
     pooled_cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))

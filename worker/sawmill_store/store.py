@@ -11,36 +11,27 @@ from sawmill_contracts.plans import Plan, PlanAsk
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
-from sawmill_store.alarms import Alarms
 from sawmill_store.calibrations import Calibrations, Reconstructions
-from sawmill_store.drift_charts import DriftCharts
-from sawmill_store.history import Histories
-from sawmill_store.inspections import Inspections
-from sawmill_store.measurements import Measurements
+from sawmill_store.drift.drift_charts import DriftCharts
+from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.overviews import Overviews
-from sawmill_store.phantoms import Phantoms
 from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
-from sawmill_store.scanners import Scanners
-from sawmill_store.scans import Scans
-from sawmill_store.schedules import Schedules
+from sawmill_store.scanners.alarms import Alarms
+from sawmill_store.scanners.history import Histories
+from sawmill_store.scanners.overviews import Overviews
+from sawmill_store.scanners.scanners import Scanners
+from sawmill_store.scans.inspections import Inspections
+from sawmill_store.scans.phantoms import Phantoms
+from sawmill_store.scans.scans import Scans
+from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 
 Plans = Asked[PlanAsk, Plan]
 
 
 class Store(JobServiceStore):
-    """The resources of a mill, each with its own methods, and the resources of the job service.
-
-    Attributes
-    ----------
-    scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, history,
-    schedules, alarms, retention
-        Stores of the rows.
-    overviews
-        Newest results of every scanner.
-    """
+    """The resources of a mill, each with its own methods, and the resources of the job service."""
 
     files: MillFiles
 
@@ -60,7 +51,7 @@ class Store(JobServiceStore):
         self.history = Histories(self.database)
         self.schedules = Schedules(self.database, self.calibrations, self.drifts)
         self.alarms = Alarms(self.database)
-        self.overviews = Overviews(self.database)
+        self.overviews = Overviews(self.database)  # newest results of every scanner
         self.retention = RetentionStore(self.database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:

@@ -1,1 +1,1 @@
-"""Kinds of jobs, commands and pictures: what a mill does with scans."""
+"""Kinds of jobs and commands: what a mill does with scans."""

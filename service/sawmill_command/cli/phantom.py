@@ -98,7 +98,7 @@ def draw(
     check_width(phantom, phantom_width_mm)
     with answering():
         from sawmill_calibration.phantom_drawings import drawing_of
-        from sawmill_worker.pictures.phantom_drawing import phantom_svg
+        from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 
         output.write_text(phantom_svg(drawing_of(phantom, phantom_width_mm)), encoding="utf-8")
     say(f"{phantom}, to be printed at 100 %: {output}")

@@ -80,12 +80,12 @@ def reconstruct(
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("reconstruct") as progress:
         with importing():
-            from sawmill_calibration.reconstruction.reconstruct import ReconstructionInput, run_reconstruction
+            from sawmill_calibration.reconstruction.reconstruct import run_reconstruction
             from sawmill_worker.commands.calibrated_scan import open_with_geometry
             from sawmill_worker.commands.reconstruct import draw_volume
 
         with open_with_geometry(source, geometry, on_progress=progress, beside=output) as (rows, known):
-            result = run_reconstruction(ReconstructionInput.of(rows, known), options, output, rows.on_progress)
+            result = run_reconstruction(rows, known, options, output, rows.on_progress)
         draw_volume(output, result, scan.name, middle=png, mosaic=mosaic, side=side, alpha_curve=alpha_curve)
     if as_json:
         print_json({"state": "succeeded", "output": str(output), **result.model_dump(mode="json")})

@@ -29,7 +29,7 @@ def repeatability(
     """Report what calibrations of one scanner differ by, against their error bars."""
     with answering(as_json=as_json):
         from sawmill_calibration.calibration.repeatability import repeatability as compared
-        from sawmill_calibration.calibration.result_file import read_calibration
+        from sawmill_calibration.result_file import read_calibration
 
         result = compared([(str(path), read_calibration(path)) for path in results])
     if as_json:

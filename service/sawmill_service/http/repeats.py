@@ -56,25 +56,14 @@ class AnsweredBefore(Exception):  # noqa: N818 - no error
 
 @dataclass(frozen=True)
 class Repeatable:
-    """A request that may be repeated if it has an idempotency key.
+    """A request that may be repeated if it has an idempotency key."""
 
-    Attributes
-    ----------
-    request, response
-        Request, and the response whose headers the route sets.
-    repeats
-        Store that keeps the answers.
-    files
-        Data folder, which has the received file.
-    keyed
-        Request with its key; None: it has no key.
-    """
-
+    # request, response: request, and the response whose headers the route sets.
     request: Request
     response: Response
-    repeats: Repeats
-    files: MillFiles
-    keyed: KeyedRequest | None
+    repeats: Repeats  # store that keeps the answers
+    files: MillFiles  # data folder, which has the received file
+    keyed: KeyedRequest | None  # request with its key; None: it has no key
 
     def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
         """Create the resource, in one transaction with the answer for repeats."""

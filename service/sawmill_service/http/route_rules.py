@@ -33,22 +33,13 @@ class NoKey(StrEnum):
 
 @dataclass(frozen=True)
 class Rule:
-    """Rule of a route.
+    """Rule of a route."""
 
-    Attributes
-    ----------
-    needs : Scope or NoKey
-        Scope that a key needs, or the reason for which no key is needed.
-    max_body : callable or None
-        Bytes that a file in the body may have, from the settings; the route checks its digest, in a thread. None: the
-        body is no file, has at most `max_json_bytes`, and its digest is checked as it comes.
-    max_form_bytes : int
-        Bytes that a form of a page may have.
-    """
-
-    needs: Scope | NoKey
+    needs: Scope | NoKey  # scope that a key needs, or the reason for which no key is needed
+    # Bytes that a file in the body may have, from the settings; the route checks its digest, in a thread. None: the
+    # body is no file, has at most `max_json_bytes`, and its digest is checked as it comes.
     max_body: Callable[[ServiceSettings], int] | None = None
-    max_form_bytes: int = _FORM_BYTES
+    max_form_bytes: int = _FORM_BYTES  # bytes that a form of a page may have
 
     @property
     def scope(self) -> Scope:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from statistics import median
 
+from sawmill_calibration.pictures.round_numbers import round_length, ticks
 from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import Alarm
 from sawmill_contracts.history import HistoryKind, HistoryMark
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import PooledDrift
 from sawmill_contracts.scanners import Tolerances
-from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, TREND_PX, PAD_PX = 150, 110, 14
 # Beyond this number of measurements each part of the time keeps only the extremes of each value. The trend has five

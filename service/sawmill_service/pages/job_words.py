@@ -44,26 +44,16 @@ _NUMBERS = marked("All numbers")
 
 @dataclass(frozen=True)
 class JobView:
-    """A job as a page shows it.
-
-    Attributes
-    ----------
-    what, word, tone : str
-        Task of the job, and its state in a word with the name of a colour.
-    left : str
-        Remaining time; empty while nothing is known.
-    place : str
-        Position in the queue; empty for a job that runs or has ended.
-    made, made_label : str
-        Address of the result, and the text of the link; empty without a result.
-    """
+    """A job as a page shows it."""
 
     job: Job
+    # what, word, tone: task of the job, and its state in a word with the name of a colour.
     what: str
     word: str
     tone: str
-    left: str
-    place: str
+    left: str  # remaining time; empty while nothing is known
+    place: str  # position in the queue; empty for a job that runs or has ended
+    # made, made_label: address of the result, and the text of the link; empty without a result.
     made: str
     made_label: str
 

@@ -32,26 +32,16 @@ class JobsPageFilter(Paging):
 
 
 class JobsShown(NamedTuple):
-    """Jobs on the page; None for a list that was not requested.
+    """Jobs on the page; None for a list that was not requested."""
 
-    Attributes
-    ----------
-    running, queued, ended : list of JobView or None
-        The first few of each: in the queue those whose turn is next, of ended jobs those requested last.
-    following : str or None
-        Cursor from which older ones are listed.
-    counts : mapping
-        Number of jobs in each state, of every kind.
-    older : bool
-        True if this is a list of older jobs, which does not change by itself.
-    """
-
+    # running, queued, ended: the first few of each: in the queue those whose turn is next, of ended jobs those
+    # requested last.
     running: list[JobView] | None
     queued: list[JobView] | None
     ended: list[JobView] | None
-    following: str | None
-    counts: Mapping[JobState, int]
-    older: bool
+    following: str | None  # cursor from which older ones are listed
+    counts: Mapping[JobState, int]  # number of jobs in each state, of every kind
+    older: bool  # True if this is a list of older jobs, which does not change by itself
 
 
 TheJobsFilter = Annotated[JobsPageFilter, Query()]

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from fastapi import Depends, Query
 
 from sawmill_service.http.problems import Refused
-from sawmill_store.phantoms import Phantoms
+from sawmill_store.scans.phantoms import Phantoms
 
 PER_PAGE = 24
 # Days far from today have no moment in some time zones.
@@ -19,24 +19,12 @@ _MOST_NAMES = 200
 
 @dataclass(frozen=True)
 class ListFilter:
-    """Filter of the items in a list.
+    """Filter of the items in a list."""
 
-    Attributes
-    ----------
-    scanner_id : str
-        Id of a scanner; empty: all scanners.
-    day : date or None
-        Day on which the items were made.
-    zone : str
-        Time zone of the day, as Europe/Helsinki; empty: the zone of this machine.
-    after : str or None
-        Cursor of the previous page.
-    """
-
-    scanner_id: str
-    day: date | None
-    zone: str
-    after: str | None
+    scanner_id: str  # id of a scanner; empty: all scanners
+    day: date | None  # day on which the items were made
+    zone: str  # time zone of the day, as Europe/Helsinki; empty: the zone of this machine
+    after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the filter as arguments for the store's pages."""
@@ -71,19 +59,12 @@ TheFilter = Annotated[ListFilter, Depends(_list_filter)]
 
 @dataclass(frozen=True)
 class DaySpan:
-    """Span of days in a filter.
+    """Span of days in a filter."""
 
-    Attributes
-    ----------
-    first, last : date or None
-        First and last day.
-    zone : str
-        Time zone of these days; empty: this machine's.
-    """
-
+    # first, last: first and last day.
     first: date | None
     last: date | None
-    zone: str
+    zone: str  # time zone of these days; empty: this machine's
 
     def bounds(self) -> dict[str, datetime | None]:
         """Return the span as arguments for the store."""

@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
@@ -22,7 +23,6 @@ from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 from sawmill_service.uploads import TheReception, UploadId
-from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 router = Router(prefix="/v1/phantoms", tags=["phantoms"], reading=Scope.READ)
 PICTURES = "/pictures"

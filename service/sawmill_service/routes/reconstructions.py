@@ -151,9 +151,9 @@ def get_slice(
     check_slice(result, index)
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.images import image_png, image_png16
+        from sawmill_calibration.pictures.windows import window_of
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.images import image_png, image_png16
-        from sawmill_worker.pictures.windows import window_of
 
         path = reconstructions.files.volume(reconstruction_id)
         if query.show is Shown.DEVIATION:
@@ -190,14 +190,14 @@ def get_mosaic(
     reconstructions: TheReconstructions,
 ) -> Response:
     """Draw slices in reading order with heights, all in one window; large ones are averaged down to 256 pixels."""
-    from sawmill_worker.pictures.log_pictures import TILE_PX
+    from sawmill_calibration.pictures.log_pictures import TILE_PX
 
     result = result_of(reconstructions, reconstruction_id)
     window, indices = window_to_draw(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.log_pictures import mosaic_png
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.log_pictures import mosaic_png
 
         slices = volume_reader.volume_slices(reconstructions.files.volume(reconstruction_id), result.shape, indices)
         return mosaic_png(
@@ -231,9 +231,9 @@ def get_side_view(
     shape = result_of(reconstructions, reconstruction_id).shape
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.log_pictures import side_view_png
+        from sawmill_calibration.pictures.windows import window_of
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.log_pictures import side_view_png
-        from sawmill_worker.pictures.windows import window_of
 
         view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
         return side_view_png(
@@ -309,7 +309,7 @@ def window_to_draw(query: WindowQuery, usual: Window) -> Window:
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
     """Return the slices of a mosaic."""
     if query.slices is None:
-        from sawmill_worker.pictures.log_pictures import spread
+        from sawmill_calibration.pictures.log_pictures import spread
 
         return spread(query.count or USUAL_TILES, available)
     span = parse_span("slices", query.slices)

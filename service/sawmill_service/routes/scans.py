@@ -168,8 +168,8 @@ def get_scan_thumbnail(scan_id: Identifier, request: Request, scans: TheScans) -
 def _sinogram(request: Request, files: TheFiles, scan: Scan, shape: ScanShape, row: int) -> Response:
     def draw() -> bytes:
         # The first picture imports this: a service that draws none does not hold NumPy, h5py and Pillow.
+        from sawmill_calibration.pictures.images import sinogram_png  # noqa: PLC0415
         from sawmill_formats.output import scan_reader  # noqa: PLC0415
-        from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
 
         sinogram = scan_reader.sinogram(files.scan(scan.id), shape.lengths, row)
         return sinogram_png(

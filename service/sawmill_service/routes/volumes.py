@@ -99,8 +99,8 @@ def get_slice_array(
     factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
+        from sawmill_calibration.pictures.arrays import averaged, npy
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.arrays import averaged, npy
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
         # Shift to the middle of the first block of pixels.
@@ -139,9 +139,9 @@ def get_slice_jpeg(
     window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
+        from sawmill_calibration.pictures.arrays import averaged
+        from sawmill_calibration.pictures.images import jpeg
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.arrays import averaged
-        from sawmill_worker.pictures.images import jpeg
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
         return jpeg(averaged(image.data, _averaged_pixels(result, query)), window, query.color_map)
@@ -179,9 +179,9 @@ def get_side_array(
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
+        from sawmill_calibration.pictures.arrays import npy
+        from sawmill_calibration.pictures.log_pictures import densest_of
         from sawmill_formats.output import volume_reader
-        from sawmill_worker.pictures.arrays import npy
-        from sawmill_worker.pictures.log_pictures import densest_of
 
         view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
         most = (query.max_size or slices, query.max_size or max(size))
@@ -265,6 +265,6 @@ def get_reconstruction_thumbnail(
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
     """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
-    from sawmill_worker.pictures.windows import color_table
+    from sawmill_calibration.pictures.windows import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -26,21 +26,11 @@ Resolve = Callable[[str, int], Awaitable[list[str]]]
 
 
 class DeliveryAnswer(NamedTuple):
-    """Outcome of an attempt.
+    """Outcome of an attempt."""
 
-    Attributes
-    ----------
-    status : int or None
-        HTTP status of the answer; None: there was no answer.
-    reason : str or None
-        Reason why the message was not delivered; None: it was delivered.
-    retry_after_s : float
-        Wait that the receiver asks for, s.
-    """
-
-    status: int | None
-    reason: str | None = None
-    retry_after_s: float = 0.0
+    status: int | None  # HTTP status of the answer; None: there was no answer
+    reason: str | None = None  # reason why the message was not delivered; None: it was delivered
+    retry_after_s: float = 0.0  # wait that the receiver asks for, s
 
 
 async def resolve(host: str, port: int) -> list[str]:

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import tifffile
+from scan_files import refused
 
-from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 STEPS = AngleSteps(0.0, 30.0)
+GIVEN = {"counts": False, "angles_deg": STEPS}
 
 
 @pytest.fixture
@@ -22,8 +23,8 @@ def folder(tmp_path, rng):
     return tmp_path / "views", images
 
 
-def read(path, *, counts=False, **given):
-    with reading_scan(path, counts=counts, angles_deg=STEPS, **given) as scan:
+def read(path):
+    with reading_scan(path, **GIVEN) as scan:
         stack = np.full(scan.shape, np.nan, np.float32)
         for block in scan.blocks(1_000):
             stack[block.views, block.rows] = block.samples
@@ -75,13 +76,10 @@ def test_fields_are_recognised_by_their_names_unless_they_are_given(folder):
     path, images = folder
     for name, image in (("io_0.tif", 60_000), ("dark_0.tif", 100)):
         tifffile.imwrite(path / name, np.full_like(images[0], image))
-    with reading_scan(path, counts=True, angles_deg=STEPS) as scan:
-        assert (scan.shape, scan.flats.max(), scan.darks.max(), scan.remarks) == ((12, 3, 8), 60_000, 100, ())
-    with reading_scan(path, counts=True, angles_deg=STEPS, flats=path / "io_0.tif") as scan:
-        assert (scan.shape, scan.flats.max(), scan.darks.max(), scan.remarks) == ((12, 3, 8), 60_000, 100, ())
-    code, sentence = refusal(path, counts=True, darks=path)
-    assert code == "contradiction"
-    assert "--darks" in sentence
+    for given in ({}, {"flats": path / "io_0.tif"}):
+        with reading_scan(path, counts=True, angles_deg=STEPS, **given) as scan:
+            assert (scan.shape, scan.flats.max(), scan.darks.max(), scan.remarks) == ((12, 3, 8), 60_000, 100, ())
+    refused(path, "contradiction", "--darks", counts=True, angles_deg=STEPS, darks=path)
 
 
 @pytest.mark.parametrize(
@@ -91,9 +89,7 @@ def test_images_that_were_packed_with_a_scale_and_an_offset_beside_them_are_unpa
     path, images = folder
     (path / "scaleoffset.json").write_bytes(text)
     if scale is None:
-        code, sentence = refusal(path)
-        assert code == "unsupported-storage"
-        assert "'scaleoffset.json'" in sentence
+        refused(path, "unsupported-storage", "'scaleoffset.json'", **GIVEN)
         return
     stack, scan = read(path)
     np.testing.assert_allclose(stack, (images - 1000.0) / 0.5, rtol=1e-6)
@@ -107,23 +103,13 @@ def test_the_file_that_differs_or_is_broken_is_named(folder, image, code):
     (path / "view_5.tif").write_bytes(b"no TIFF at all")
     if image is not None:
         tifffile.imwrite(path / "view_5.tif", image)
-    refused, sentence = refusal(path)
-    assert refused == code
-    assert "view_5.tif" in sentence
+    refused(path, code, "view_5.tif", **GIVEN)
 
 
 def test_a_folder_without_images_and_a_dataset_are_refused(folder, tmp_path):
-    assert refusal(tmp_path)[0] == "unknown-format"
-    assert refusal(folder[0], dataset="views")[0] == "contradiction"
+    refused(tmp_path, "unknown-format", **GIVEN)
+    refused(folder[0], "contradiction", **GIVEN, dataset="views")
 
 
 def test_what_does_not_fit_into_the_memory_is_refused(folder):
-    code, sentence = refusal(folder[0], max_bytes=1_000)
-    assert code == "too-large"
-    assert "at most" in sentence
-
-
-def refusal(path, **given):
-    with pytest.raises(UnreadableScan) as refused:
-        read(path, **given)
-    return refused.value.code, str(refused.value)
+    refused(folder[0], "too-large", "at most", **GIVEN, max_bytes=1_000)

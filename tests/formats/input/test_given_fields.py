@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import tifffile
-from scan_files import CELLS, ROWS, refusal
+from scan_files import CELLS, ROWS, refused
 from scan_writers import hdf5, mat, npz, zipped
 
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
+COUNTS = {"counts": True, "angles_deg": STEPS}
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ WRITERS = {
 def test_flats_of_every_format(writer, scan_file, fields, tmp_path):
     path = tmp_path / "fields.npy"  # the name is no matter
     WRITERS[writer](path, fields)
-    with reading_scan(scan_file, counts=True, angles_deg=STEPS, flats=path) as scan:
+    with reading_scan(scan_file, **COUNTS, flats=path) as scan:
         np.testing.assert_array_equal(scan.flats, fields)
         assert scan.others == (path,)
 
@@ -57,7 +58,7 @@ def test_one_image_is_one_field(scan_file, fields, tmp_path):
     tifffile.imwrite(tmp_path / "flat.tif", fields[0])
     np.save(tmp_path / "dark.npy", fields[1])
     given = {"flats": tmp_path / "flat.tif", "darks": tmp_path / "dark.npy"}
-    with reading_scan(scan_file, counts=True, angles_deg=STEPS, **given) as scan:
+    with reading_scan(scan_file, **COUNTS, **given) as scan:
         np.testing.assert_array_equal(scan.flats, fields[:1])
         np.testing.assert_array_equal(scan.darks, fields[1:])
         assert not any("dark" in remark for remark in scan.remarks)
@@ -66,48 +67,36 @@ def test_one_image_is_one_field(scan_file, fields, tmp_path):
 def test_fields_of_a_sinogram(fields, stack, tmp_path):
     np.save(tmp_path / "scan.npy", stack[:, 0])
     np.save(tmp_path / "flats.npy", fields[:, 0])
-    with reading_scan(tmp_path / "scan.npy", counts=True, angles_deg=STEPS, flats=tmp_path / "flats.npy") as scan:
+    with reading_scan(tmp_path / "scan.npy", **COUNTS, flats=tmp_path / "flats.npy") as scan:
         np.testing.assert_array_equal(scan.flats, fields[:, :1])
 
 
 def test_fields_in_the_file_and_beside_it_are_refused(nxtomo, fields, tmp_path):
     np.save(tmp_path / "f.npy", fields)
-    code, sentence = refusal(nxtomo(), counts=True, flats=tmp_path / "f.npy")
-    assert code == "contradiction"
-    assert "flats of its own" in sentence
-    assert "--flats" in sentence
-
-
-def test_fields_of_another_size_are_refused_with_both_shapes(scan_file, fields, tmp_path):
-    np.save(tmp_path / "f.npy", fields[:, 1:])
-    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy")
-    assert code == "wrong-shape"
-    assert f"(2, {ROWS - 1}, {CELLS})" in sentence
-    assert f"({ROWS}, {CELLS})" in sentence
+    refused(nxtomo(), "contradiction", "flats of its own", "--flats", counts=True, flats=tmp_path / "f.npy")
 
 
 def test_fields_beside_line_integrals_are_refused(scan_file, fields, tmp_path):
     np.save(tmp_path / "f.npy", fields)
-    assert refusal(scan_file, counts=False, angles_deg=STEPS, darks=tmp_path / "f.npy")[0] == "contradiction"
+    refused(scan_file, "contradiction", counts=False, angles_deg=STEPS, darks=tmp_path / "f.npy")
 
 
 def test_a_file_of_other_fields_is_not_taken_for_these(scan_file, fields, tmp_path):
     nxtomo_of(fields, 1)(tmp_path / "flats.nxs")
-    given = {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
-    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, **given)
-    assert code == "dataset-missing"
+    given = COUNTS | {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
+    sentence = refused(scan_file, "dataset-missing", **given)
     assert sentence.startswith("--darks 'flats.nxs': it holds no darks")
 
 
-def test_what_is_wrong_with_the_fields_file_names_it(scan_file, tmp_path):
-    (tmp_path / "f.npy").write_bytes(b"\x93NUMPY\1\0\5\0what?")
-    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy")
-    assert code == "broken-file"
-    assert sentence.startswith("--flats 'f.npy': this NPY file is incomplete")
+def test_fields_of_another_size_are_refused_with_both_shapes(scan_file, fields, tmp_path):
+    np.save(tmp_path / "f.npy", fields[:, 1:])
+    words = f"(2, {ROWS - 1}, {CELLS})", f"({ROWS}, {CELLS})"
+    refused(scan_file, "wrong-shape", *words, **COUNTS, flats=tmp_path / "f.npy")
 
 
-def test_more_fields_than_fit_into_the_memory_are_refused(scan_file, fields, tmp_path):
-    np.save(tmp_path / "f.npy", np.repeat(fields, 20, axis=0))
-    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy", free_bytes=2_000)
-    assert code == "too-large"
-    assert sentence.startswith("--flats 'f.npy': ")
+def test_what_is_wrong_with_the_fields_file_names_it(scan_file, fields, tmp_path):
+    given = COUNTS | {"flats": tmp_path / "f.npy"}
+    given["flats"].write_bytes(b"\x93NUMPY\1\0\5\0what?")
+    assert refused(scan_file, "broken-file", **given).startswith("--flats 'f.npy': this NPY file is incomplete")
+    np.save(given["flats"], np.repeat(fields, 20, axis=0))
+    assert refused(scan_file, "too-large", **given, free_bytes=2_000).startswith("--flats 'f.npy': ")

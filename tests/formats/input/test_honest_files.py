@@ -81,48 +81,47 @@ ALL_IMAGES = np.r_[np.full(2 * FIELDS, 180.0), ANGLES]
 OF_NUMPY = {"projections": STACK, "flats": FLATS, "darks": DARKS, "angles_deg": ANGLES}
 BEFORE_AND_AFTER = {"data_white_pre": FLATS[:2], "data_white_post": FLATS[2:], "data_dark": DARKS}
 CAMERA = {"x_binning": 1, "y_binning": 0, "exposure_time": 0.1}
-# Each file, what is given with it, and the facts that are remarked.
+
+
+def alone(write, *facts, **given):
+    """A file, what is given with it, and the facts that are remarked."""
+    return write, given, set(facts)
+
+
+def in_steps(write, *facts):
+    return alone(write, *facts, **STEPS)
+
+
 FILES = {
-    "a counter with zeros": (archive("scan_{n:04d}.tif", "flat_{n:04d}.tif", "dark_{n:04d}.tif"), STEPS, set()),
-    "a counter without zeros, capitals": (folder("SCAN{n}.TIF", "FLAT{n}.TIF", "DARK{n}.TIF"), STEPS, set()),
-    "angles": (folder("TOMO_{a:.2f}.tif", "ff{n:02d}.tif", "df{n:02d}.tif"), STEPS, set()),
-    "a date, a counter and the angle": (
-        archive("2024-03-05_log17_{n:03d}_{a:.1f}.tif", "2024-03-05_log17_flat{n}.tif", "2024-03-05_log17_dark{n}.tif"),
-        STEPS,
-        set(),
+    "a counter with zeros": in_steps(archive("scan_{n:04d}.tif", "flat_{n:04d}.tif", "dark_{n:04d}.tif")),
+    "a counter without zeros, capitals": in_steps(folder("SCAN{n}.TIF", "FLAT{n}.TIF", "DARK{n}.TIF")),
+    "angles": in_steps(folder("TOMO_{a:.2f}.tif", "ff{n:02d}.tif", "df{n:02d}.tif")),
+    "a date, a counter and the angle": in_steps(
+        archive("2024-03-05_log17_{n:03d}_{a:.1f}.tif", "2024-03-05_log17_flat{n}.tif", "2024-03-05_log17_dark{n}.tif")
     ),
-    "voltage, exposure and a counter": (
-        folder("pine_120kV_0.25s_{n}.tif", "pine_120kV_0.25s_white_{n}.tif", "pine_120kV_0.25s_dark_{n}.tif"),
-        STEPS,
-        set(),
+    "voltage, exposure and a counter": in_steps(
+        folder("pine_120kV_0.25s_{n}.tif", "pine_120kV_0.25s_white_{n}.tif", "pine_120kV_0.25s_dark_{n}.tif")
     ),
-    "folders of each kind": (archive("log/proj/{n}.tif", "log/flats/{n}.tif", "log/darks/{n}.tif"), STEPS, set()),
-    "IMAT": (archive("Tomo/L_{n:04d}.tif", "Flat_Before/L_{n:04d}.tif", "Dark_After/L_{n:04d}.tif"), STEPS, set()),
-    "twins of macOS": (
+    "folders of each kind": in_steps(archive("log/proj/{n}.tif", "log/flats/{n}.tif", "log/darks/{n}.tif")),
+    "IMAT": in_steps(archive("Tomo/L_{n:04d}.tif", "Flat_Before/L_{n:04d}.tif", "Dark_After/L_{n:04d}.tif")),
+    "twins of macOS": in_steps(
         archive("scan {n}.tif", "flat {n}.tif", "dark {n}.tif", **{"__MACOSX/._scan 1.tif": b"\0\5\26\7"}),
-        STEPS,
-        {"other-files"},
+        "other-files",
     ),
-    "a log file": (
-        archive("log~{n:08d}.tif", "io{n}.tif", "di{n}.tif", **{"log~.log": b"a=1"}),
-        STEPS,
-        {"other-files"},
+    "a log file": in_steps(archive("log~{n:08d}.tif", "io{n}.tif", "di{n}.tif", **{"log~.log": b"a=1"}), "other-files"),
+    "stacks by tifffile": in_steps(stacks(photometric="minisblack", compression="zlib", predictor=True)),
+    "stacks of ImageJ": in_steps(stacks(imagej=True, resolution=(0.5, 0.5), metadata={"unit": "mm"})),
+    "NXtomo": alone(nxtomo(ALL_IMAGES, "degree")),
+    "NXtomo in radians": alone(nxtomo(np.deg2rad(ALL_IMAGES), "rad")),
+    "NXtomo of nxtomomill": alone(
+        nxtomo(ALL_IMAGES.astype(np.float32), "deg", image_key_control=np.repeat([2, 1, 0], [FIELDS, FIELDS, VIEWS]))
     ),
-    "stacks by tifffile": (stacks(photometric="minisblack", compression="zlib", predictor=True), STEPS, set()),
-    "stacks of ImageJ": (stacks(imagej=True, resolution=(0.5, 0.5), metadata={"unit": "mm"}), STEPS, set()),
-    "NXtomo": (nxtomo(ALL_IMAGES, "degree"), {}, set()),
-    "NXtomo in radians": (nxtomo(np.deg2rad(ALL_IMAGES), "rad"), {}, set()),
-    "NXtomo of nxtomomill": (
-        nxtomo(ALL_IMAGES.astype(np.float32), "deg", image_key_control=np.repeat([2, 1, 0], [FIELDS, FIELDS, VIEWS])),
-        {},
-        set(),
-    ),
-    "Data Exchange": (exchange({"data_white": FLATS, "data_dark": DARKS}, **CAMERA), {}, set()),
-    "Data Exchange, flats twice": (exchange(BEFORE_AND_AFTER), {}, {"flats-by-name"}),
-    "plain HDF5": (hdf5({**OF_NUMPY, "time_s": np.arange(90.0)}), {}, set()),
-    "NPZ of integers": (npz(**OF_NUMPY), {}, set()),
-    "NPZ of floats": (npz(**{name: array.astype(np.float32) for name, array in OF_NUMPY.items()}), {}, set()),
-    "MAT": (mat(**OF_NUMPY), {}, set()),
+    "Data Exchange": alone(exchange({"data_white": FLATS, "data_dark": DARKS}, **CAMERA)),
+    "Data Exchange, flats twice": alone(exchange(BEFORE_AND_AFTER), "flats-by-name"),
+    "plain HDF5": alone(hdf5({**OF_NUMPY, "time_s": np.arange(90.0)})),
+    "NPZ of integers": alone(npz(**OF_NUMPY)),
+    "NPZ of floats": alone(npz(**{name: array.astype(np.float32) for name, array in OF_NUMPY.items()})),
+    "MAT": alone(mat(**OF_NUMPY)),
 }
 
 

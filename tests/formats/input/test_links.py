@@ -5,15 +5,15 @@ import resource
 import h5py
 import numpy as np
 import pytest
-from scan_files import CELLS, ROWS, VIEWS
-from scan_files import refusal as refusal_of
+from scan_files import CELLS, ROWS, VIEWS, refused
 from scan_writers import hdf5
 
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.hdf5.links import FILES_KEPT_FREE
 from sawmill_formats.input.reading import reading_scan
 
-STEPS = AngleSteps(0.0, 60.0)
+GIVEN = {"counts": False, "angles_deg": AngleSteps(0.0, 60.0)}
+LINKED = GIVEN | {"follow_links": True}
 SHAPE = (VIEWS, ROWS, CELLS)
 
 
@@ -29,6 +29,11 @@ def folder(tmp_path, monkeypatch):
 def frames(path, images, **stored):
     with h5py.File(path, "w") as file:
         file.create_dataset("entry/frames", data=images.astype(np.uint16), **stored)
+
+
+def master(folder, layout):
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_virtual_dataset("data", layout)
 
 
 def linked(folder, stack):
@@ -68,7 +73,7 @@ def raw(folder, stack):
 @pytest.mark.parametrize("write", [linked, virtual, raw])
 def test_data_in_other_files_are_read_as_they_are(write, folder, stack):
     names = write(folder, stack)
-    with reading_scan(folder / "master.h5", counts=False, angles_deg=STEPS, follow_links=True) as scan:
+    with reading_scan(folder / "master.h5", **LINKED) as scan:
         read = np.zeros(SHAPE, np.float32)
         for block in scan.blocks(1):  # in the smallest pieces
             read[block.views, block.rows] = block.samples
@@ -80,18 +85,14 @@ def test_data_in_other_files_are_read_as_they_are(write, folder, stack):
 @pytest.mark.parametrize("write", [linked, virtual, raw])
 def test_an_upload_leads_nowhere(write, folder, stack):
     write(folder, stack)
-    code, sentence = refusal(folder)
-    assert code == "external-storage"
-    assert "--follow-links" not in sentence
+    assert "--follow-links" not in refused(folder / "master.h5", "external-storage", **GIVEN)
 
 
 @pytest.mark.parametrize("write", [linked, virtual, raw])
 def test_the_file_that_is_missing_is_named(write, folder, stack):
     name = write(folder, stack)[-1]
     (folder / "raw" / name).unlink()
-    code, sentence = refusal(folder, follow_links=True)
-    assert code == "linked-file-missing"
-    assert name in sentence
+    refused(folder / "master.h5", "linked-file-missing", name, **LINKED)
 
 
 @pytest.mark.parametrize("write", [virtual, raw])
@@ -101,19 +102,15 @@ def test_what_was_never_written_is_not_filled_up(write, folder, stack):
         (folder / "raw" / name).write_bytes(b"short")
     else:
         frames(folder / "raw" / name, stack[3:5])
-    assert refusal(folder, follow_links=True)[0] == "truncated-file"
+    refused(folder / "master.h5", "truncated-file", **LINKED)
 
 
 def test_a_virtual_dataset_that_its_sources_do_not_fill_is_refused(folder, stack):
     frames(folder / "raw/0.h5", stack[:3])
     layout = h5py.VirtualLayout(SHAPE, np.uint16)
     layout[:3] = h5py.VirtualSource("raw/0.h5", "entry/frames", stack[:3].shape)
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
-    code, sentence = refusal(folder, follow_links=True)
-    assert code == "truncated-file"
-    assert "72" in sentence
-    assert "144" in sentence
+    master(folder, layout)
+    refused(folder / "master.h5", "truncated-file", "72", "144", **LINKED)
 
 
 def test_a_whole_nxtomo_entry_behind_a_link(folder, nxtomo, stack):
@@ -131,14 +128,14 @@ def test_a_whole_nxtomo_entry_behind_a_link(folder, nxtomo, stack):
 def test_an_absolute_place_that_was_moved_is_found_beside_the_file(folder, stack):
     frames(folder / "frames.h5", stack)
     hdf5({"data": h5py.ExternalLink("/no/such/folder/frames.h5", "entry/frames")})(folder / "master.h5")
-    with reading_scan(folder / "master.h5", counts=False, angles_deg=STEPS, follow_links=True) as scan:
+    with reading_scan(folder / "master.h5", **LINKED) as scan:
         assert scan.shape == SHAPE
 
 
 def test_links_that_run_in_a_circle_between_files_end(folder):
     for one, other in (("master.h5", "raw/other.h5"), ("raw/other.h5", "../master.h5")):
         hdf5({"exchange/data": h5py.ExternalLink(other, "/exchange/data")})(folder / one)
-    assert refusal(folder, follow_links=True)[0] == "unsupported-storage"
+    refused(folder / "master.h5", "unsupported-storage", **LINKED)
 
 
 def test_sizes_count_against_the_memory_and_what_is_stored(folder, stack):
@@ -146,20 +143,16 @@ def test_sizes_count_against_the_memory_and_what_is_stored(folder, stack):
     frames(folder / "raw/0.h5", np.tile(stack[:1], (1, 1, 100)))
     for view in range(0, 100_000, 10_000):
         layout[view] = h5py.VirtualSource("raw/0.h5", "entry/frames", (1, ROWS, CELLS * 100))
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
-    code, _ = refusal(folder, follow_links=True, max_bytes=2**20)
-    assert code in {"too-large", "truncated-file"}
+    master(folder, layout)
+    refused(folder / "master.h5", "truncated-file", **LINKED, max_bytes=2**20)
     virtual(folder, stack)
-    code, sentence = refusal(folder, follow_links=True, max_bytes=100)
-    assert code == "too-large"
-    assert "at most 100" in sentence
+    refused(folder / "master.h5", "too-large", "at most 100", **LINKED, max_bytes=100)
 
 
 def test_filters_of_other_files_are_counted_too(folder, stack):
     frames(folder / "raw/0.h5", stack, scaleoffset=0)
     hdf5({"data": h5py.ExternalLink("raw/0.h5", "entry/frames")})(folder / "master.h5")
-    assert refusal(folder, follow_links=True)[0] == "unsupported-storage"
+    refused(folder / "master.h5", "unsupported-storage", **LINKED)
 
 
 def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack):
@@ -167,24 +160,20 @@ def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack):
     for view in range(60):
         frames(folder / f"raw/{view}.h5", stack[:1])
         layout[view] = h5py.VirtualSource(f"raw/{view}.h5", "entry/frames", (1, ROWS, CELLS))
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_virtual_dataset("data", layout)
+    master(folder, layout)
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (FILES_KEPT_FREE + 59, before[1]))
+    words = "leads to 60 files and 59 may be open at once", "ulimit -n"
     try:
-        code, sentence = refusal(folder, follow_links=True)
+        refused(folder / "master.h5", "too-large", *words, **LINKED)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert code == "too-large"
-    assert "leads to 60 files and 59 may be open at once" in sentence
-    assert "ulimit -n" in sentence
 
 
 def test_fields_apart_may_be_linked_too(folder, stack):
     linked(folder, stack)
     np.save(folder / "scan.npy", stack)
-    given = {"counts": True, "angles_deg": STEPS, "flats": folder / "master.h5"}
-    with reading_scan(folder / "scan.npy", follow_links=True, **given) as scan:
+    with reading_scan(folder / "scan.npy", **LINKED | {"counts": True}, flats=folder / "master.h5") as scan:
         np.testing.assert_array_equal(scan.flats, stack)
         assert [path.name for path in scan.others] == ["master.h5", "a.h5", "b.h5"]
 
@@ -192,8 +181,4 @@ def test_fields_apart_may_be_linked_too(folder, stack):
 def test_a_device_is_no_file(folder):
     with h5py.File(folder / "master.h5", "w") as file:
         file.create_dataset("data", shape=SHAPE, dtype="u2", external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)])
-    assert refusal(folder, follow_links=True)[0] == "linked-file-missing"
-
-
-def refusal(folder, **given):
-    return refusal_of(folder / "master.h5", counts=False, angles_deg=STEPS, **given)
+    refused(folder / "master.h5", "linked-file-missing", **LINKED)

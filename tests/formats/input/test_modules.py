@@ -1,6 +1,7 @@
 """NXdetector_module groups, written from where the cells of a bent detector are."""
 
 import math
+from functools import partial
 from itertools import pairwise
 
 import h5py
@@ -72,62 +73,53 @@ def test_one_module_is_a_straight_detector(tmp_path):
         assert (scan.detector_modules, scan.remarks) == ((), ())
 
 
-def shifted(detector):
-    del detector["some name 1/module_offset"].attrs["vector"]
-    detector["some name 1/module_offset"].attrs["vector"] = [0.0, 0.0, 1.0]
-
-
-def shorter(detector):
-    detector["some name 3/data_size"][1] -= 1
-
-
-def coarser(detector):
-    detector["some name 2/fast_pixel_direction"][()] *= 2
-
-
-def too_many(detector):
-    for number in range(1_000):
-        detector.copy("some name 0", f"another name {number}")
-
-
-def without_unit(detector):
-    del detector["some name 0/module_offset"].attrs["units"]
-
-
-def along_the_beam(detector):
-    for number in range(4):
-        detector[f"some name {number}/fast_pixel_direction"].attrs["vector"] = [0.0, 0.0, 1.0]
-
-
-def missing(detector):
-    del detector["some name 1"]
-
-
-def not_finite(detector):
-    detector["some name 1/module_offset"][()] = np.nan
-
-
-def of_fractions(detector):
-    del detector["some name 1/data_origin"]
-    detector["some name 1/data_origin"] = [0.0, 8.5]
+def spoil(how, detector):  # noqa: C901 - a case for each way
+    part = "some name {}/{}".format
+    first, last = detector[part(1, "module_offset")], detector[part(3, "module_offset")]
+    match how:
+        case "shifted":
+            first.attrs["vector"] = [0.0, 0.0, 1.0]
+        case "behind the others":
+            at = last[()] * last.attrs["vector"] + [0.0, 0.0, 2e-3]
+            last[()], last.attrs["vector"] = np.linalg.norm(at), at / np.linalg.norm(at)
+        case "too many":
+            for number in range(1_000):
+                detector.copy("some name 0", f"another name {number}")
+        case "shorter":
+            detector[part(3, "data_size")][1] -= 1
+        case "coarser":
+            detector[part(2, "fast_pixel_direction")][()] *= 2
+        case "without a unit":
+            del detector[part(0, "module_offset")].attrs["units"]
+        case "along the beam":
+            for number in range(4):
+                detector[part(number, "fast_pixel_direction")].attrs["vector"] = [0.0, 0.0, 1.0]
+        case "one missing":
+            del detector["some name 1"]
+        case "not finite":
+            first[()] = np.nan
+        case "of fractions":
+            del detector[part(1, "data_origin")]
+            detector[part(1, "data_origin")] = [0.0, 8.5]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("how", "said"),
     [
-        (shifted, "at cell 9 they are"),
-        (too_many, "there are more than 64"),
-        (shorter, "they have 39 cells, and the images have 40"),
-        (coarser, "their cells are 3 mm apart by fast_pixel_direction, and x_pixel_size is 1.5 mm"),
-        (without_unit, "the module_offset of one is no length with a unit, along a vector"),
-        (along_the_beam, "their cells follow one another along z, the direction of the beam"),
-        (missing, "one begins at cell 18, and the one before ends at cell 9"),
-        (not_finite, "the module_offset of one is no finite number"),
-        (of_fractions, "one begins at cell 8.5 and has 9 cells"),
+        ("shifted", "at cell 9 they are"),
+        ("behind the others", "at cell 31 they are 1.99 mm out of line"),
+        ("too many", "there are more than 64"),
+        ("shorter", "they have 39 cells, and the images have 40"),
+        ("coarser", "their cells are 3 mm apart by fast_pixel_direction, and x_pixel_size is 1.5 mm"),
+        ("without a unit", "the module_offset of one is no length with a unit, along a vector"),
+        ("along the beam", "their cells follow one another along z, the direction of the beam"),
+        ("one missing", "one begins at cell 18, and the one before ends at cell 9"),
+        ("not finite", "the module_offset of one is no finite number"),
+        ("of fractions", "one begins at cell 8.5 and has 9 cells"),
     ],
 )
-def test_modules_that_state_no_gaps_are_ignored_and_that_is_said(tmp_path, change, said):
-    write(tmp_path / "scan.nxs", MODULES, change=change)
+def test_modules_that_state_no_gaps_are_ignored_and_that_is_said(tmp_path, how, said):
+    write(tmp_path / "scan.nxs", MODULES, change=partial(spoil, how))
     with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
         assert scan.detector_modules == ()
         (remark,) = scan.remarks
@@ -135,31 +127,12 @@ def test_modules_that_state_no_gaps_are_ignored_and_that_is_said(tmp_path, chang
         assert said in remark
 
 
-def test_a_module_that_stands_behind_the_others_is_ignored(tmp_path):
-    def back(detector):
-        offset = detector["some name 3/module_offset"]
-        at = offset[()] * offset.attrs["vector"] + [0.0, 0.0, 2e-3]
-        offset[()], offset.attrs["vector"] = np.linalg.norm(at), at / np.linalg.norm(at)
-
-    write(tmp_path / "scan.nxs", MODULES, change=back)
-    with reading_scan(tmp_path / "scan.nxs", counts=False) as scan:
-        assert scan.detector_modules == ()
-        assert "at cell 31 they are 1.99 mm out of line" in scan.remarks[0]
-
-
 @pytest.mark.parametrize("modules", [MODULES, MODULES[:1], MODULES[2:], ()])
 def test_a_scan_of_ours_keeps_its_modules(tmp_path, modules):
     path, stack = tmp_path / "scan.h5", np.ones((VIEWS, 1, CELLS), np.float32)
     angles_rad = np.deg2rad(90.0 * np.arange(VIEWS))
-    new = new_scan(
-        path,
-        stack.shape,
-        angles_rad=angles_rad,
-        detector_pitch_mm=PITCH_MM,
-        row_pitch_mm=None,
-        detector_modules=modules,
-    )
-    with new as written:
+    about = {"detector_pitch_mm": PITCH_MM, "row_pitch_mm": None, "detector_modules": modules}
+    with new_scan(path, stack.shape, angles_rad=angles_rad, **about) as written:
         written.data[...] = stack
         written.note(air_level=None, provenance={})
     with open_scan(path) as own, reading_scan(path, counts=False) as read:

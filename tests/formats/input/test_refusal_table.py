@@ -11,21 +11,19 @@ from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZipFile, ZipInfo
 
 import h5py
 import numpy as np
-import pytest
 import scipy.io
 import tifffile
 from PIL import Image
+from scan_files import each_refusal, refusal
 from scan_writers import hdf5, mat, npy, npz, zipped
 
-from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AngleList, AngleSteps
-from sawmill_formats.input.reading import reading_scan
 
 STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
 VALUES = STACK.astype(np.float64)
 COLOURS = np.ones((8, 8, 3), np.uint8)
 COUNTS = {"counts": True}
-NO_ANGLES = {"angles": None}
+NO_ANGLES = {"angles_deg": None}
 STORED, BEHIND = "/entry/instrument/detector/data", "/entry/instrument/detector/b"
 
 
@@ -251,9 +249,9 @@ TABLE = {
     "values: beyond float32": (npy(put((2, 0, 3), 1e300)), {}),
     "values: more than allowed": (npy(VALUES.astype(np.float32)), {"max_bytes": 500}),
     "angles: none": (npy(VALUES), NO_ANGLES),
-    "angles: 2 given": (npy(VALUES), {"angles": AngleList((0, 1))}),
-    "angles: one given twice": (npy(VALUES), {"angles": AngleList((0, 60, 60, 120, 180, 240))}),
-    "angles: whole turns": (npy(VALUES), {"angles": AngleSteps(0, 360)}),
+    "angles: 2 given": (npy(VALUES), {"angles_deg": AngleList((0, 1))}),
+    "angles: one given twice": (npy(VALUES), {"angles_deg": AngleList((0, 60, 60, 120, 180, 240))}),
+    "angles: whole turns": (npy(VALUES), {"angles_deg": AngleSteps(0, 360)}),
     "angles: of both units": (npz(data=VALUES, angles_deg=np.arange(6.0), angles_rad=np.arange(6.0)), NO_ANGLES),
     "counts: no flats": (npy(VALUES), COUNTS),
     "npy: cut after a header of 34 GB": (raw(npy_header((8, 1024, 1024, 1024))), {}),
@@ -261,7 +259,7 @@ TABLE = {
     "npz: cut after a header of 4 MB": (zipped({"data.npy": npy_header((1000, 1000))}), {}),
     "npz: objects": (npz(data=np.full((6, 8), None)), {"dataset": "data"}),
     "nxtomo: flats of line integrals": (nxtomo(image_key=[1] + [0] * 5), NO_ANGLES),
-    "nxtomo: other angles": (nxtomo(), {"angles": AngleSteps(0.5, 60.0)}),
+    "nxtomo: other angles": (nxtomo(), {"angles_deg": AngleSteps(0.5, 60.0)}),
     "nxtomo: another pitch": (nxtomo(), {"detector_pitch_mm": 2.0}),
     "nxtomo: angles without a unit": (nxtomo(unit=None), NO_ANGLES),
     "nxtomo: angles in gon": (nxtomo(unit="gon"), NO_ANGLES),
@@ -298,48 +296,11 @@ TABLE = {
 }
 OUTSIDE = ["../view.tif", "/etc/view.tif", "a/../../view.tif", "..\\view.tif", "C:\\view.tif"]
 TABLE |= {f"zip: {name}": (zipped({name: b""}), {}) for name in OUTSIDE}
-SENTENCES = Path(__file__).with_name("refusals.txt").read_text("utf-8").splitlines()
 
 
-def test_the_table_is_that_of_the_sentences():
-    assert list(TABLE) == [line.split(" | ")[0] for line in SENTENCES]
-
-
-@pytest.mark.parametrize("line", SENTENCES, ids=[line.split(" | ")[0] for line in SENTENCES])
-def test_the_sentence(tmp_path, line):
-    name, code, sentence = line.split(" | ")
+@each_refusal(Path(__file__).with_name("refusals.txt"))
+def test_the_sentence(tmp_path, name, code, sentence):
     write, options = TABLE[name]
-    file = tmp_path / "upload"
-    write(file)
-    given = {"counts": False, "dataset": None, "angles": AngleSteps(0.0, 60.0)} | options
-    with pytest.raises(UnreadableScan) as refusal:
-        read(file, **given)
-    assert str(refusal.value) == sentence
-    assert refusal.value.code == code
-    assert str(tmp_path) not in sentence
-
-
-def read(file, *, angles, **given):
-    with reading_scan(file, angles_deg=angles, **given) as scan:
-        for _ in scan.blocks(2**20):
-            pass
-
-
-NO_USE = "its structure makes no sense"
-
-
-@pytest.mark.parametrize(
-    ("error", "passed_on"),
-    [
-        (ValueError("To allow loading, fully trust the file using `allow_pickle=True`"), NO_USE),
-        (TypeError("'NoneType' object is not subscriptable"), NO_USE),
-        (KeyError("databytecounts"), NO_USE),
-        (ValueError("malformed node <ast.Name object at 0x7f5ed2a1e010>"), NO_USE),
-        (OSError("can't open '/var/lib/sawmill/uploads/1f3a', at 1/2"), "can't open '...', at 1/2"),
-        (ValueError("incorrect data check"), "incorrect data check"),
-    ],
-)
-def test_of_a_parser_only_what_it_says_of_the_file_is_passed_on(error, passed_on):
-    with pytest.raises(UnreadableScan) as refusal, library_errors_translated("NPY"):
-        raise error
-    assert str(refusal.value) == f"this NPY file is incomplete or damaged ({passed_on}); export it again"
+    write(tmp_path / "upload")
+    given = {"counts": False, "dataset": None, "angles_deg": AngleSteps(0.0, 60.0)} | options
+    assert refusal(tmp_path / "upload", **given) == (code, sentence)

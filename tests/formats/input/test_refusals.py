@@ -63,6 +63,18 @@ def zipped(stack):
     return stream.getvalue()
 
 
+WHOLE = {
+    "npy": lambda stack: saved(np.save, stack),
+    "npz": lambda stack: saved(np.savez_compressed, data=stack),
+    "mat": lambda stack: saved(scipy.io.savemat, structs(stack)),
+    "one array in mat": lambda stack: saved(scipy.io.savemat, {"arr": stack[:, 0]}),
+    "packed mat": lambda stack: saved(scipy.io.savemat, structs(stack), do_compression=True),
+    "tiff": lambda stack: saved(tifffile.imwrite, stack),
+    "tiff page by page": lambda stack: saved(write_pages, stack),
+    "zip": zipped,
+}
+
+
 class TestAnyFile:
     @pytest.mark.parametrize(
         "head", [b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"II*\0", b"\x93NUMPY", b"\0" * 124 + b"\0\1IM"]
@@ -79,16 +91,9 @@ class TestAnyFile:
                 read_scan(file, counts=False, angles_deg=STEPS)
 
     # Not for HDF5: its C reader can crash on such files, so they are read in a process that may die.
-    @pytest.mark.parametrize("kind", ["npy", "npz", "mat", "packed mat", "tiff", "zip"])
+    @pytest.mark.parametrize("kind", WHOLE)
     def test_damaged_bytes_are_read_or_refused(self, file, stack, rng, kind):
-        whole = {
-            "npy": lambda: saved(np.save, stack),
-            "npz": lambda: saved(np.savez_compressed, data=stack),
-            "mat": lambda: saved(scipy.io.savemat, structs(stack)),
-            "packed mat": lambda: saved(scipy.io.savemat, structs(stack), do_compression=True),
-            "tiff": lambda: saved(tifffile.imwrite, stack),
-            "zip": lambda: zipped(stack),
-        }[kind]()
+        whole = WHOLE[kind](stack)
         for position in rng.choice(len(whole), 100, replace=False):
             damaged = bytearray(whole)
             damaged[position] ^= 0xFF
@@ -96,20 +101,11 @@ class TestAnyFile:
             with suppress(UnreadableScan):
                 assert read_scan(file, counts=False, angles_deg=STEPS).projections.dtype == np.float32
 
-    @pytest.mark.parametrize("kind", ["nxtomo", "npy", "npz", "mat", "packed mat", "tiff", "tiff page by page", "zip"])
+    @pytest.mark.parametrize("kind", ["nxtomo", *WHOLE])
     def test_every_truncation_is_refused_or_lost_nothing(self, nxtomo, file, stack, kind):
-        whole = {
-            "nxtomo": lambda: nxtomo().read_bytes(),
-            "npy": lambda: saved(np.save, stack),
-            "npz": lambda: saved(np.savez_compressed, data=stack),
-            "mat": lambda: saved(scipy.io.savemat, {"arr": stack[:, 0]}),
-            "packed mat": lambda: saved(scipy.io.savemat, structs(stack), do_compression=True),
-            "tiff": lambda: saved(tifffile.imwrite, stack),
-            "tiff page by page": lambda: saved(write_pages, stack),
-            "zip": lambda: zipped(stack),
-        }[kind]()
-        file.write_bytes(whole)
         counts = kind == "nxtomo"
+        whole = nxtomo().read_bytes() if counts else WHOLE[kind](stack)
+        file.write_bytes(whole)
         angles = None if counts else STEPS
         complete = read_scan(file, counts=counts, angles_deg=angles).projections
         for length in np.linspace(0, len(whole) - 1, 150).astype(int):

@@ -5,11 +5,13 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 import tifffile
+from tifffile import _imagecodecs
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds
 from sawmill_formats.input.reading import reading_contents
 from sawmill_formats.input.tiff.pages import open_pages
+from sawmill_formats.input.unpacking import PACKBITS
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 STACK = np.arange(12 * 4 * 16, dtype=np.uint16).reshape(12, 4, 16)
@@ -63,40 +65,39 @@ def tag(code, kind, value):
     return {"extratags": [(code, kind, 0 if kind == 2 else 1, value, True)]}
 
 
-# Stored numbers, options of the writer, the values that they mean, and the remarks.
+def meant(stored, options, values, *remarks):
+    """Stored numbers, options of the writer, the values that they mean, and the remarks."""
+    return stored, options, values, remarks
+
+
 MEANINGS = {
-    "min is white": (65_535 - STACK, {"photometric": "miniswhite"}, STACK, [INVERTED(largest=65_535)]),
-    "min is white, 8 bits": (
-        (255 - STACK % 256).astype(np.uint8),
-        {"photometric": "miniswhite"},
-        STACK % 256,
-        [INVERTED(largest=255)],
+    "min is white": meant(65_535 - STACK, {"photometric": "miniswhite"}, STACK, INVERTED(largest=65_535)),
+    "min is white, 8 bits": meant(
+        (255 - STACK % 256).astype(np.uint8), {"photometric": "miniswhite"}, STACK % 256, INVERTED(largest=255)
     ),
-    "min is white, floating-point": (
-        STACK.astype(np.float32),
-        {"photometric": "miniswhite"},
-        STACK,
-        [ReadingMessage.WHITE_IS_ZERO_UNUSED()],
+    "min is white, floating-point": meant(
+        STACK.astype(np.float32), {"photometric": "miniswhite"}, STACK, ReadingMessage.WHITE_IS_ZERO_UNUSED()
     ),
-    "from the right": (STACK[..., ::-1], tag(274, 3, 2), STACK, [ReadingMessage.ORIENTATION(orientation=2)]),
-    "upside down": (STACK[:, ::-1, ::-1], tag(274, 3, 3), STACK, [ReadingMessage.ORIENTATION(orientation=3)]),
-    "from below": (STACK[:, ::-1], tag(274, 3, 4), STACK, [ReadingMessage.ORIENTATION(orientation=4)]),
-    "as it is": (STACK, tag(274, 3, 1), STACK, []),
-    "signed numbers": (STACK.astype(np.int16) - 300, {}, STACK - 300.0, []),
-    "signed numbers of ImageJ": (
+    "from the right": meant(STACK[..., ::-1], tag(274, 3, 2), STACK, ReadingMessage.ORIENTATION(orientation=2)),
+    "upside down": meant(STACK[:, ::-1, ::-1], tag(274, 3, 3), STACK, ReadingMessage.ORIENTATION(orientation=3)),
+    "from below": meant(STACK[:, ::-1], tag(274, 3, 4), STACK, ReadingMessage.ORIENTATION(orientation=4)),
+    "as it is": meant(STACK, tag(274, 3, 1), STACK),
+    "signed numbers": meant(STACK.astype(np.int16) - 300, {}, STACK - 300.0),
+    "signed numbers of ImageJ": meant(
         STACK + 32_768,
         imagej("cf=0\nc0=-32768.0\nc1=1.0\n"),
         STACK,
-        [UNPACKED(names="ImageJ (c1, c0)", scale="1", offset="-32768")],
+        UNPACKED(names="ImageJ (c1, c0)", scale="1", offset="-32768"),
     ),
-    "signed numbers of ImageJ, min is white": (
+    "signed numbers of ImageJ, min is white": meant(
         65_535 - STACK,
         imagej("cf=0\nc0=-7\nc1=0.5\n") | {"photometric": "miniswhite"},
         STACK / 2 - 7.0,
-        [INVERTED(largest=65_535), UNPACKED(names="ImageJ (c1, c0)", scale="0.5", offset="-7")],
+        INVERTED(largest=65_535),
+        UNPACKED(names="ImageJ (c1, c0)", scale="0.5", offset="-7"),
     ),
-    "32-bit numbers of ImageJ": (STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK, []),
-    "no function of ImageJ": (STACK, imagej("min=0\nmax=9\n"), STACK, []),
+    "32-bit numbers of ImageJ": meant(STACK.astype(np.float32), imagej("cf=0\nc0=5\nc1=2\n"), STACK),
+    "no function of ImageJ": meant(STACK, imagej("min=0\nmax=9\n"), STACK),
 }
 
 
@@ -147,3 +148,17 @@ def test_numbers_whose_meaning_cannot_be_followed_are_refused_by_their_tag(tmp_p
         shape_of(tmp_path / "scan.tif")
     assert refusal.value.code == code
     assert named in str(refusal.value)
+
+
+def test_packbits_of_any_bytes():
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        packed = rng.bytes(200) + bytes(130)  # whatever comes last, its data follow
+        end = len(_imagecodecs.packbits_decode(packed))
+        assert abs(PACKBITS.unpacked(packed, 10**9) - end) <= 128
+
+
+def test_the_walk_ends_where_it_is_too_much():
+    packed = b"\x81\0" * 10_000
+    assert 1000 < PACKBITS.unpacked(packed, 1000) < 1300
+    assert PACKBITS.unpacked(packed, 10**9) == 1_280_000

@@ -3,14 +3,26 @@ import pytest
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
 from sawmill_platform.files.whole_files import DISK_AWAY
 
+NO_USE = "its structure makes no sense"
 
-def test_a_librarys_complaint_becomes_one_sentence_with_its_cause():
-    cause = ValueError("bad\nheader")
-    sentence = r"this NPY file is incomplete or damaged \(bad header\)"
-    with pytest.raises(UnreadableScan, match=sentence) as refusal, library_errors_translated("NPY"):
-        raise cause
-    assert refusal.value.code == "broken-file"
-    assert refusal.value.__cause__ is cause
+
+@pytest.mark.parametrize(
+    ("error", "passed_on"),
+    [
+        (ValueError("bad\nheader"), "bad header"),
+        (ValueError("To allow loading, fully trust the file using `allow_pickle=True`"), NO_USE),
+        (TypeError("'NoneType' object is not subscriptable"), NO_USE),
+        (KeyError("databytecounts"), NO_USE),
+        (ValueError("malformed node <ast.Name object at 0x7f5ed2a1e010>"), NO_USE),
+        (OSError("can't open '/var/lib/sawmill/uploads/1f3a', at 1/2"), "can't open '...', at 1/2"),
+        (ValueError("incorrect data check"), "incorrect data check"),
+    ],
+)
+def test_of_a_parser_only_what_it_says_of_the_file_is_passed_on(error, passed_on):
+    with pytest.raises(UnreadableScan) as refusal, library_errors_translated("NPY"):
+        raise error
+    assert str(refusal.value) == f"this NPY file is incomplete or damaged ({passed_on}); export it again"
+    assert (refusal.value.code, refusal.value.__cause__) == ("broken-file", error)
 
 
 TROUBLES = [MemoryError(), *(OSError(number, "gone") for number in sorted(DISK_AWAY))]

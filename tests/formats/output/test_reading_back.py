@@ -1,3 +1,6 @@
+"""Scans and volumes of ours: packed and read back, and a volume as VTK's reader sees it."""
+
+import struct
 import tracemalloc
 import zlib
 
@@ -7,9 +10,11 @@ import pytest
 from scan_files import new_volume, read_stored_scan
 
 from sawmill_formats.errors import OutOfRange, UnreadableScan
+from sawmill_formats.nexus import PACKED
 from sawmill_formats.output.scan_reader import open_scan, sinogram
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_reader import check_volume, side_view, volume_slice, volume_slices
+from sawmill_formats.output.volume_writer import fletcher32, pack, write_chunk
 from sawmill_platform.errors import DamagedResult
 
 
@@ -21,17 +26,9 @@ def stack() -> np.ndarray:
 
 @pytest.fixture
 def scan(tmp_path, stack):
-    path = tmp_path / "scan.h5"
-    write_scan(
-        path,
-        line_integrals=stack,
-        angles_rad=np.deg2rad(np.arange(5) * 72.0),
-        detector_pitch_mm=1.5,
-        row_pitch_mm=None,
-        air_level=None,
-        provenance={},
-    )
-    return path
+    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None, "air_level": None, "provenance": {}}
+    write_scan(tmp_path / "scan.h5", line_integrals=stack, angles_rad=np.deg2rad(np.arange(5) * 72.0), **about)
+    return tmp_path / "scan.h5"
 
 
 def test_a_sinogram_is_one_row_of_the_stack(scan, stack):
@@ -126,3 +123,118 @@ def test_a_slice_that_unpacks_to_more_is_refused_and_takes_no_more_memory_than_i
 def test_a_row_that_is_not_there_is_refused_with_the_range(scan, stack, row):
     with pytest.raises(OutOfRange, match=f"row must be between 0 and 2, not {row}"):
         sinogram(scan, stack.shape, row)
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """A dataset (3, *shape) float32, one chunk to each index, and its file's path."""
+
+    def new(shape):
+        file = h5py.File(tmp_path / "packed.h5", "w")
+        return file, file.create_dataset("data", (3, *shape), "f4", chunks=(1, *shape), **PACKED, fletcher32=True)
+
+    return new
+
+
+@pytest.mark.parametrize("shape", [(64, 48), (3, 5), (1, 1)])
+@pytest.mark.parametrize("kind", ["noise", "zeros", "constant"])
+def test_the_library_reads_what_was_packed(dataset, tmp_path, shape, kind):
+    rng = np.random.default_rng(731)
+    values = {"noise": rng.standard_normal((3, *shape)), "zeros": np.zeros((3, *shape)), "constant": 1e-3}[kind]
+    values = np.broadcast_to(values, (3, *shape)).astype(np.float32)
+    file, data = dataset(shape)
+    for index, chunk in enumerate(values):
+        write_chunk(data, index, pack(chunk))
+    file.close()
+    with h5py.File(tmp_path / "packed.h5") as again:
+        np.testing.assert_array_equal(again["data"], values)
+
+
+def test_the_checksum_is_the_library_s(dataset):
+    file, data = dataset((40, 41))
+    data[...] = np.random.default_rng(732).standard_normal((3, 40, 41))
+    file.flush()
+    for index in range(3):
+        _, stored = data.id.read_direct_chunk((index, 0, 0))
+        assert struct.pack("<I", fletcher32(stored[:-4])) == stored[-4:]
+    file.close()
+
+
+def test_a_sum_of_65535_stays_and_nothing_has_the_sum_0():
+    assert fletcher32(b"\xff\xff") == 0xFFFFFFFF
+    assert fletcher32(b"\0\0\0") == 0
+    assert fletcher32(b"\x01") == 0x01000100
+
+
+def test_a_damaged_chunk_is_reported(dataset, tmp_path):
+    file, data = dataset((64, 48))
+    write_chunk(data, 0, pack(np.random.default_rng(733).standard_normal((64, 48)).astype(data.dtype)))
+    offset = data.id.get_chunk_info(0).byte_offset
+    file.close()
+    whole = bytearray((tmp_path / "packed.h5").read_bytes())
+    whole[offset + 100] ^= 1
+    (tmp_path / "packed.h5").write_bytes(whole)
+    with h5py.File(tmp_path / "packed.h5") as again, pytest.raises(OSError, match=r"checksum|filter"):
+        again["data"][0]
+
+
+@pytest.fixture
+def volume_of(tmp_path, rng):
+    """Write a volume of a number of slices and open it."""
+
+    def write(slices, row_pitch_mm=20.0):
+        values = rng.random((slices, 6, 4), dtype=np.float32)
+        places = {"centre_mm": (10.0, -30.0), "first_slice_mm": 100.0 if row_pitch_mm else 0.0}
+        with new_volume(tmp_path / "volume.h5", values.shape, row_pitch_mm=row_pitch_mm, **places) as volume:
+            volume.write(0, values)
+        return h5py.File(tmp_path / "volume.h5")
+
+    return write
+
+
+def seen_by_vtk(file, name):
+    """Values with their places (x, y, z), as VTK's reader lays them out: an array's last axis is its first, i."""
+    group = file["VTKHDF"]
+    low, high = group.attrs["WholeExtent"].reshape(3, 2).T
+    assert not low.any()
+    values = group["PointData"][name][()].reshape(high[::-1] + 1)
+    ijk = np.argwhere(np.ones(values.shape))[:, ::-1]
+    places = group.attrs["Origin"] + (ijk * group.attrs["Spacing"]) @ group.attrs["Direction"].reshape(3, 3).T
+    return dict(zip(map(tuple, places), values.ravel(), strict=True))
+
+
+@pytest.mark.parametrize(("slices", "row_pitch_mm"), [(3, 20.0), (3, None), (1, 20.0), (1, None)])
+def test_each_value_lies_where_the_axes_say(volume_of, slices, row_pitch_mm):
+    with volume_of(slices, row_pitch_mm) as file:
+        data = file["entry/data"]
+        along, x_mm, y_mm = (data[axis][()] for axis in data.attrs["axes"])
+        seen, written = seen_by_vtk(file, "attenuation"), data["data"]
+        assert len(seen) == written.size
+        for (n, i, j), value in np.ndenumerate(written[()]):
+            # Places are sums of few short binary fractions, which are exact.
+            assert seen[x_mm[i], y_mm[j], along[n]] == value
+
+
+def test_its_axes_are_right_handed(volume_of):
+    # Others are placed as well, but drawn from behind.
+    with volume_of(3) as file:
+        assert np.linalg.det(file["VTKHDF"].attrs["Direction"].reshape(3, 3)) == pytest.approx(1.0)
+
+
+# VTK takes an image of one slice from two axes.
+@pytest.mark.parametrize(("slices", "shape"), [(3, (3, 6, 4)), (1, (6, 4))])
+def test_nothing_is_stored_twice(volume_of, slices, shape):
+    with volume_of(slices) as file:
+        for values in file["VTKHDF/PointData"].values():
+            assert (values.shape, values.is_virtual) == (shape, True)
+        assert file["entry/data/data"] == file["entry/reconstruction/data"]
+
+
+def test_the_reader_recognises_the_group(volume_of):
+    with volume_of(3) as file:
+        attributes = file["VTKHDF"].attrs
+        # It takes texts of fixed length only.
+        assert attributes.get_id("Type").dtype == np.dtype("S9")
+        assert attributes["Type"] == b"ImageData"
+        assert attributes["Version"].tolist() == [1, 0]
+        assert file["VTKHDF/PointData/attenuation"].attrs["Attribute"] == b"Scalars"

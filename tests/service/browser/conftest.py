@@ -30,13 +30,8 @@ PROGRAMS = ("chromium-headless-shell", "chromium")
 START_S, PATIENCE_MS = 120.0, 120_000  # only a hang reaches them
 # No sandbox, for that needs a user of its own; and nothing that Chromium does on its own account.
 FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync"),
 )
 
 
@@ -53,8 +48,7 @@ class OpenBrowser:
             if program is None:
                 skip_without(MISSING)
             expect.set_options(timeout=PATIENCE_MS)
-            playwright = self._open.enter_context(sync_playwright())
-            launched = playwright.chromium.launch(executable_path=program, args=FLAGS)
+            launched = self._open.enter_context(sync_playwright()).chromium.launch(executable_path=program, args=FLAGS)
             self._browser = self._open.enter_context(closing(launched))
         return self._browser
 

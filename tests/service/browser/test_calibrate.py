@@ -126,12 +126,8 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     accept, outlined = page.get_by_role("button", name="Accept"), page.get_by_role("button", name="Enlarge the picture")
     assert outlined.bounding_box()["y"] + outlined.bounding_box()["height"] < accept.bounding_box()["y"]
     outlined.click()
-    assert page.get_by_role("button", name="Make smaller").bounding_box() == {
-        "x": 0,
-        "y": 0,
-        "width": 390,
-        "height": 844,
-    }
+    smaller = page.get_by_role("button", name="Make smaller").bounding_box()
+    assert smaller == {"x": 0, "y": 0, "width": 390, "height": 844}
     page.keyboard.press("Escape")
     accept.click()
     expect(page.get_by_text("This is the active calibration")).to_be_visible()
@@ -178,7 +174,9 @@ def test_the_search_is_followed_live_and_cancelled(site, store):
 
 
 @pytest.mark.usefixtures("seeded")
-def test_the_page_goes_on_by_itself_when_the_scan_of_a_phantom_comes_and_not_with_a_log(site, store, worker):
+def test_the_page_goes_on_when_a_phantom_s_scan_comes_and_its_button_sends_once_and_again_after_going_back(
+    site, store, worker
+):
     page = site.open("/calibrate?scanner=example")
     expect(page.get_by_text("Waiting for the phantom's scan of Line <2>")).to_be_visible()
     for phantom in (None, "l-shape"):
@@ -188,10 +186,6 @@ def test_the_page_goes_on_by_itself_when_the_scan_of_a_phantom_comes_and_not_wit
     page.wait_for_url(f"**/calibrate?scanner=example&scan={scan.id}")
     expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
     looks_right(page, "arrived")
-
-
-@pytest.mark.usefixtures("seeded")
-def test_the_button_sends_once_and_again_after_going_back(site):
     page = site.open("/calibrate?scan=example")
     button = page.get_by_role("main").get_by_role("button", name="Calibrate")
     assert button.evaluate("button => { button.click(); return button.disabled; }")

@@ -8,16 +8,10 @@ from firefox import MISSING, PROGRAM, Firefox, firefox
 from missing_parts import skip_without
 
 from sawmill_contracts.drifts import DriftAsk
-from sawmill_service.event_feed import StreamTimes
 
 pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("seeded")]
 SIDEWAYS = "document.documentElement.scrollWidth > document.documentElement.clientWidth + 1"
 HEADLINE = "document.querySelector('h1').textContent"
-
-
-@pytest.fixture
-def stream_times():
-    return StreamTimes()
 
 
 async def tour(tab: Firefox, address: str, paths: dict[str, str], language: str) -> list[str]:

@@ -44,14 +44,9 @@ def test_running_out_of_iterations_is_reported():
         return np.sum((images - 1.0) ** 4, axis=(1, 2), dtype=np.float64), 4.0 * (images - 1.0) ** 3
 
     seen = []
-    found = minimise(
-        objective,
-        np.full((2, 4, 4), 9.0, np.float32),
-        lower=0.0,
-        iterations=3,
-        tolerance=1e-9,
-        on_iteration=lambda done, most: seen.append((done, most)),
-    )
+    limits = {"lower": 0.0, "iterations": 3, "tolerance": 1e-9}
+    start = np.full((2, 4, 4), 9.0, np.float32)
+    found = minimise(objective, start, **limits, on_iteration=lambda done, most: seen.append((done, most)))
     assert not found.converged.any()
     assert found.iterations.tolist() == [3, 3]
     assert seen == [(1, 3), (2, 3), (3, 3)]

@@ -18,13 +18,7 @@ from sawmill_tomography.physics.simulate import MillScan, simulate_physics
 from sawmill_tomography.physics.transmission import RAYS
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
-from sawmill_vocabulary.physics import (
-    BeamEffects,
-    DetectorEffects,
-    MotionEffects,
-    Physics,
-    WoodEffects,
-)
+from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
 SCANNER = Scanner(859.46, 256, 4.5)
 WOOD = RECTANGLE_WITH_HOLE.of_density(0.01).moved(4.0, -7.0)

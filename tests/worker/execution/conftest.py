@@ -4,16 +4,17 @@ import os
 import shutil
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from live_service import wait_until
+from results import SCANNER_SPEC
 
-from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.process import AttemptProcess, AttemptStarter
@@ -40,52 +41,30 @@ def storage(tmp_path: Path) -> StorageSettings:
 @pytest.fixture
 def store(storage: StorageSettings, empty_data: Path) -> Iterator[Store]:
     shutil.copytree(empty_data, storage.data_folder)
-    opened = Store(storage)
-    yield opened
-    opened.close()
-
-
-class StoreWith(Store):
-    """A store with jobs of another kind."""
-
-    def __init__(self, settings: StorageSettings, jobs: type[Jobs]) -> None:
-        super().__init__(settings)
-        self.jobs = jobs(self.database, self.files, MILL_SUBJECTS)
+    with closing(Store(storage)) as opened:
+        yield opened
 
 
 @pytest.fixture
 def store_with(store: Store) -> Iterator[Callable[[type[Jobs]], Store]]:
     """Open a second store on the same rows and files, whose jobs have a fault, for a worker."""
-    made: list[Store] = []
+    with ExitStack() as opened:
 
-    def begin(jobs: type[Jobs]) -> Store:
-        made.append(StoreWith(store.settings, jobs))
-        return made[-1]
+        def begin(jobs: type[Jobs]) -> Store:
+            faulty = opened.enter_context(closing(Store(store.settings)))
+            faulty.jobs = jobs(faulty.database, faulty.files, MILL_SUBJECTS)
+            return faulty
 
-    yield begin
-    for each in made:
-        each.close()
+        yield begin
 
 
 @pytest.fixture
 def settings(request: pytest.FixtureRequest) -> ExecutionSettings:
     """The product's, made quick; the parameter is whether attempts are forked."""
-    return ExecutionSettings(
-        lease_s=2,
-        heartbeat_s=0.2,
-        progress_s=0.05,
-        poll_s=0.05,
-        housekeeping_s=0.2,
-        sweep_s=0.5,
-        stop_grace_s=1,
-        loss_wait_s=0,
-        outage_wait_s=0,
-        kill_grace_s=0.3,
-        spare_processes=1,
-        fork_attempts=getattr(request, "param", True),
-        broker_url=None,
-        memory_limit_bytes=2**29,
-    )
+    waits = {"lease_s": 2, "heartbeat_s": 0.2, "progress_s": 0.05, "poll_s": 0.05, "housekeeping_s": 0.2}
+    waits |= {"sweep_s": 0.5, "stop_grace_s": 1, "loss_wait_s": 0, "outage_wait_s": 0, "kill_grace_s": 0.3}
+    limits = {"spare_processes": 1, "broker_url": None, "memory_limit_bytes": 2**29}
+    return ExecutionSettings(**waits, **limits, fork_attempts=getattr(request, "param", True))
 
 
 @pytest.fixture
@@ -96,8 +75,7 @@ def command() -> list[str]:
 @pytest.fixture
 def queue(store: Store) -> Callable[..., Job]:
     """Queue a job that behaves as asked."""
-    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
-    scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
+    scanner = store.scanners.create(ScannerSpec.model_validate(SCANNER_SPEC))
 
     def accept(behaviour: str, *, priority: Priority = Priority.WAITED_FOR, short: bool = True) -> Job:
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
@@ -112,17 +90,6 @@ def queue(store: Store) -> Callable[..., Job]:
 
 
 @pytest.fixture
-def wait_for() -> Callable[[Callable[[], bool]], None]:
-    def wait(condition: Callable[[], bool], timeout_s: float = 120.0) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < deadline, "waited in vain"
-            time.sleep(0.05)
-
-    return wait
-
-
-@pytest.fixture
 def stop() -> threading.Event:
     return threading.Event()
 
@@ -131,16 +98,12 @@ class Starter:
     """A starter of attempts that notes what it has started, and that may outlive the runner that uses it."""
 
     def __init__(self, starter: AttemptStarter, *, lent: bool) -> None:
-        self.starter = starter
-        self.lent = lent
+        self.starter, self.lent, self.patience_s = starter, lent, starter.patience_s
         self.started: list[AttemptProcess] = []
 
     def start(self) -> AttemptProcess:
         self.started.append(self.starter.start())
         return self.started[-1]
-
-    def patience_s(self, start_timeout_s: float) -> float:
-        return self.starter.patience_s(start_timeout_s)
 
     def close(self) -> None:
         if not self.lent:
@@ -167,9 +130,8 @@ class Lender:
 
 @pytest.fixture(scope="session")
 def lender() -> Iterator[Lender]:
-    made = Lender()
-    yield made
-    made.close()
+    with closing(Lender()) as made:
+        yield made
 
 
 @pytest.fixture
@@ -213,9 +175,8 @@ def starter(settings: ExecutionSettings, attempts: Callable[..., Starter]) -> St
 
 @pytest.fixture
 def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, starter: Starter) -> Iterator[Runner]:
-    made = Runner(store, settings, stop, attempts=starter)
-    yield made
-    made.close()
+    with closing(Runner(store, settings, stop, attempts=starter)) as made:
+        yield made
 
 
 @pytest.fixture
@@ -223,16 +184,13 @@ def start(
     store: Store, settings: ExecutionSettings, stop: threading.Event, attempts: Callable[..., Starter]
 ) -> Iterator[Callable[..., Runner]]:
     """Make a runner with settings of its own, or on a store, or with a starter of its own."""
-    made = []
+    with ExitStack() as made:
 
-    def begin(on: Store = store, starter: AttemptStarter | None = None, **changed: Any) -> Runner:
-        asked = settings.model_copy(update=changed)
-        made.append(Runner(on, asked, stop, attempts=starter or attempts(asked)))
-        return made[-1]
+        def begin(on: Store = store, starter: AttemptStarter | None = None, **changed: Any) -> Runner:
+            asked = settings.model_copy(update=changed)
+            return made.enter_context(closing(Runner(on, asked, stop, attempts=starter or attempts(asked))))
 
-    yield begin
-    for each in made:
-        each.close()
+        yield begin
 
 
 @pytest.fixture
@@ -241,15 +199,13 @@ def in_background() -> Iterator[Callable[..., Future[Any]]]:
         yield pool.submit
 
 
-def running(process_id: int) -> bool:
-    """Whether a process exists and is no zombie."""
-    try:
-        state = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0]
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-    return state != "Z"
-
-
 @pytest.fixture
-def is_running() -> Callable[[int], bool]:
-    return running
+def talk(store: Store, queue: Callable[..., Job], in_background: Callable[..., Any]) -> Callable[[Runner], Any]:
+    """Let a runner do a job that talks for ten minutes; give the job, its outcome to come and its process."""
+
+    def begin(runner: Runner) -> tuple[Job, Future[Any], int]:
+        job, outcome = queue("talk"), in_background(runner.run_next)
+        wait_until(lambda: any(store.files.folder.glob("attempts/*/pid")))
+        return job, outcome, int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+
+    return begin

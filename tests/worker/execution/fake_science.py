@@ -1,7 +1,4 @@
-"""The real process of an attempt over tasks without science: what it does stands in the uploaded file.
-
-For jobs without one, in the name of its phantom or its scanner.
-"""
+"""The real process of an attempt over tasks without science: its upload, phantom or scanner names what it does."""
 
 import errno
 import json
@@ -14,7 +11,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -41,21 +38,16 @@ sys.path.append(str(Path(__file__).parents[2] / "support"))
 import results
 from damaged_files import make_endless
 
+Behaviour = Callable[[Attempt], dict[str, Any]]
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
 
 
 def succeed(attempt: Attempt) -> dict[str, Any]:
     print("libraries print things")  # noqa: T201 - must not disturb the protocol
     attempt.report(Progress(fraction=0.5, stage="reading"))
-    write_scan(
-        attempt.output / "scan.h5",
-        line_integrals=np.zeros((20, 1, 768), np.float32),
-        angles_rad=np.arange(20) * 0.1,
-        detector_pitch_mm=1.5,
-        row_pitch_mm=None,
-        air_level=None,
-        provenance={},
-    )
+    written = {"line_integrals": np.zeros((20, 1, 768), np.float32), "angles_rad": np.arange(20) * 0.1}
+    about = {"detector_pitch_mm": 1.5, "row_pitch_mm": None, "air_level": None, "provenance": {}}
+    write_scan(attempt.output / "scan.h5", **written, **about)
     return results.reading(remarks=[f"attempt {attempt.job.attempt}, process {os.getpid()}"])
 
 
@@ -67,12 +59,11 @@ def wait_for_leave(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
-def refuse(_: Attempt) -> dict[str, Any]:
-    raise JobFailure(FailureKind.INPUT, "angles-missing", "the file carries no angles: give angles_deg")
+def failing(detail: str) -> Behaviour:
+    def behaviour(_: Attempt) -> dict[str, Any]:
+        raise JobFailure(FailureKind.INPUT, "angles-missing", detail)
 
-
-def quote_a_nul(_: Attempt) -> dict[str, Any]:
-    raise JobFailure(FailureKind.INPUT, "angles-missing", "the dataset 'data\0' has no angles")
+    return behaviour
 
 
 def stumble(attempt: Attempt) -> dict[str, Any]:
@@ -135,10 +126,6 @@ def leave_an_endless_file(attempt: Attempt) -> dict[str, Any]:
     return reported
 
 
-def blunder(_: Attempt) -> dict[str, Any]:
-    return {}["secret"]
-
-
 def fill_the_disk(_: Attempt) -> dict[str, Any]:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -158,19 +145,11 @@ def miss_its_file(attempt: Attempt) -> dict[str, Any]:
         raise JobFailure(FailureKind.INPUT, "broken-file", "this file is damaged") from error
 
 
-def miss_something_else(_: Attempt) -> dict[str, Any]:
-    return _missing(Path("/mill/of/somebody/else"))
-
-
 def _missing(path: Path) -> dict[str, Any]:
     raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
 
 
-def eat_memory(_: Attempt) -> dict[str, Any]:
-    return {"much": bytearray(2**30)}
-
-
-def end_by(number: signal.Signals) -> Callable[[Attempt], dict[str, Any]]:
+def end_by(number: signal.Signals) -> Behaviour:
     def behaviour(attempt: Attempt) -> dict[str, Any]:
         (attempt.output / "half").write_text("written")
         os.kill(os.getpid(), number)
@@ -194,21 +173,11 @@ def write_much(attempt: Attempt) -> dict[str, Any]:
     return {}
 
 
-def crash_on_a_full_disk(_: Attempt) -> dict[str, Any]:
-    """As the HDF5 library does."""
-    os.kill(os.getpid(), signal.SIGSEGV)
-    return {}
-
-
 def share_memory(attempt: Attempt) -> dict[str, Any]:
     with mmap.mmap(-1, 5 * 2**27) as shared:
         for _ in range(5):
             shared.write(bytes(2**27))
         return succeed(attempt)
-
-
-def open_many(_: Attempt) -> dict[str, Any]:
-    return {"files": [Path(os.devnull).open() for _ in range(500)]}
 
 
 def start_a_thread(_: Attempt) -> dict[str, Any]:
@@ -326,9 +295,15 @@ def answer_and_stay(attempt: Attempt) -> dict[str, Any]:
     return hang(attempt)
 
 
-def name_a_file_outside(attempt: Attempt) -> dict[str, Any]:
-    write_to_worker(b'{"kind":"kept","names":["../../../sawmill.db"]}\n')
-    return hang(attempt)
+def writing(pieces: Iterable[bytes]) -> Behaviour:
+    """Write past the protocol, and stay."""
+
+    def behaviour(attempt: Attempt) -> dict[str, Any]:
+        for piece in pieces:
+            write_to_worker(piece)
+        return hang(attempt)
+
+    return behaviour
 
 
 def keep_behind_a_file(attempt: Attempt) -> dict[str, Any]:
@@ -343,28 +318,23 @@ def keep_a_folder(attempt: Attempt) -> dict[str, Any]:
     return hang(attempt)
 
 
-def break_off(attempt: Attempt) -> dict[str, Any]:
-    write_to_worker(b'{"kind":"kept","names":\n')
-    return hang(attempt)
-
-
-def never_end_its_line(attempt: Attempt) -> dict[str, Any]:
-    for _ in range(1000):
-        write_to_worker(b" " * 2**20)
-    return hang(attempt)
-
-
-def say_too_much(_: Attempt) -> dict[str, Any]:
-    raise JobFailure(FailureKind.INPUT, "angles-missing", "the file carries no angles" * 2**12)
-
-
-def answer_nonsense(_: Attempt) -> dict[str, Any]:
-    return {"format": "NPZ", "surprise": 1}
-
-
 SIGNALS = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGKILL)
 # By their names with hyphens: what takes an attempt and gives an answer.
-BEHAVIOURS = {f"end-by-{number.name.lower()}": end_by(number) for number in SIGNALS} | {
+BEHAVIOURS: dict[str, Behaviour] = {
+    "refuse": failing("the file carries no angles: give angles_deg"),
+    "quote-a-nul": failing("the dataset 'data\0' has no angles"),
+    "say-too-much": failing("the file carries no angles" * 2**12),
+    "blunder": lambda _: {}["secret"],
+    "answer-nonsense": lambda _: {"format": "NPZ", "surprise": 1},
+    "eat-memory": lambda _: {"much": bytearray(2**30)},
+    "open-many": lambda _: {"files": [os.open(os.devnull, os.O_RDONLY) for _ in range(500)]},
+    "miss-something-else": lambda _: _missing(Path("/mill/of/somebody/else")),
+    "name-a-file-outside": writing([b'{"kind":"kept","names":["../../../sawmill.db"]}\n']),
+    "break-off": writing([b'{"kind":"kept","names":\n']),
+    "never-end-its-line": writing(b" " * 2**20 for _ in range(1000)),
+    "crash-on-a-full-disk": end_by(signal.SIGSEGV),  # as the HDF5 library does
+    **{f"end-by-{number.name.lower()}": end_by(number) for number in SIGNALS},
+} | {
     name.replace("_", "-"): each
     for name, each in list(globals().items())
     if list(getattr(each, "__annotations__", {}).values()) == [Attempt, dict[str, Any]]
@@ -383,8 +353,8 @@ def needs_of(_: Attempt) -> Needs:
 
 def check(attempt: Attempt, answer: dict[str, Any]) -> None:
     """Check a file as the product does."""
-    result = results.answer_of(attempt.job.kind, answer)
-    check_file(attempt.job.kind, attempt.given, result, attempt.given.file)
+    kind, given = attempt.job.kind, attempt.given
+    check_file(kind, given, results.answer_of(kind, answer), given.file)
 
 
 def run(attempt: Attempt) -> dict[str, Any]:

@@ -20,14 +20,6 @@ threading.Thread(target=listen_to_parent, args=(stop, wake), daemon=True).start(
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
 store = Store(StorageSettings())
 short_only = "--short" in sys.argv
-idle_s = 1.0 if short_only else math.inf
-run_worker(
-    replace(MILL, attempt_command=command),
-    store,
-    ExecutionSettings(),
-    stop,
-    wake=wake,
-    on_able=report_to_parent,
-    selection=Selection(short=True) if short_only else ANY,
-    idle_s=idle_s,
-)
+options = {"selection": Selection(short=True), "idle_s": 1.0} if short_only else {"selection": ANY, "idle_s": math.inf}
+program = replace(MILL, attempt_command=command)
+run_worker(program, store, ExecutionSettings(), stop, wake=wake, on_able=report_to_parent, **options)

@@ -2,10 +2,9 @@
 
 import errno
 import shutil
-import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from live_service import wait_until
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
 
@@ -24,37 +23,49 @@ def storage(storage, empty_data, tmp_path):
     return storage.model_copy(update={"database_url": f"sqlite:///{tmp_path}/apart.db"})
 
 
-def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(store, settings, program, queue, wait_for):
-    job, stop = queue("succeed"), threading.Event()
-    folder, aside = store.files.folder, store.files.folder.with_name("mounted elsewhere")
+def test_a_worker_waits_for_its_folder_says_so_once_and_does_the_job_then(
+    store, settings, program, stop, queue, in_background
+):
+    job, folder, aside = queue("succeed"), store.files.folder, store.files.folder.with_name("mounted elsewhere")
     folder.rename(aside)
     folder.mkdir()
-    with capture_logs() as log, ThreadPoolExecutor(1) as pool:
+    with capture_logs() as log:
 
-        def said(event):
-            return [entry for entry in log if entry["event"] == event]
+        def said():
+            events = [entry["event"] for entry in log]
+            return [events.count(event) for event in ("claim-put-off", "files-not-looked-after")]
 
-        outcome = pool.submit(run_worker, program, store, settings, stop)
-        wait_for(lambda: said("claim-put-off") and said("files-not-looked-after"))
+        outcome = in_background(run_worker, program, store, settings, stop)
+        wait_until(lambda: all(said()))
         assert (list(folder.iterdir()), store.jobs.get(job.id).state) == ([], JobState.QUEUED)
         folder.rmdir()
         aside.rename(folder)
-        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
+        wait_until(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
         stop.set()
         outcome.result(timeout=60)
-        assert [len(said(event)) for event in ("claim-put-off", "files-not-looked-after")] == [1, 1]
+        assert said() == [1, 1]
     ended = store.jobs.get(job.id)
     assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 1, 0)
 
 
-def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, queue):
+@pytest.fixture
+def waits(store, runner):
+    """Do a job that then waits for the data folder, without a loss; give the detail and the attempts that it had."""
+
+    def of(job, runner=runner):
+        assert runner.run_next() is JobState.QUEUED
+        waiting = store.jobs.get(job.id)
+        assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+        return waiting.waiting_for.detail, waiting.attempt
+
+    return of
+
+
+def test_a_job_whose_file_is_missing_waits_until_it_is_back(store, runner, waits, queue):
     job = queue("succeed")
     file = store.files.upload(job.kind, job.subject_id)
     file.rename(file.with_name("aside"))
-    assert runner.run_next() is JobState.QUEUED
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
-    assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waiting.waiting_for.detail
+    assert f"lacks the file 'uploads/scans/{job.subject_id}/original'" in waits(job)[0]
     file.with_name("aside").rename(file)
     assert runner.run_next() is JobState.SUCCEEDED
 
@@ -80,20 +91,21 @@ def test_housekeeping_says_once_that_a_disk_is_read_only(store, settings, stop):
     assert [entry["event"] for entry in log] == ["files-not-looked-after"]
 
 
-@pytest.mark.parametrize("call", ["os.mkdir", "os.rename"])
-def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, stop, queue, call):
-    refuse = refusing(errno.EROFS)
+@pytest.mark.parametrize(("call", "said"), [("os.mkdir", 0), ("os.rename", 1)])
+def test_a_disk_that_becomes_read_only_costs_no_loss(store, runner, waits, stop, queue, call, said):
+    """What was computed waits while the disk can be read, which is said once; a stopping worker gives it back."""
+    refuse, asked = refusing(errno.EROFS), []
 
-    def refuse_and_stop(path):
-        if call == "os.rename":  # what was computed waits while the disk can be read; a stopping worker gives it back
+    def refuse_and_stop_at_last(path):
+        asked.append(path)
+        if len(asked) == 3:
             stop.set()
         refuse(path)
 
     job = queue("succeed")
-    with at_call(call, refuse_and_stop, below=store.files.folder):
-        assert runner.run_next() is JobState.QUEUED
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses, waiting.attempt) == ("storage-unavailable", 0, 1)
+    with capture_logs() as log, at_call(call, refuse_and_stop_at_last, below=store.files.folder):
+        assert waits(job)[1] == 1
+    assert (len(asked) >= 3, [entry["event"] for entry in log].count("end-put-off")) == (bool(said), said)
     stop.clear()
     assert runner.run_next() is JobState.SUCCEEDED
 
@@ -124,25 +136,20 @@ class Away(Jobs):
 
 
 @pytest.mark.parametrize("when", ["after the claim", "under the supervisor", "before the check"])
-def test_a_folder_that_goes_costs_no_loss(store, start, store_with, runner, queue, when):
+def test_a_folder_that_goes_costs_no_loss(store, start, store_with, runner, waits, queue, when):
     class AwayThen(Away):
         folder, moment = store.files.folder, when
 
     job, folder = queue("succeed"), store.files.folder
-    assert start(on=store_with(AwayThen)).run_next() is JobState.QUEUED
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+    waits(job, start(on=store_with(AwayThen)))
     folder.rmdir()
     folder.with_name("mounted elsewhere").rename(folder)
     assert runner.run_next() is JobState.SUCCEEDED
 
 
 @pytest.mark.parametrize("behaviour", ["miss-its-folder", "miss-its-file"])
-def test_a_folder_that_was_away_for_a_moment_costs_no_loss(store, runner, queue, behaviour):
-    job = queue(behaviour)
-    assert runner.run_next() is JobState.QUEUED
-    waiting = store.jobs.get(job.id)
-    assert (waiting.waiting_for.code, waiting.losses) == ("storage-unavailable", 0)
+def test_a_folder_that_was_away_for_a_moment_costs_no_loss(runner, waits, queue, behaviour):
+    waits(queue(behaviour))
     assert runner.run_next() is JobState.SUCCEEDED
 
 
@@ -150,19 +157,3 @@ def test_another_file_that_a_job_misses_is_a_defect(store, runner, queue):
     job = queue("miss-something-else")
     assert runner.run_next() is JobState.FAILED
     assert store.jobs.get(job.id).failure.code == "internal-error"
-
-
-def test_a_read_only_disk_is_said_once_while_a_result_waits_for_it(store, runner, stop, queue):
-    refuse, asked = refusing(errno.EROFS), []
-
-    def refuse_and_stop_at_last(path):
-        asked.append(path)
-        if len(asked) == 3:
-            stop.set()
-        refuse(path)
-
-    job = queue("succeed")
-    with capture_logs() as log, at_call("os.rename", refuse_and_stop_at_last, below=store.files.folder):
-        assert runner.run_next() is JobState.QUEUED
-    assert (len(asked) >= 3, [entry["event"] for entry in log].count("end-put-off")) == (True, 1)
-    assert store.jobs.get(job.id).losses == 0

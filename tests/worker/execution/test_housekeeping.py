@@ -1,11 +1,13 @@
 import threading
 import time
-from contextlib import redirect_stderr, suppress
+from contextlib import contextmanager, redirect_stderr, suppress
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import structlog
+from live_service import wait_until
 from machine_faults import database_away
 from sqlalchemy import insert, text, update
 from structlog.testing import capture_logs
@@ -30,7 +32,20 @@ from sawmill_worker.housekeeping import MillHousekeeping
 pytestmark = pytest.mark.slow
 
 
-def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):
+@contextmanager
+def running(store, settings):
+    """Run housekeeping in its thread within the block."""
+    stop = threading.Event()
+    housekeeping = MillHousekeeping(store, settings, stop)
+    housekeeping.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        housekeeping.join()
+
+
+def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue):
     job = queue("succeed")
     store.jobs.claim("lost")
     schedule = store.schedules.create(
@@ -38,33 +53,20 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     )
     with store.database.write() as session:
         session.connection().exec_driver_sql("UPDATE schedules SET next_due_at = created_at")
-    stop = threading.Event()
-    housekeeping = MillHousekeeping(store, settings, stop)
-    housekeeping.start()
-    wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
-    wait_for(lambda: store.schedules.get(schedule.id).last_run is not None)
-    stop.set()
-    housekeeping.join()
-
-
-class Seconds:
-    """A clock that stands still until it is moved."""
-
-    def __init__(self):
-        self.now_s = 1000.0
-
-    def __call__(self):
-        return self.now_s
+    with running(store, settings):
+        wait_until(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
+        wait_until(lambda: store.schedules.get(schedule.id).last_run is not None)
 
 
 @pytest.fixture
 def seconds():
-    return Seconds()
+    """A clock that stands still until it is moved."""
+    return SimpleNamespace(now_s=1000.0)
 
 
 @pytest.fixture
 def housekeeping(store, settings, seconds):
-    return MillHousekeeping(store, settings, threading.Event(), monotonic=seconds)
+    return MillHousekeeping(store, settings, threading.Event(), monotonic=lambda: seconds.now_s)
 
 
 def test_it_looks_at_alarms_at_once_and_then_each_minute(store, housekeeping, seconds, queue):
@@ -93,37 +95,17 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
         active = ActivationRow(**about, activated_at=since, reason="by hand")
         session.add(active)
         session.flush()
-        session.add(
-            MeasurementRow(
-                scanner_id=scan.scanner_id,
-                at=store.now(),
-                kind=MeasurementKind.DRIFT,
-                subject_id="check",
-                cor_column_mm=-209.0,
-                cor_column_standard_deviation_mm=0.05,
-                cor_column_change_mm=0.1,
-                tilt_rad=-0.08,
-                tilt_standard_deviation_rad=0.002,
-                tilt_change_rad=0.0,
-                covariance=[[0.0025, 0.0], [0.0, 4e-6]],
-                source_to_detector_mm=1619.3,
-                relative_residual=0.01,
-                method="view-pairs",
-                activation_number=active.number,
-                awaits_chart=True,
-            )
-        )
-        (check,) = (row for row in session.new if isinstance(row, MeasurementRow))
+        values = {"cor_column_mm": -209.0, "cor_column_standard_deviation_mm": 0.05, "cor_column_change_mm": 0.1}
+        values |= {"tilt_rad": -0.08, "tilt_standard_deviation_rad": 0.002, "tilt_change_rad": 0.0}
+        values |= {"covariance": [[0.0025, 0.0], [0.0, 4e-6]], "source_to_detector_mm": 1619.3}
+        values |= {"relative_residual": 0.01, "method": "view-pairs", "awaits_chart": True, "at": store.now()}
+        values |= {"kind": MeasurementKind.DRIFT, "subject_id": "check"}
+        session.add(MeasurementRow(scanner_id=scan.scanner_id, activation_number=active.number, **values))
         known = session.get_one(ScannerRow, scan.scanner_id)
         session.add(ScannerRow(id="a-first-one", created_at=since, spec=known.spec))
         session.flush()
         # Of an activation that is not there: its chart cannot be made.
-        columns = {
-            column.name: getattr(check, column.name)
-            for column in MeasurementRow.__table__.columns
-            if column.name != "number"
-        }
-        session.add(MeasurementRow(**columns | {"scanner_id": "a-first-one", "activation_number": 1_000}))
+        session.add(MeasurementRow(scanner_id="a-first-one", activation_number=1_000, **values))
     with capture_logs() as log:
         MillHousekeeping(store, settings, threading.Event()).once()
     put_off = [(entry["event"], entry["scanner_id"]) for entry in log if entry["log_level"] == "error"]
@@ -166,25 +148,23 @@ def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, housekeepin
     assert batch < went <= 2 * batch, "the newest scan's event stays, and decisions"
 
 
-def test_trouble_is_logged_and_the_next_round_comes(store_with, settings, wait_for):
-    class Trouble(Jobs):
-        """Jobs of a database that does not answer at first."""
+class Trouble(Jobs):
+    """Jobs of a database that does not answer at some looks."""
 
-        looks = 0
+    looks = 0
+    answers_from = 2
 
-        def pulses(self):
-            self.looks += 1
-            if self.looks == 1:
-                raise StorageUnavailable("the database does not answer: away")
-            return super().pulses()
+    def pulses(self):
+        self.looks += 1
+        if self.looks < self.answers_from:
+            raise StorageUnavailable("the database does not answer: away")
+        return super().pulses()
 
-    troubled, stop = store_with(Trouble), threading.Event()
-    with capture_logs() as log:
-        housekeeping = MillHousekeeping(troubled, settings, stop)
-        housekeeping.start()
-        wait_for(lambda: troubled.jobs.looks > 1)
-        stop.set()
-        housekeeping.join()
+
+def test_trouble_is_logged_and_the_next_round_comes(store_with, settings):
+    troubled = store_with(Trouble)
+    with capture_logs() as log, running(troubled, settings):
+        wait_until(lambda: troubled.jobs.looks > 1)
     assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "take_back_silent")]
 
 
@@ -195,28 +175,17 @@ def test_an_outage_of_all_duties_is_one_line(store, housekeeping):
     assert [entry["event"] for entry in log] == ["files-not-looked-after", "housekeeping-put-off"]
 
 
-def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings, wait_for):
+def test_a_log_that_cannot_be_written_stops_nothing(store_with, settings):
     """Standard error is often a file on the disk that is full."""
 
-    class Trouble(Jobs):
-        """Jobs of a database that does not answer."""
+    class AwayForGood(Trouble):
+        answers_from = 10**9
 
-        looks = 0
-
-        def pulses(self):
-            self.looks += 1
-            raise StorageUnavailable("the database does not answer: away")
-
-    troubled = store_with(Trouble)
-    before = structlog.get_config()
-    stop = threading.Event()
+    troubled, before = store_with(AwayForGood), structlog.get_config()
     with suppress(OSError), Path("/dev/full").open("w") as full, redirect_stderr(full):
         configure_logs("json")
-        housekeeping = MillHousekeeping(troubled, settings, stop)
-        housekeeping.start()
         try:
-            wait_for(lambda: troubled.jobs.looks > 2)
+            with running(troubled, settings):
+                wait_until(lambda: troubled.jobs.looks > 2)
         finally:
-            stop.set()
-            housekeeping.join()
             structlog.configure(**before)

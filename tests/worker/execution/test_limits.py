@@ -5,10 +5,10 @@ import os
 import signal
 
 import pytest
+from results import SCANNER_SPEC
 from tiers import fresh_by_night
 
 from sawmill_contracts import kinds
-from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_contracts.plans import PlanAsk
 from sawmill_contracts.scanners import ScannerSpec
@@ -19,13 +19,9 @@ from sawmill_vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
 
-
 THETA = Theta(0.0, 700.0, 0.0, 0.0, 0.0)
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
-SCANNER = ScannerSpec(
-    name="Line 2",
-    constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5),
-)
+SCANNER = ScannerSpec.model_validate(SCANNER_SPEC)
 
 
 @pytest.mark.parametrize("number", CRASHES)

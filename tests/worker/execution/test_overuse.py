@@ -11,7 +11,7 @@ import pytest
 
 from sawmill_contracts.kinds import RECONSTRUCT
 from sawmill_platform.attempts.protocol import Begun
-from sawmill_platform.confinement.overuse import DEEPEST, MOST_THREADS, SMALL_BYTES, overuse
+from sawmill_platform.confinement.overuse import DEEPEST, SMALL_BYTES, overuse
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import FolderUnavailable, StorageFull
 
@@ -36,13 +36,12 @@ ctypes.CDLL(None).pthread_exit(None)
 
 @pytest.fixture
 def looked_at(tmp_path):
-    """What this process, with a folder of its own, takes beyond its limits."""
+    """What a process, by default this one, with a folder takes beyond its limits."""
 
-    def look(*, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0, most_threads=MOST_THREADS):
-        limits = Begun(data_bytes=data_bytes, file_bytes=file_bytes)
-        return overuse(
-            os.getpid(), tmp_path, RECONSTRUCT, limits, reserve_bytes=reserve_bytes, most_threads=most_threads
-        )
+    def look(process="self", folder=tmp_path, *, file_bytes=MIB, data_bytes=2**40, reserve_bytes=0, **limits):
+        begun = Begun(data_bytes=data_bytes, file_bytes=file_bytes)
+        process_id = os.getpid() if process == "self" else process
+        return overuse(process_id, folder, RECONSTRUCT, begun, reserve_bytes=reserve_bytes, **limits)
 
     return look
 
@@ -75,11 +74,8 @@ def test_a_removed_file_may_not_stay_mapped(tmp_path, looked_at):
         mapped = mmap.mmap(file.fileno(), mmap.PAGESIZE)
         assert looked_at() is None
         (tmp_path / "scratch").unlink()
-        failure = looked_at()
-    assert (failure.code, failure.detail.split(",")[0]) == (
-        "file-too-large",
-        "the job has removed a file that it still maps",
-    )
+        failure, words = looked_at(), "the job has removed a file that it still maps"
+    assert (failure.code, failure.detail.split(",")[0]) == ("file-too-large", words)
     mapped.close()
     assert looked_at() is None
 
@@ -93,22 +89,17 @@ def test_a_file_with_two_descriptors_counts_once(tmp_path, looked_at):
             assert looked_at() is None
 
 
-def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path):
+def test_a_process_without_its_first_thread_takes_what_the_others_have(tmp_path, looked_at):
     """The kernel tells nothing any more of the process by its own number."""
     with subprocess.Popen([sys.executable, "-c", FIRST_THREAD_ENDS], cwd=tmp_path, stdout=subprocess.PIPE) as process:
         assert process.stdout.readline()
         try:
             while "State:\tZ" not in Path(f"/proc/{process.pid}/status").read_text():
                 time.sleep(0.01)
-            of_memory = overuse(
-                process.pid, tmp_path, RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0
-            )
-            of_disk = overuse(
-                process.pid, tmp_path, RECONSTRUCT, Begun(data_bytes=2**40, file_bytes=MIB), reserve_bytes=0
-            )
+            codes = [looked_at(process.pid, data_bytes=limit).code for limit in (MIB, 2**40)]
         finally:
             process.kill()
-    assert (of_memory.code, of_disk.code) == ("out-of-memory", "file-too-large")
+    assert codes == ["out-of-memory", "file-too-large"]
 
 
 def test_threads_are_bounded(looked_at):
@@ -142,10 +133,7 @@ def test_the_reserve_of_the_disk_is_kept_from_attempts_that_write_much(tmp_path,
         looked_at(file_bytes=2**40, reserve_bytes=2**62)
 
 
-def test_a_folder_that_is_gone_is_an_outage(tmp_path):
+def test_a_folder_that_is_gone_is_an_outage_and_a_process_that_has_ended_takes_its_files_alone(tmp_path, looked_at):
     with pytest.raises(FolderUnavailable):
-        overuse(None, tmp_path / "gone", RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0)
-
-
-def test_a_process_that_has_ended_takes_its_files_alone(tmp_path):
-    assert overuse(None, tmp_path, RECONSTRUCT, Begun(data_bytes=MIB, file_bytes=MIB), reserve_bytes=0) is None
+        looked_at(None, tmp_path / "gone")
+    assert looked_at(None) is None

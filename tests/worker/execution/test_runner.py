@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import pytest
 import results
+from live_service import running, wait_until
 from machine_faults import database_away
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
@@ -36,18 +37,12 @@ pytestmark = pytest.mark.slow
 
 
 def leftovers(store):
-    return list((store.files.folder / "attempts").iterdir())
+    return [*store.files.folder.glob("attempts/*"), *store.files.folder.glob("kept/*")]
 
 
-@pytest.fixture
-def process_id(wait_for):
-    """Of a process that waits for its assignment."""
-
-    def learn(spare):
-        wait_for(lambda: spare.process_id is not None)
-        return spare.process_id
-
-    return learn
+def id_of(spare):
+    wait_until(lambda: spare.process_id is not None)
+    return spare.process_id
 
 
 @both_ways
@@ -137,24 +132,36 @@ def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settin
     runner.close()
 
 
+INPUT, INVALID = FailureKind.INPUT, (FailureKind.INTERNAL, "invalid-result")
+NONSENSE = ("name-a-file-outside", "keep-a-folder", "break-off", "never-end-its-line", "say-too-much")
+
+
 @pytest.mark.parametrize(
-    ("behaviour", "kind", "code", "words"),
+    ("behaviour", "end", "words"),
     [
-        ("refuse", FailureKind.INPUT, "angles-missing", "give angles_deg"),
-        ("quote-a-nul", FailureKind.INPUT, "angles-missing", "the dataset 'data\ufffd' has no angles"),
-        ("blunder", FailureKind.INTERNAL, "internal-error", "unexpected KeyError"),
-        ("eat-memory", FailureKind.INPUT, "out-of-memory", "give a smaller file"),
-        ("answer-nonsense", FailureKind.INTERNAL, "invalid-result", "a defect"),
+        ("refuse", (INPUT, "angles-missing"), "give angles_deg"),
+        ("quote-a-nul", (INPUT, "angles-missing"), "the dataset 'data\ufffd' has no angles"),
+        ("blunder", (FailureKind.INTERNAL, "internal-error"), "unexpected KeyError"),
+        ("eat-memory", (INPUT, "out-of-memory"), "give a smaller file"),
+        ("answer-nonsense", INVALID, "a defect"),
+        ("leave-more", INVALID, "the files"),
+        ("name-the-database", INVALID, "takes its values from other files"),
+        ("keep-behind-a-file", INVALID, "scan.h5 is due"),
+        *((behaviour, INVALID, "") for behaviour in NONSENSE),
     ],
 )
-def test_a_failure_is_reported_in_its_own_way(store, runner, queue, behaviour, kind, code, words):
-    job = queue(behaviour)
-    assert runner.run_next() is JobState.FAILED
-    failure = store.jobs.get(job.id).failure
-    assert (failure.kind, failure.code) == (kind, code)
+def test_a_failure_is_reported_in_its_own_way_publishes_nothing_and_stops_no_worker(
+    store, runner, queue, behaviour, end, words
+):
+    job, next_job = queue(behaviour), queue("succeed")
+    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]
+    failure, scan = store.jobs.get(job.id).failure, store.scans.get(job.subject_id)
+    assert (failure.kind, failure.code) == end
     assert words in failure.detail
     assert "secret" not in failure.detail
-    assert store.scans.get(job.subject_id).reason == failure.detail
+    assert (scan.state, scan.reason) == (ScanState.REFUSED, failure.detail)
+    assert not store.files.results(job.kind, job.subject_id).exists()
+    assert store.jobs.get(next_job.id).attempt == 1
     assert leftovers(store) == []
 
 
@@ -163,7 +170,7 @@ def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, que
     states = [runner.run_next() for _ in range(6)]
     assert states == [*[JobState.QUEUED] * 5, JobState.SUCCEEDED]
     assert store.jobs.get(job.id).losses <= 1
-    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+    assert leftovers(store) == []
 
 
 def test_checkpoints_are_no_results(store, runner, queue):
@@ -171,18 +178,16 @@ def test_checkpoints_are_no_results(store, runner, queue):
     assert runner.run_next() is JobState.SUCCEEDED
     results = store.files.results(job.kind, job.subject_id)
     assert [path.name for path in results.iterdir()] == ["scan.h5"]
-    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+    assert leftovers(store) == []
 
 
-def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
-    store, start, store_with, queue, wait_for
-):
+def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(store, start, store_with, queue):
     class Looking(Jobs):
         """Jobs whose results take long to look at."""
 
         def check_output(self, kind, result, folder):
             (pulse,) = store.jobs.pulses()
-            wait_for(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
+            wait_until(lambda: store.jobs.pulses()[0].beats >= pulse.beats + 3)
             return super().check_output(kind, result, folder)
 
     scan = queue("succeed").subject_id
@@ -191,20 +196,6 @@ def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
     for path in (store.files.scan(scan), store.files.volume(log.id)):
         assert store.jobs.digest_of_result(path) == hashlib.sha256(path.read_bytes()).digest()
-
-
-@pytest.mark.parametrize(
-    ("behaviour", "words"), [("leave-more", "the files"), ("name-the-database", "takes its values from other files")]
-)
-def test_what_a_job_of_its_kind_does_not_leave_is_not_published(store, runner, queue, behaviour, words):
-    job = queue(behaviour)
-    assert runner.run_next() is JobState.FAILED
-    failure = store.jobs.get(job.id).failure
-    assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "invalid-result")
-    assert words in failure.detail
-    assert store.scans.get(job.subject_id).state is ScanState.REFUSED
-    assert not store.files.results(job.kind, job.subject_id).exists()
-    assert leftovers(store) == []
 
 
 def test_a_file_whose_reader_loops_is_not_published_and_stops_no_worker(store, start, queue):
@@ -232,39 +223,19 @@ def test_a_scan_that_was_changed_is_not_read_whatever_its_time_says(store, runne
     assert (failure.kind, failure.code) == (FailureKind.INPUT, "result-damaged")
 
 
-def test_a_result_is_published_once_its_process_is_gone(store, start, store_with, queue, is_running):
+def test_a_result_is_published_once_its_process_is_gone(store, start, store_with, queue):
     job, noted = queue("answer-and-stay"), []
 
     class Noting(Jobs):
         """Jobs that look whether the process that has answered still runs."""
 
         def succeed(self, claim, result, output, **options):
-            noted.append(is_running(int(result.remarks[0].split()[-1])))
+            noted.append(running(int(result.remarks[0].split()[-1])))
             super().succeed(claim, result, output, **options)
 
     assert start(on=store_with(Noting)).run_next() is JobState.SUCCEEDED
     assert store.jobs.get(job.id).attempt == 1
     assert noted == [False]
-
-
-@pytest.mark.parametrize(
-    "behaviour", ["name-a-file-outside", "keep-a-folder", "break-off", "never-end-its-line", "say-too-much"]
-)
-def test_nonsense_ends_its_attempt_and_not_its_worker(store, runner, queue, behaviour):
-    job, next_job = queue(behaviour), queue("succeed")
-    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.SUCCEEDED]
-    failure = store.jobs.get(job.id).failure
-    assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "invalid-result")
-    assert store.jobs.get(next_job.id).attempt == 1
-    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
-
-
-def test_checkpoints_that_are_not_there_are_passed_over_and_what_stands_there_is_no_result(store, runner, queue):
-    job = queue("keep-behind-a-file")
-    assert runner.run_next() is JobState.FAILED
-    failure = store.jobs.get(job.id).failure
-    assert failure.code == "invalid-result"
-    assert "scan.h5 is due" in failure.detail
 
 
 def full_disk_at(**first):
@@ -282,12 +253,13 @@ def full_disk_at(**first):
     return type("FullDisk", (Jobs,), {name: refused(name) for name in first})
 
 
-@pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
-def test_crashes_and_defects_on_a_full_disk_are_its_consequence(store, runner, queue, full_disk, behaviour):
+@pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder", "hang"])
+def test_what_happens_to_a_job_on_a_full_disk_is_its_consequence(store, start, queue, full_disk, behaviour):
     job = queue(behaviour)
     full_disk(0)
-    assert runner.run_next() is JobState.QUEUED
-    assert store.jobs.get(job.id).waiting_for.code == "storage-full"
+    assert start(stall_s=0.6).run_next() is JobState.QUEUED
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-full", 0)
 
 
 def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, start, queue):
@@ -308,12 +280,12 @@ def beats_missed(log):
     return [line for line in log if line["event"] == "heartbeat-missed"]
 
 
-def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_background, wait_for):
+def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_background):
     job = queue("wait-for-leave")
     outcome = in_background(runner.run_next)
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
+    wait_until(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     with capture_logs() as log, write_lock(store.files.folder / "sawmill.db"):
-        wait_for(lambda: beats_missed(log))
+        wait_until(lambda: beats_missed(log))
         (store.files.folder / "leave").touch()
         time.sleep(1.0)  # several times what is left of the attempt needs
         assert not outcome.done()
@@ -324,64 +296,60 @@ def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_
     assert leftovers(store) == []
 
 
-def test_a_worker_outlives_claims_that_cannot_be_written(store, store_with, settings, program, queue, wait_for):
-    job, stop = queue("succeed"), threading.Event()
-    with ThreadPoolExecutor(1) as pool:
-        outcome = pool.submit(run_worker, program, store_with(full_disk_at(claim=3)), settings, stop)
-        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
-        stop.set()
-        outcome.result(timeout=60)
+def test_a_worker_outlives_claims_that_cannot_be_written(
+    store, store_with, settings, program, stop, queue, in_background
+):
+    job = queue("succeed")
+    outcome = in_background(run_worker, program, store_with(full_disk_at(claim=3)), settings, stop)
+    wait_until(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
+    stop.set()
+    outcome.result(timeout=60)
     assert store.jobs.get(job.id).state is JobState.SUCCEEDED
 
 
 def test_a_cancellation_reaches_a_job_whose_heartbeats_find_the_disk_full(
-    store, start, store_with, queue, in_background, wait_for
+    store, start, store_with, queue, in_background
 ):
     job, runner = queue("wait-for-leave"), start(on=store_with(full_disk_at(heartbeat=10**6)))
     outcome = in_background(runner.run_next)
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
+    wait_until(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     store.jobs.request_cancel(job.id)
     assert outcome.result(timeout=60) is JobState.CANCELLED
 
 
-def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, queue, in_background, wait_for, is_running):
-    job = queue("talk")
-    outcome = in_background(runner.run_next)
-    wait_for(lambda: (seen := store.jobs.get(job.id).progress) is not None and seen.generation > 3)
-    pid = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, talk):
+    job, outcome, process = talk(runner)
+    wait_until(lambda: (seen := store.jobs.get(job.id).progress) is not None and seen.generation > 3)
     store.jobs.request_cancel(job.id)
-    assert outcome.result(timeout=60) is JobState.CANCELLED
-    assert store.jobs.get(job.id).state is JobState.CANCELLED
-    assert not is_running(pid)
+    assert outcome.result(timeout=60) is store.jobs.get(job.id).state is JobState.CANCELLED
+    assert not running(process)
     assert leftovers(store) == []
 
 
 @fresh_by_night
-def test_a_deaf_process_is_killed(store, runner, queue, in_background, wait_for):
+def test_a_deaf_process_is_killed(store, runner, queue, in_background):
     job = queue("hang")
     outcome = in_background(runner.run_next)
-    wait_for(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
-    wait_for(lambda: store.jobs.pulses()[0].beats > 1)  # they go on without progress
+    wait_until(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
+    wait_until(lambda: store.jobs.pulses()[0].beats > 1)  # they go on without progress
     store.jobs.request_cancel(job.id)
     assert outcome.result(timeout=60) is JobState.CANCELLED
 
 
 @fresh_by_night
-def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_background, wait_for, is_running):
-    job = queue("talk")
-    outcome = in_background(runner.run_next)
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
-    pid = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+def test_a_stopping_worker_gives_its_job_back_and_takes_no_more(store, runner, stop, talk):
+    job, outcome, process = talk(runner)
     stop.set()
     assert outcome.result(timeout=60) is JobState.QUEUED
-    assert store.jobs.get(job.id).state is JobState.QUEUED
-    assert not is_running(pid)
+    assert not running(process)
+    assert runner.run_next() is None
+    assert (store.jobs.get(job.id).state, store.jobs.get(job.id).attempt) == (JobState.QUEUED, 1)
 
 
-def test_a_background_job_gives_way(store, runner, queue, in_background, wait_for):
+def test_a_background_job_gives_way(store, runner, queue, in_background):
     example = queue("talk", priority=Priority.BACKGROUND)
     outcome = in_background(runner.run_next)
-    wait_for(lambda: store.jobs.get(example.id).progress is not None)
+    wait_until(lambda: store.jobs.get(example.id).progress is not None)
     asked = queue("succeed")
     assert outcome.result(timeout=60) is JobState.QUEUED
     assert runner.run_next() is JobState.SUCCEEDED
@@ -389,29 +357,24 @@ def test_a_background_job_gives_way(store, runner, queue, in_background, wait_fo
     assert store.jobs.get(example.id).losses == 0
 
 
-def test_a_stopping_worker_lets_a_short_job_end(store, start, stop, queue, in_background, wait_for):
+def test_a_stopping_worker_lets_a_short_job_end(store, start, stop, queue, in_background):
     patient = start(stop_grace_s=600.0)
     queue("wait-for-leave")
     outcome = in_background(patient.run_next)
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
+    wait_until(lambda: any(store.files.folder.glob("attempts/*/waiting")))
     stop.set()
     time.sleep(0.5)  # several looks at whether it is to stop
     (store.files.folder / "leave").touch()
     assert outcome.result(timeout=60) is JobState.SUCCEEDED
 
 
-def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
-    store, settings, runner, queue, in_background, wait_for, is_running
-):
-    job = queue("talk")
-    outcome = in_background(runner.run_next)
-    wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
-    pid = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(store, settings, runner, talk):
+    job, outcome, process = talk(runner)
     # Between a look and the taking back a heartbeat may come: then it holds.
-    wait_for(lambda: store.jobs.take_back(store.jobs.pulses()[0], retries=settings.retries) is not None)
+    wait_until(lambda: store.jobs.take_back(store.jobs.pulses()[0], retries=settings.retries) is not None)
     new_owner = store.jobs.claim("other")
     assert outcome.result(timeout=60) is None
-    assert not is_running(pid)
+    assert not running(process)
     assert store.jobs.heartbeat(new_owner) is False
     assert store.jobs.get(job.id).attempt == 2
 
@@ -426,28 +389,21 @@ def test_threads_share_a_runner(runner, queue, settings):
     assert states == [JobState.SUCCEEDED] * jobs
 
 
-def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, starter, queue, process_id):
+def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, starter, queue):
     queue("succeed")
     runner.run_next()
-    warm = process_id(starter.started[-1])
+    warm = id_of(starter.started[-1])
     job = queue("succeed")
     runner.run_next()
     assert store.scans.get(job.subject_id).remarks[0].endswith(f"process {warm}")
 
 
-def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
-    job = queue("succeed")
-    stop.set()
-    assert runner.run_next() is None
-    assert store.jobs.get(job.id).attempt == 0
-
-
 @fresh_by_night
-def test_a_spare_that_died_is_replaced(runner, starter, queue, process_id, wait_for):
+def test_a_spare_that_died_is_replaced(runner, starter, queue):
     assert runner.run_next() is None
     (spare,) = starter.started
-    os.kill(process_id(spare), signal.SIGKILL)
-    wait_for(lambda: not spare.alive)  # until then it may still be taken for a running one
+    os.kill(id_of(spare), signal.SIGKILL)
+    wait_until(lambda: not spare.alive)  # until then it may still be taken for a running one
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
 
@@ -475,6 +431,15 @@ class Undying:
     def wait(self, timeout=None):
         assert timeout is not None, "for ever"
         raise subprocess.TimeoutExpired("attempt", timeout)
+
+
+def test_an_attempt_whose_supervisor_was_killed_ends_without_a_word(command):
+    reading, writing = os.pipe()
+    os.close(reading)
+    given = {"env": {**os.environ, CHANNEL: str(writing)}, "pass_fds": [writing], "stdin": subprocess.DEVNULL}
+    ended = subprocess.run(command, **given, capture_output=True, text=True, timeout=60, check=False)
+    os.close(writing)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
 def test_nobody_waits_for_a_process_that_cannot_be_killed():
@@ -512,12 +477,12 @@ def test_a_start_that_goes_on_working_is_not_ended_by_its_limit():
     started.end(60)
 
 
-def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, in_background, wait_for):
+def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, in_background):
     job = queue("talk")
     outcome = in_background(runner.run_next)
-    wait_for(lambda: store.jobs.get(job.id).progress is not None)
+    wait_until(lambda: store.jobs.get(job.id).progress is not None)
     with capture_logs() as log, database_away(store.database):
-        wait_for(lambda: beats_missed(log))
+        wait_until(lambda: beats_missed(log))
         time.sleep(1.0)  # several heartbeats more, which are missed for the same reason
     assert len(beats_missed(log)) == 1
 
@@ -525,5 +490,5 @@ def test_a_failing_database_is_survived_by_a_running_job(store, runner, queue, i
         with suppress(StorageUnavailable):
             return store.jobs.request_cancel(job.id)
 
-    wait_for(asked)
+    wait_until(asked)
     assert outcome.result(timeout=60) is JobState.CANCELLED

@@ -1,20 +1,16 @@
+"""Settings from the environment to workers and attempts, and their shares of the cores."""
+
 import re
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
+from structlog.testing import capture_logs
 
+from sawmill_platform.attempts.limits import cores
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.program import environment_of_attempts, environment_with
+from sawmill_platform.workers import program, variables
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_platform.workers.variables import (
-    KNOWN,
-    OF_THE_SERVICE,
-    UnknownVariableError,
-    WrongVariableError,
-    check_variables,
-    variables_checked,
-)
 from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
@@ -26,7 +22,7 @@ def test_settings_survive_the_way_through_an_environment(monkeypatch):
     sent = ExecutionSettings(lease_s=7, heartbeat_s=1.5, workers=3, broker_url=None, log_format="json")
     stored = StorageSettings(data_folder=Path("/srv/data"), watch_folders=[Path("/srv/a b"), Path("/srv/c'd")])
     monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://elsewhere")
-    environment = environment_with(stored, sent)
+    environment = program.environment_with(stored, sent)
     for name in [name for name in environment if name.startswith("SAWMILL_")] + ["SAWMILL_BROKER_URL"]:
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
@@ -37,23 +33,15 @@ def test_settings_survive_the_way_through_an_environment(monkeypatch):
 def test_the_service_s_token_stays_with_the_service(monkeypatch):
     monkeypatch.setenv("SAWMILL_TOKEN", "t" * 32)
     monkeypatch.setenv("SAWMILL_TOKEN_FILE", "/run/secrets/token")
-    assert not {"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"} & set(environment_with(ExecutionSettings()))
+    assert not {"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"} & set(program.environment_with(ExecutionSettings()))
 
 
 def test_attempts_have_no_secret_in_their_environment(monkeypatch):
-    secrets = (
-        "SAWMILL_TOKEN",
-        "SAWMILL_TOKEN_FILE",
-        "SAWMILL_DATABASE_URL",
-        "SAWMILL_BROKER_URL",
-        "PGPASSWORD",
-        "AWS_SECRET_ACCESS_KEY",
-        "ANYTHING_ELSE",
-    )
-    for name in secrets:
+    ours = ("SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE", "SAWMILL_DATABASE_URL", "SAWMILL_BROKER_URL")
+    for name in (*ours, "PGPASSWORD", "AWS_SECRET_ACCESS_KEY", "ANYTHING_ELSE"):
         monkeypatch.setenv(name, "redis://:canary@broker/0")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/var/cache/sawmill")
-    environment = environment_of_attempts(ExecutionSettings(lease_s=77))
+    environment = program.environment_of_attempts(ExecutionSettings(lease_s=77))
     assert "canary" not in "".join(environment.values())
     assert (environment["NUMBA_CACHE_DIR"], environment["SAWMILL_LEASE_S"]) == ("/var/cache/sawmill", "77.0")
 
@@ -72,8 +60,8 @@ def test_a_lease_shorter_than_two_heartbeats_is_refused():
     ],
 )
 def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
-    with pytest.raises(UnknownVariableError) as refused:
-        check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
+    with pytest.raises(variables.UnknownVariableError) as refused:
+        variables.check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
     assert str(refused.value) == complaint
 
 
@@ -87,13 +75,13 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
 )
 def test_a_setting_that_cannot_be_is_refused_in_one_sentence(monkeypatch, name, value, sentence):
     monkeypatch.setenv(name, value)
-    with pytest.raises(WrongVariableError, match=sentence) as refused, variables_checked():
+    with pytest.raises(variables.WrongVariableError, match=sentence) as refused, variables.variables_checked():
         ExecutionSettings()
     assert "\n" not in str(refused.value)
 
 
 def test_the_service_s_settings_are_known_to_workers():
-    assert {f"SAWMILL_{name.upper()}" for name in ServiceSettings.model_fields} == OF_THE_SERVICE
+    assert {f"SAWMILL_{name.upper()}" for name in ServiceSettings.model_fields} == variables.OF_THE_SERVICE
 
 
 def test_every_variable_that_the_product_names_is_known():
@@ -103,8 +91,8 @@ def test_every_variable_that_the_product_names_is_known():
         for path in (ROOT / folder).rglob("*.py")
         for name in re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]\b", path.read_text())
     }
-    assert named <= KNOWN
-    check_variables(dict.fromkeys(KNOWN, ""))
+    assert named <= variables.KNOWN
+    variables.check_variables(dict.fromkeys(variables.KNOWN, ""))
 
 
 @pytest.mark.parametrize("url", ["redis://:a[b@host/0", "redis://:a#b@host/0", "redis://:a/b@host:6379/0", "host"])
@@ -117,3 +105,45 @@ def test_an_address_of_the_broker_that_cannot_be_read_is_refused_without_the_pas
 @pytest.mark.parametrize("url", ["redis://host", "rediss://user:a%23b@[::1]:6379/0", "redis+socket:///run/redis.sock"])
 def test_an_address_of_the_broker_that_can_be_read_is_kept(url):
     assert ExecutionSettings(broker_url=url).broker_url == url
+
+
+def asked(workers, threads=None):
+    return ExecutionSettings(workers=workers, numba_num_threads=threads, broker_url=None)
+
+
+@pytest.mark.parametrize(("workers", "threads"), [(1, 8), (2, 4), (3, 2), (8, 1), (20, 1)])
+def test_each_worker_has_its_share_of_the_cores(workers, threads):
+    assert program.threads_each(asked(workers), {}, on_cores=8) == threads
+    assert workers * threads <= max(8, workers)
+
+
+def test_what_somebody_asked_for_is_kept():
+    assert program.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 6
+    assert program.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}, on_cores=8) == 3
+
+
+@pytest.mark.parametrize(
+    ("workers", "threads", "said"),
+    [
+        (1, None, []),
+        (4, None, []),
+        (4, 2, []),
+        (4, 3, ["more-threads-than-cores"]),
+        (9, None, ["more-workers-than-cores"]),
+    ],
+)
+def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    with capture_logs() as log:
+        program.say_if_crowded(asked(workers, threads), on_cores=8)
+    assert [entry["event"] for entry in log] == said
+
+
+def test_attempts_get_their_share_for_kernels_and_one_thread_for_linear_algebra(store, monkeypatch):
+    for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    environment = program.attempt_environment(store, asked(2))
+    share = str(max(1, cores() // 2))
+    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == [share, "1"]
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    assert program.attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"

@@ -5,9 +5,11 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from live_service import descendants, running, wait_until
 from structlog.testing import capture_logs
 from system_calls import at_call, refusing
 
@@ -18,9 +20,8 @@ from sawmill_platform.workers.supervise import WatchedWorker, WorkerSupervisor
 
 pytestmark = pytest.mark.slow
 
-HERE = Path(__file__).parent
 IDLE = [sys.executable, "-c", "import os; os.read(0, 1)"]
-WORKER = [sys.executable, str(HERE / "fake_worker.py")]
+WORKER = [sys.executable, str(Path(__file__).with_name("fake_worker.py"))]
 # Named so that it reaches attempts: of the environment they have what Python looks at.
 MARK = "PYTHON_MARK_OF_A_TEST"
 
@@ -29,18 +30,6 @@ MARK = "PYTHON_MARK_OF_A_TEST"
 def supervisor(storage, settings):
     with WorkerSupervisor(storage, settings.model_copy(update={"workers": 2}), command=WORKER) as running:
         yield running
-
-
-def test_a_worker_that_is_woken_for_a_job_does_not_wait_for_its_next_look(store, storage, settings, queue, wait_for):
-    seldom = settings.model_copy(update={"poll_s": 600.0})
-    with WorkerSupervisor(storage, seldom, command=WORKER) as supervisor:
-        first = queue("succeed")
-        # Until the worker listens it looks by itself, so it may have found the first job already.
-        supervisor.wake(first.id)
-        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
-        second = queue("succeed")
-        supervisor.wake(second.id)
-        wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
 
 
 def test_waking_workers_that_have_ended_does_no_harm(storage, settings):
@@ -61,60 +50,64 @@ def processes_of(folder: Path) -> list[int]:
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
-            try:
-                environment = (entry / "environ").read_bytes()
-            except OSError:
-                continue
-            if f"{MARK}={folder}".encode() in environment.split(b"\0"):
-                found.append(int(entry.name))
+            with suppress(OSError):
+                if f"{MARK}={folder}".encode() in (entry / "environ").read_bytes().split(b"\0"):
+                    found.append(int(entry.name))
     return found
 
 
-def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue, wait_for):
+def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue):
     lane = {"command": WORKER, "held_up": store.jobs.short_job_is_held_up}
     with WorkerSupervisor(storage, settings, **lane) as supervisor:
         long = queue("talk", short=False)
-        wait_for(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
+        wait_until(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
         time.sleep(0.5)
         assert len(supervisor.process_ids) == 1, "no lane is open while nobody needs it"
         for _ in range(2):
             short = [queue("succeed") for _ in range(2)]
             supervisor.wake(short[0].id)
-            wait_for(lambda jobs=short: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+            wait_until(lambda jobs=short: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
             assert store.jobs.get(long.id).state is JobState.RUNNING
-            wait_for(lambda: len(supervisor.process_ids) == 1)  # it has ended by itself, and opens again
+            wait_until(lambda: len(supervisor.process_ids) == 1)  # it has ended by itself, and opens again
     assert processes_of(storage.data_folder) == []
 
 
-def test_jobs_run_without_a_wake_up_and_again_when_their_worker_was_killed_and_replaced(
-    store, supervisor, queue, wait_for, is_running
-):
+def test_jobs_run_without_a_wake_up_and_again_when_their_worker_was_killed_and_replaced(store, supervisor, queue):
     jobs = [queue("succeed") for _ in range(4)]
-    wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+    wait_until(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
     job = queue("talk")
-    wait_for(lambda: any(store.files.folder.glob(f"attempts/{job.id}*/pid")))
-    attempt = int(next(store.files.folder.glob(f"attempts/{job.id}*/pid")).read_text())
+    wait_until(lambda: any(store.files.folder.glob(f"attempts/{job.id}*/pid")))
     victim = int(store.jobs.get(job.id).worker.rpartition("-")[2])
     assert victim in supervisor.process_ids
+    family = descendants(victim)
+    assert int(next(store.files.folder.glob(f"attempts/{job.id}*/pid")).read_text()) in family
     os.kill(victim, signal.SIGKILL)
-    wait_for(lambda: not is_running(attempt))
-    wait_for(lambda: store.jobs.get(job.id).attempt == 2)
-    wait_for(lambda: len(supervisor.process_ids) == 2)
+    wait_until(lambda: not any(map(running, family)))  # the template and all attempts, the spare one too
+    wait_until(lambda: store.jobs.get(job.id).attempt == 2)
+    wait_until(lambda: len(supervisor.process_ids) == 2)
     assert victim not in supervisor.process_ids
 
 
-def test_a_busy_worker_reports_that_it_works_and_leaving_ends_everything_and_gives_its_job_back(
-    store, storage, settings, queue, wait_for
+def test_a_busy_worker_reports_that_it_works_is_woken_for_the_next_job_and_gives_its_job_back_when_it_is_left(
+    store, storage, settings, queue
 ):
-    job = queue("talk")
-    with WorkerSupervisor(storage, settings, command=WORKER) as supervisor:
-        wait_for(lambda: heard(supervisor))  # that its worker works, before the first job has ended
-        wait_for(lambda: store.jobs.get(job.id).progress is not None)
-    assert store.jobs.get(job.id).state is JobState.QUEUED
+    first = queue("talk")
+    with WorkerSupervisor(storage, settings.model_copy(update={"poll_s": 600.0}), command=WORKER) as supervisor:
+        wait_until(lambda: heard(supervisor))  # that its worker works, before the first job has ended
+        store.jobs.request_cancel(first.id)
+        wait_until(lambda: store.jobs.get(first.id).state is JobState.CANCELLED)
+        for _ in range(2):  # it may still look for the first one by itself
+            job = queue("succeed")
+            supervisor.wake(job.id)
+            wait_until(lambda job=job: store.jobs.get(job.id).state is JobState.SUCCEEDED)
+        last = queue("talk")
+        supervisor.wake(last.id)
+        wait_until(lambda: store.jobs.get(last.id).progress is not None)
+    assert store.jobs.get(last.id).state is JobState.QUEUED
     assert processes_of(storage.data_folder) == []
 
 
-def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
+def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue):
     program = (
         "import sys, time; from sawmill_platform.workers.supervise import WorkerSupervisor;"
         "from sawmill_platform.workers.settings import ExecutionSettings;"
@@ -123,11 +116,11 @@ def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, qu
     )
     service = subprocess.Popen([sys.executable, "-c", program], env=environment_with(storage, settings))
     job = queue("talk")
-    wait_for(lambda: store.jobs.get(job.id).progress is not None)
+    wait_until(lambda: store.jobs.get(job.id).progress is not None)
     assert len(processes_of(storage.data_folder)) >= 3
     service.kill()
     service.wait()
-    wait_for(lambda: processes_of(storage.data_folder) == [])
+    wait_until(lambda: processes_of(storage.data_folder) == [])
     assert store.jobs.get(job.id).state is JobState.QUEUED
 
 
@@ -140,61 +133,52 @@ def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, set
         ended = worker.process
         ended.wait(60)
         worker.restart_if_due()
-        now_s.append(now_s[-1] + wait_s - 0.01)
-        worker.restart_if_due()
-        assert worker.process is ended
-        now_s.append(now_s[-1] + 0.01)
-        worker.restart_if_due()
-        assert worker.process is not ended
+        for later_s, restarted in ((wait_s - 0.01, False), (0.01, True)):
+            now_s.append(now_s[-1] + later_s)
+            worker.restart_if_due()
+            assert (worker.process is not ended) is restarted
     worker.end(60)
 
 
 def heard(supervisor: WorkerSupervisor) -> bool:
     """Whether the first worker has reported that it works."""
-    try:
+    with suppress(BlockingIOError):
         return bool(supervisor._workers[0]._line.recv(1, socket.MSG_PEEK))
-    except BlockingIOError:
-        return False
+    return False
 
 
-def about_workers(log):
-    """Without the warning that a start as root logs."""
-    return [entry for entry in log if entry["event"] != "run-as-root"]
+def restarts(log):
+    """The events and waits of a log, without the warning that a start as root logs."""
+    return [(entry["event"], entry.get("restart_in_s")) for entry in log if entry["event"] != "run-as-root"]
 
 
-def test_a_worker_that_had_worked_is_replaced_soon_however_often_it_is_killed(storage, settings, wait_for):
+def test_a_worker_that_had_worked_is_replaced_soon_however_often_it_is_killed(storage, settings):
     able = [sys.executable, "-c", "import os, time; os.write(0, bytes(1)); time.sleep(600)"]
     with capture_logs() as log, WorkerSupervisor(storage, settings, command=able) as supervisor:
         for _ in range(3):
-            wait_for(lambda: supervisor.process_ids)
+            wait_until(lambda: supervisor.process_ids)
             victim = supervisor.process_ids[0]
-            wait_for(lambda: heard(supervisor))
+            wait_until(lambda: heard(supervisor))
             os.kill(victim, signal.SIGKILL)
-            wait_for(lambda victim=victim: supervisor.process_ids not in ([], [victim]))
-    assert [(entry["event"], entry["restart_in_s"]) for entry in about_workers(log)] == [("worker-ended", 0.5)] * 3
+            wait_until(lambda victim=victim: supervisor.process_ids not in ([], [victim]))
+    assert restarts(log) == [("worker-ended", 0.5)] * 3
 
 
-def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, wait_for):
+def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings):
     refuse_twice = at_call("subprocess.Popen", refusing(errno.EAGAIN, times=2))
     with capture_logs() as log, refuse_twice, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
-        wait_for(lambda: supervisor.process_ids)
-    assert [(entry["event"], entry["restart_in_s"]) for entry in about_workers(log)] == [
-        ("worker-not-started", 0.5),
-        ("worker-not-started", 1.0),
-    ]
+        wait_until(lambda: supervisor.process_ids)
+    assert restarts(log) == [("worker-not-started", 0.5), ("worker-not-started", 1.0)]
 
 
-def test_workers_are_watched_whatever_happens(storage, settings, wait_for):
+def test_workers_are_watched_whatever_happens(storage, settings):
     def stumble(_):
         raise MemoryError
-
-    def not_watched(log):
-        return [entry for entry in log if entry["event"] == "worker-not-watched"]
 
     broken = [sys.executable, "-c", ""]
     with capture_logs() as log, WorkerSupervisor(storage, settings, command=broken):
         with at_call("subprocess.Popen", stumble):
-            wait_for(lambda: len(not_watched(log)) > 1)
+            wait_until(lambda: [event for event, _ in restarts(log)].count("worker-not-watched") > 1)
         seen = len(log)
-        wait_for(lambda: len(log) > seen)
-    assert {entry["event"] for entry in about_workers(log)} == {"worker-ended", "worker-not-watched"}
+        wait_until(lambda: len(log) > seen)
+    assert {event for event, _ in restarts(log)} == {"worker-ended", "worker-not-watched"}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from live_service import descendants, running, wait_until
 from missing_parts import skip_without
 
 from sawmill_command import examples
@@ -27,10 +28,7 @@ from sawmill_platform.workers.program import attempt_environment
 from sawmill_vocabulary import DataKind
 from sawmill_worker.program import ATTEMPT_COMMAND
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.usefixtures("forking", "own_templates"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("forking", "own_templates")]
 
 
 @pytest.fixture(scope="module")
@@ -40,23 +38,9 @@ def forking():
 
 
 @pytest.fixture
-def talking(store, runner, queue, in_background, wait_for):
-    return talk(store, runner, queue, in_background, wait_for)
-
-
-def talk(store, runner, queue, in_background, wait_for):
-    """The outcome of a job that runs, and its process."""
-    queue("talk")
-    outcome = in_background(runner.run_next)
-    wait_for(lambda: any(file.read_text() for file in store.files.folder.glob("attempts/*/pid")))
-    return outcome, int(next(store.files.folder.glob("attempts/*/pid")).read_text())
-
-
-@pytest.fixture
 def impatient(store, start, command, settings):
     """A runner that soon gives up its template, and the template."""
-    environment = attempt_environment(store, settings)
-    library = template_library()
+    environment, library = attempt_environment(store, settings), template_library()
     template = Template(command, environment, library, fork_timeout_s=0.2, book_timeout_s=0.1)
     return start(starter=template), template
 
@@ -67,29 +51,16 @@ def template(starter):
     return starter.starter
 
 
-def test_a_child_leads_a_session_of_its_own(template, talking, stop):
-    outcome, child = talking
-    assert os.getsid(child) == os.getpgid(child) == child
-    assert os.getsid(template.process_id) == template.process_id
-    stop.set()
-    assert outcome.result(timeout=60) is JobState.QUEUED
-
-
-def test_the_limits_of_a_child_are_not_the_templates(runner, template, queue):
+def test_the_limits_of_a_child_are_not_its_templates_and_a_running_child_outlives_its_template_which_is_replaced(
+    runner, template, queue, in_background, store
+):
     queue("tell-limits")
     assert runner.run_next() is JobState.SUCCEEDED
-    limits = Path(f"/proc/{template.process_id}/limits").read_text()
-    ours = Path("/proc/self/limits").read_text()
-    assert limits == ours
-
-
-def test_a_running_child_outlives_its_template_which_is_replaced(
-    runner, template, queue, in_background, wait_for, store
-):
+    assert Path(f"/proc/{template.process_id}/limits").read_text() == Path("/proc/self/limits").read_text()
     job = queue("pause")
     queue("succeed")
     outcome = in_background(runner.run_next)
-    wait_for(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
+    wait_until(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
     first = template.process_id
     os.kill(first, signal.SIGKILL)
     assert outcome.result(timeout=60) is JobState.SUCCEEDED
@@ -98,62 +69,38 @@ def test_a_running_child_outlives_its_template_which_is_replaced(
     assert template.process_id != first
 
 
-def test_a_child_killed_after_its_template_is_a_lost_attempt(template, talking, store, is_running, wait_for):
-    outcome, child = talking
+def test_a_child_leads_a_session_of_its_own_and_one_killed_after_its_template_is_a_lost_attempt(
+    template, runner, talk, store
+):
+    job, outcome, child = talk(runner)
+    assert os.getsid(child) == os.getpgid(child) == child
+    assert os.getsid(template.process_id) == template.process_id
     os.kill(template.process_id, signal.SIGKILL)
     os.killpg(child, signal.SIGKILL)
     assert outcome.result(timeout=60) is JobState.QUEUED
-    (job,) = store.jobs.page().items
-    assert job.losses == 1
-    wait_for(lambda: not is_running(child))
+    assert store.jobs.get(job.id).losses == 1
+    wait_until(lambda: not running(child))
 
 
-def test_a_stopped_template_keeps_no_job_from_its_end(impatient, store, queue, in_background, wait_for):
+def test_a_stopped_template_keeps_no_job_from_its_end(impatient, store, talk):
     runner, template = impatient
-    outcome, child = talk(store, runner, queue, in_background, wait_for)
+    job, outcome, child = talk(runner)
     os.kill(template.process_id, signal.SIGSTOP)
     os.kill(child, signal.SIGSEGV)
     assert outcome.result(timeout=60) is JobState.QUEUED, "nobody knows how it ended"
-    assert store.jobs.page().items[0].losses == 1
+    assert store.jobs.get(job.id).losses == 1
 
 
 def test_a_stopped_template_is_replaced(impatient, queue):
     runner, template = impatient
-    queue("succeed")
+    for _ in range(3):
+        queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
     stopped = template.process_id
     os.kill(stopped, signal.SIGSTOP)
-    queue("succeed")
-    queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED, "in the spare that was there"
     assert runner.run_next() is JobState.SUCCEEDED, "in a child of a new template"
     assert template.process_id != stopped
-
-
-def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_for, is_running):
-    queue("talk")
-    program = (
-        "import sys, threading\n"
-        "from sawmill_platform.attempts.runner import Runner\n"
-        "from sawmill_platform.workers.program import attempt_starter\n"
-        "from sawmill_platform.workers.settings import ExecutionSettings\n"
-        "from sawmill_platform.settings import StorageSettings\n"
-        "from sawmill_store.store import Store\n"
-        "store = Store(StorageSettings.model_validate_json(sys.argv[1]))\n"
-        "settings = ExecutionSettings.model_validate_json(sys.argv[2])\n"
-        "attempts = attempt_starter(sys.argv[3:], store, settings)\n"
-        "runner = Runner(store, settings, threading.Event(), attempts=attempts)\n"
-        "runner.warm_up()\n"
-        "print(attempts.process_id, flush=True)\n"
-        "runner.run_next()\n"
-    )
-    given = [store.settings.model_dump_json(), settings.model_dump_json(), *command]
-    with subprocess.Popen([sys.executable, "-c", program, *given], stdout=subprocess.PIPE) as supervisor:
-        made = int(supervisor.stdout.readline())
-        wait_for(lambda: any(file.read_text() for file in store.files.folder.glob("attempts/*/pid")))
-        child = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
-        supervisor.kill()
-    wait_for(lambda: not is_running(made) and not is_running(child))
 
 
 def said(child):
@@ -208,12 +155,12 @@ serve(socket.socket(fileno=int(os.environ[REQUESTS])), leave)
 """
 
 
-def test_what_a_child_leaves_ends_before_its_own_end_is_reported(is_running, wait_for):
+def test_what_a_child_leaves_ends_before_its_own_end_is_reported():
     leaving = Template([sys.executable, "-c", LEAVING], os.environ, template_library())
     child = leaving.start()
     left = said(child).generation
-    wait_for(lambda: not child.alive)
-    assert not is_running(left)
+    wait_until(lambda: not child.alive)
+    assert not running(left)
     assert child.end(5) == 0
     leaving.close()
 
@@ -232,10 +179,7 @@ def small_calibration(store, folder):
     scanner = store.scanners.create(ScannerSpec(name="line", constants=constants))
     examples.write_mill_stack(folder / "stack.h5", 20, examples.mill_slices(log_rows=1))
     spec = ScanSpec(
-        scanner_id=scanner.id,
-        data=DataKind.COUNTS,
-        phantom_id="l-shape",
-        phantom_rows=f"0:{examples.PHANTOM_ROWS}",
+        scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape", phantom_rows=f"0:{examples.PHANTOM_ROWS}"
     )
     scan = store.scans.accept(spec, store.files.receive([(folder / "stack.h5").read_bytes()], max_bytes=2**30))
     return scan, store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
@@ -273,37 +217,25 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
 
 
 def test_a_worker_without_a_job_for_long_ends_its_template_and_starts_one_for_the_next_job(
-    store, settings, command, program, queue, in_background, wait_for, stop
+    store, settings, command, program, queue, in_background, stop
 ):
-    def children():
-        found = set()
-        for file in Path("/proc/self/task").glob("*/children"):
-            with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
-                found.update(file.read_text().split())
-        return found
-
     def templates():
-        lines = {}
-        for child in children() - others:
-            with suppress(FileNotFoundError, ProcessLookupError):  # a process that has just ended
-                lines[child] = Path(f"/proc/{child}/cmdline").read_bytes()
-        return [child for child, line in lines.items() if command[-1].encode() in line]
+        return [child for child in descendants(os.getpid()) - others if starts_attempts(child)]
 
-    others = children()  # processes that earlier tests have left behind
+    def starts_attempts(child):
+        with suppress(FileNotFoundError, ProcessLookupError):  # a process that has just ended
+            return command[-1].encode() in Path(f"/proc/{child}/cmdline").read_bytes()
+        return False
+
+    others = descendants(os.getpid())  # processes that earlier tests have left behind
     first = queue("succeed")
-    outcome = in_background(
-        run_worker,
-        program,
-        store,
-        settings.model_copy(update={"spare_idle_s": 0.3}),
-        stop,
-    )
+    outcome = in_background(run_worker, program, store, settings.model_copy(update={"spare_idle_s": 0.3}), stop)
     try:
-        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
-        wait_for(lambda: not templates())
+        wait_until(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+        wait_until(lambda: not templates())
         second = queue("succeed")
-        wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
-        wait_for(lambda: not templates())
+        wait_until(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
+        wait_until(lambda: not templates())
     finally:
         stop.set()
     outcome.result(timeout=60)

@@ -1,6 +1,5 @@
 """A look at drift on a real store: the job's answer, and what it refuses."""
 
-import io
 import json
 import math
 from dataclasses import replace
@@ -16,7 +15,6 @@ from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_contracts.drifts import DriftAsk, DriftResult, KnownBaseline
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
-from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
@@ -59,33 +57,12 @@ def look(known, turn):
     return at
 
 
-def test_a_scanner_that_has_not_moved_is_within_tolerance(look, log_scan):
-    reported = look(log_scan())
-    assert reported.within_tolerance is True
-    assert not reported.moved
-    assert "Nothing moved that this scan can show" in reported.reason
-    assert abs(reported.change.cor_column_mm) < 4.0 * reported.change_standard_deviation.cor_column_mm
-    assert any("distance R" in blind for blind in reported.not_seen)
-    assert any("psi" in blind for blind in reported.not_seen)
-
-
 def test_what_was_done_to_the_scan_is_reported(look, log_scan):
-    sound = log_scan()
-    assert look(sound).adjustments == []
-    faulty = sound.copy()
+    faulty = log_scan()
+    assert look(faulty).adjustments == []
     faulty[:, 150], faulty[40] = 0.0, 30.0
-    done = look(faulty).adjustments
     expected = ("1 detector cells", "1 corrupt views")
-    assert all(words in adjustment for words, adjustment in zip(expected, done, strict=True))
-
-
-def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_scan):
-    reported = look(log_scan(TURNTABLE))
-    expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
-    assert reported.change.cor_column_mm == pytest.approx(expected, abs=0.15)
-    assert "Look at the turntable" in reported.reason
-    assert reported.within_tolerance is False
-    assert look(log_scan(TURNTABLE), tolerance_mm=2.0 * reported.ray_change_mm).within_tolerance is True
+    assert all(words in done for words, done in zip(expected, look(faulty).adjustments, strict=True))
 
 
 def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
@@ -134,20 +111,16 @@ def test_a_log_that_turned_the_other_way_is_reported_first(look, log_scan):
 
 
 @pytest.fixture
-def asked(store, attempt, finish, ingest, known):
+def asked(store, attempt, finish, send, ingest, known):
     """Upload a stack of that scanner's, and ask for drift against the known calibration; its job's attempt."""
     tolerances = Tolerances(ray_change_mm=0.25)
-    store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=tolerances), scanner_id="line-2")
+    store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=tolerances))
 
     def ask(stack, *, rows=None, deviations=None, averaged_rows=None):
-        buffer, step = io.BytesIO(), 360.0 / len(stack)
-        if deviations is None:
-            np.save(buffer, stack.astype(np.float32))
-        else:
-            np.savez(buffer, mean=stack.astype(np.float32), deviations=deviations.astype(np.float32))
-        angles = {"angles_deg": f"{step / 2}:{step}", "averaged_rows": averaged_rows, "phantom_id": "l-shape"}
-        spec = ScanSpec(scanner_id="line-2", data=DataKind.LINE_INTEGRALS, **angles)
-        scan = ingest(store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8)))
+        step = 360.0 / len(stack)
+        content = stack if deviations is None else {"mean": np.float32(stack), "deviations": np.float32(deviations)}
+        about = {"angles_deg": f"{step / 2}:{step}", "averaged_rows": averaged_rows, "phantom_id": "l-shape"}
+        scan = ingest(send(content, data=DataKind.LINE_INTEGRALS, **about))
         calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
         result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
         finish(attempt(kinds.CALIBRATE), result)
@@ -190,7 +163,7 @@ def test_twenty_views_are_compared_two_by_two(look, log_scan):
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
     assert abs(moved.change.cor_column_mm - expected) < 4.0 * moved.change_standard_deviation.cor_column_mm < 0.5
     assert (still.moved, moved.moved) == (False, True)
-    assert any("flat field" in blind for blind in still.not_seen)
+    assert all(any(part in blind for blind in still.not_seen) for part in ("flat field", "distance R", "psi"))
     assert still.change_standard_deviation.source_to_detector_mm is None
 
 
@@ -244,12 +217,6 @@ def test_of_a_mean_no_rows_can_be_chosen(asked, log_scan):
         run(asked(log_scan(views=20), averaged_rows=300, rows="0:1"))
 
 
-def test_sparse_views_are_the_asker_s_to_mend(asked, log_scan):
-    with pytest.raises(JobFailure, match="7 usable views are too few") as failure:
-        run(asked(log_scan(views=7)[:, None]))
-    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "sparse-views")
-
-
 def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     looking = asked(log_scan()[:, None])
     scanner = store.scanners.get("line-2")
@@ -278,10 +245,7 @@ def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
 
 @pytest.fixture
 def disturbed(look, turn):
-    """A look at twenty views of a part turn of a log with an odd error of the flat field that it hides.
-
-    All round, opposite rays would show that error.
-    """
+    """A look at a part turn of a log with an odd error of the flat field, which opposite rays would show all round."""
     across = (np.arange(MILL.num_detector_pixels) - 150.0) / 25.0
     odd = 0.02 * across * np.exp(-(across**2))
 

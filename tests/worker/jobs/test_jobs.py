@@ -12,6 +12,7 @@ from scan_files import read_stored_scan
 
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
+from sawmill_calibration.pictures.calibration_report import overlay_png
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -29,7 +30,6 @@ from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.jobs.calibrate import declared_modules, known_modules
 from sawmill_worker.jobs.running import run
-from sawmill_worker.pictures.calibration_report import overlay_png
 
 pytestmark = pytest.mark.slow
 
@@ -55,16 +55,30 @@ def test_another_detectors_upload_is_refused(upload, attempt):
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "other-detector")
 
 
-def test_a_calibration_writes_its_numbers(ingested, calibrating, sinogram, turn, scanner, theta):
+def test_a_calibration_writes_its_numbers_and_what_pictures_are_drawn_from(
+    ingested, calibrating, sinogram, turn, scanner, theta
+):
     reported = []
     job = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"), reported)
-    result = CalibrationResult.model_validate(run(job))
-    error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
-    assert error.rms_mm < 0.02
+    answer = run(job)
+    result = CalibrationResult.model_validate(answer)
+    assert ray_error(scanner, theta.source_frame(859.46), result.source_frame).rms_mm < 0.02
     assert result.comparison is None
     assert [path.name for path in job.output.iterdir()] == ["result.h5"]
     fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
+    with h5py.File(job.output / "result.h5") as file:
+        units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
+    assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
+    record = calibration_file.read_calibration(job.output / "result.h5")
+    assert record.answer == json.loads(json.dumps(answer))
+    made = record.arrays
+    assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
+    assert np.array_equal(made["phantom_outlines_mm"][0], made["phantom_outlines_mm"][-1])
+    evaluations, best = made["search_history"].T
+    assert (np.diff(best) < 0.0).all()
+    assert evaluations[-1] <= answer["search"]["evaluations"]
+    assert_shows_the_l(made["phantom_image"], made["phantom_field_mm"])
 
 
 def test_saturated_cells_are_the_first_reason(send, ingest, calibrating, sinogram, turn):
@@ -75,17 +89,6 @@ def test_saturated_cells_are_the_first_reason(send, ingest, calibrating, sinogra
     assert (result.verdict, result.coded_reasons[0].code) == ("watch", "cells-saturated")
     # The file that the service prepared has the share of the cells too.
     assert read_scan(job.file, data="line-integrals", source_to_cor_mm=859.46).saturated_share == 1.0
-
-
-def test_a_calibration_is_compared_with_the_active_one(store, ingested, calibrating, finish, sinogram, turn):
-    first = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"), activate=True)
-    finish(first, run(first))
-    assert store.scanners.get("line-2").active_calibration_id == first.job.subject_id
-    # The same sinogram with its angles counted backwards: a scanner that now turns the other way.
-    result = run(calibrating(ingested(sinogram(turn(60))[:, None], "-3:-6")))
-    assert result["comparison"]["calibration_id"] == first.job.subject_id
-    assert not result["comparison"]["within_tolerance"]
-    assert "turns the other way" in result["comparison"]["reason"]
 
 
 def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(ingested, calibrating, sinogram, scanner, theta):
@@ -108,23 +111,6 @@ def assert_shows_the_l(image, field_mm, *, within=0.15):
     middle = len(image) / 2
     leg, beside = (round(middle + mm * len(image) / field_mm) for mm in (60.0, -60.0))
     assert (image[leg, beside], image[beside, beside]) == pytest.approx((1.0, 0.0), abs=within)
-
-
-def test_what_a_picture_is_drawn_from_is_in_the_file(ingested, calibrating, sinogram, turn):
-    job = calibrating(ingested(sinogram(turn(60))[:, None], "3:6"))
-    result = run(job)
-    with h5py.File(job.output / "result.h5") as file:
-        units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
-    assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
-    record = calibration_file.read_calibration(job.output / "result.h5")
-    assert record.answer == json.loads(json.dumps(result))
-    made = record.arrays
-    assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
-    assert np.array_equal(made["phantom_outlines_mm"][0], made["phantom_outlines_mm"][-1])
-    evaluations, best = made["search_history"].T
-    assert (np.diff(best) < 0.0).all()
-    assert evaluations[-1] <= result["search"]["evaluations"]
-    assert_shows_the_l(made["phantom_image"], made["phantom_field_mm"])
 
 
 def test_a_log_beside_the_phantom_is_kept_before_and_after(

@@ -71,12 +71,7 @@ def prepare(turn, tmp_path):
         )  # fmt: skip
         output = tmp_path / f"{uuid4().hex}.h5"
         done = prepare_scan(
-            read,
-            PrepareOptions(**options),
-            output,
-            detector_pitch_mm=9.0,
-            report=lambda _: None,
-            window_bytes=window,
+            read, PrepareOptions(**options), output, detector_pitch_mm=9.0, report=lambda _: None, window_bytes=window
         )
         stored = read_stored_scan(output)
         assert done.shape == stored.line_integrals.shape
@@ -269,11 +264,7 @@ def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp
     [
         ({"phantom_rows": "40:45"}, "rows-outside", "phantom_rows is 40:45, but the file has rows 0:44 only"),
         ({"angles_deg": "0,1,2"}, "angles-mismatch", "3 angles were given for 36 views"),
-        (
-            {"angles_deg": "0:2"},
-            "contradiction",
-            "view 1 is at 10 degrees and the angles given say 2",
-        ),
+        ({"angles_deg": "0:2"}, "contradiction", "view 1 is at 10 degrees and the angles given say 2"),
         ({"axes": "cells,views"}, "contradiction", "it must name views, rows, cells"),
         ({"data": "line-integrals"}, "contradiction", "declared line integrals but the file carries flat"),
         ({"data": "counts", "dataset": "nothing"}, "dataset-missing", "no array named 'nothing'; it holds"),

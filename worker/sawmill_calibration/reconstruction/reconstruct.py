@@ -4,9 +4,9 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,10 @@ from sawmill_calibration.reconstruction.block_solvers import (
 from sawmill_calibration.reconstruction.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
 from sawmill_calibration.reconstruction.method_findings import CurvePoints, gathered
 from sawmill_calibration.scans.scan_rows import ScanRows
-from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction import cost
@@ -42,13 +41,10 @@ from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
 from sawmill_vocabulary import (
-    Handedness,
     HardeningHandling,
     Progress,
     ProgressCallback,
     ReconstructionMethod,
-    Rotation,
-    Theta,
 )
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection, BeamHardening
 from sawmill_vocabulary.version import VERSION
@@ -75,65 +71,27 @@ PERCENTILES = (0.1, 97.0, 99.9)
 MOST_WOOD = 2.5
 
 
-@dataclass(frozen=True)
-class ReconstructionInput:
-    """Line integrals (views, slices, detector), read by slice number, and the geometry; slices are row_step rows apart.
-
-    `beam` are the calibration's scatter and hardening that are still in the line integrals.
-    """
-
-    read: ReadRows
-    angles_rad: FloatArray
-    rows: tuple[int, int]
-    scanner: ScannerConstants
-    theta: Theta
-    rotation: Rotation
-    handedness: Handedness
-    input_sha256: str
-    counts: bool
-    preparation: tuple[str, ...] = ()
-    row_step: int = 1
-    beam: BeamCorrection = NOTHING_FOUND
-
-    @classmethod
-    def of(cls, scan: ScanRows, geometry: KnownGeometry) -> Self:
-        """Join a scan with a geometry, whose modules of the detector are taken."""
-        return cls(
-            read=scan.read,
-            angles_rad=scan.angles_rad,
-            rows=scan.rows,
-            scanner=replace(scan.scanner, detector_modules=geometry.scanner.detector_modules),
-            theta=geometry.theta,
-            rotation=geometry.rotation,
-            handedness=geometry.handedness,
-            input_sha256=scan.sha256,
-            counts=scan.counts,
-            preparation=scan.remarks,
-            row_step=scan.row_step,
-            beam=geometry.beam,
-        )
-
-
 def volume_unit(*, counts: bool) -> str:
     """Return the unit of a volume: counts give attenuation per mm; line integrals keep their own unit."""
     return "1/mm" if counts else "line integral/mm"
 
 
-def with_beam_corrected(source: ReconstructionInput, options: ReconstructionOptions) -> ReconstructionInput:
-    """Remove the calibration's scatter, with the air's level, and hardening; add sentences that report it."""
-    beam = source.beam
+def _with_beam_corrected(
+    scan: ScanRows, beam: BeamCorrection, options: ReconstructionOptions
+) -> tuple[ScanRows, BeamCorrection]:
+    """Remove the calibration's scatter, with the air's level, and hardening; add remarks, and return what is gone."""
     if beam == NOTHING_FOUND or options.hardening is HardeningHandling.NONE:
-        return replace(source, beam=NOTHING_FOUND)
-    if beam.from_counts != source.counts:
+        return scan, NOTHING_FOUND
+    if beam.from_counts != scan.counts:
         names = {"scattered radiation": beam.scatter, "beam hardening": beam.hardening}
         corrections = " with the ".join(name for name, of in names.items() if of is not None)
         kinds = ("counts", "line integrals") if beam.from_counts else ("line integrals", "counts")
         sentence = "the {} of the calibration was not taken out: it is of {}, and this scan of {}".format(
             corrections, *kinds
         )
-        return replace(source, beam=NOTHING_FOUND, preparation=(*source.preparation, sentence))
-    slices = len(range(*source.rows, source.row_step))
-    sample = filled(source.read(slices // 2, slices // 2 + 1), source.angles_rad)[:, 0]
+        return replace(scan, remarks=(*scan.remarks, sentence)), NOTHING_FOUND
+    slices = len(range(*scan.rows, scan.row_step))
+    sample = filled(scan.read(slices // 2, slices // 2 + 1), scan.angles_rad)[:, 0]
     level = kept = _air_level(sample)
     beside = np.float32(0.0)
     sample = sample - level
@@ -147,12 +105,12 @@ def with_beam_corrected(source: ReconstructionInput, options: ReconstructionOpti
         sentences.append(_hardening_sentence(beam.hardening, float(sample.max())))
 
     def read(start: int, stop: int) -> NDArray[np.float32]:
-        lines = source.read(start, stop) - level
+        lines = scan.read(start, stop) - level
         if beam.scatter is not None:
             lines = without_scatter(beam.scatter, lines) - beside
         return (lines if beam.hardening is None else straightened(beam.hardening, lines)) + kept
 
-    return replace(source, read=read, preparation=(*source.preparation, *sentences))
+    return replace(scan, read=read, remarks=(*scan.remarks, *sentences)), beam
 
 
 def _air_level(line: NDArray[np.float32]) -> np.float32:
@@ -189,7 +147,8 @@ class ReconstructedVolume(NamedTuple):
 
 
 def run_reconstruction(
-    source: ReconstructionInput,
+    scan: ScanRows,
+    geometry: KnownGeometry,
     options: ReconstructionOptions,
     output: Path,
     report: ProgressCallback,
@@ -206,8 +165,7 @@ def run_reconstruction(
     OSError
         The file cannot be written.
     """
-    source = with_beam_corrected(source, options)
-    run = _Run(source, options, report)
+    run = _Run(scan, geometry, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     settings = settings_of(keeper)
 
@@ -216,7 +174,7 @@ def run_reconstruction(
             keep_settings(keeper, chosen)
 
     solver = run.solver(settings, on_chosen)
-    with _new_volume(output, run.shape, source, options, run.views) as volume:
+    with run.new_volume(output) as volume:
         kept = KeptVolume(volume, solver, keeper, settings)
         result, curve = run.reconstruct(solver, kept.write, kept.take_up)
         assert result.method is not None  # noqa: S101 - a new reconstruction has a report
@@ -227,11 +185,10 @@ def run_reconstruction(
 
 
 def reconstruct_in_memory(
-    source: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
+    scan: ScanRows, geometry: KnownGeometry, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
     """Reconstruct each row into a volume in memory."""
-    source = with_beam_corrected(source, options)
-    run = _Run(source, options, report)
+    run = _Run(scan, geometry, options, report)
     data = np.empty(run.shape, np.float32)
 
     def write(start: int, images: Images, _block: FinishedBlock) -> None:
@@ -241,53 +198,19 @@ def reconstruct_in_memory(
     return ReconstructedVolume(data, result)
 
 
-def _new_volume(
-    path: Path,
-    shape: tuple[int, int, int],
-    source: ReconstructionInput,
-    options: ReconstructionOptions,
-    views: int,
-) -> AbstractContextManager[NewVolume]:
-    """Create a volume (slice, x, y) as HDF5 with all data about its origin."""
-    # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
-    parameters = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
-    pitch = source.scanner.row_pitch_mm
-    step = "" if source.row_step == 1 else f":{source.row_step}"
-    return new_reconstruction(
-        path,
-        shape,
-        pixel_mm=options.field_mm / options.size,
-        row_pitch_mm=None if pitch is None else pitch * source.row_step,
-        centre_mm=options.field_centre_mm,
-        # The scan's first row is at 0, so that volumes of other rows of the same scan have consistent positions.
-        first_slice_mm=(pitch or 0.0) * source.rows[0],
-        unit=volume_unit(counts=source.counts),
-        geometry={
-            **{name: value for name, value in asdict(source.scanner).items() if value is not None and value != ()},
-            **vars(source.theta),
-            "rotation": source.rotation.value,
-            "handedness": source.handedness.value,
-        },
-        parameters={
-            **parameters,
-            "views": views,
-            "rows": f"{source.rows[0]}:{source.rows[1]}{step}",
-            "preparation": list(source.preparation),
-        },
-        software_version=VERSION,
-        input_sha256=source.input_sha256,
-    )
-
-
 class _Run:
     """A reconstruction: the geometry, the grid, the solver, and the blocks to solve."""
 
-    def __init__(self, source: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback) -> None:
+    def __init__(
+        self, scan: ScanRows, geometry: KnownGeometry, options: ReconstructionOptions, report: ProgressCallback
+    ) -> None:
         self._started = time.perf_counter()
-        self._source, self._options = source, options
-        angles = source.rotation.apply(source.angles_rad)
+        self._scan, self._beam = _with_beam_corrected(scan, geometry.beam, options)
+        self._geometry, self._options = geometry, options
+        self._scanner = replace(scan.scanner, detector_modules=geometry.scanner.detector_modules)
+        angles = geometry.rotation.apply(scan.angles_rad)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
-        self._projector = Projector(FanBeamGeometry(source.scanner, source.theta, angles), grid)
+        self._projector = Projector(FanBeamGeometry(self._scanner, geometry.theta, angles), grid)
         seen_mm = seen_radius_mm(self._projector.geometry)
         if grid.nearest_mm >= seen_mm:
             raise GeometryError(
@@ -295,7 +218,7 @@ class _Run:
                 f"{grid.nearest_mm:.4g} mm from the rotation centre, and the rays see {seen_mm:.4g} mm around it: "
                 "move it nearer"
             )
-        self.slices = len(range(*source.rows, source.row_step))
+        self.slices = len(range(*scan.rows, scan.row_step))
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _SliceProgress(self.slices, report)
 
@@ -306,22 +229,22 @@ class _Run:
     @property
     def views(self) -> int:
         """Number of views that are used."""
-        return int(self._source.angles_rad.size)
+        return int(self._scan.angles_rad.size)
 
     def solver(
         self, settings: Settings | None = None, on_chosen: Callable[[Settings], None] = lambda _: None
     ) -> BlockSolver:
         """Create the solver of the requested method or, for `auto`, of a method chosen by the middle slice."""
         middle = self.slices // 2
-        rows = self._source.read(middle, middle + 1)
-        sample = np.ascontiguousarray(filled(rows, self._source.angles_rad)[:, 0])
-        radius_mm = _radius_mm(self._source.read, self._projector.geometry, self.slices)
+        rows = self._scan.read(middle, middle + 1)
+        sample = np.ascontiguousarray(filled(rows, self._scan.angles_rad)[:, 0])
+        radius_mm = _radius_mm(self._scan.read, self._projector.geometry, self.slices)
         name, recommended = self._options.method, None
         if name is ReconstructionMethod.AUTO:
             recommended = self._recommended(sample, radius_mm)
             name = recommended.method
             sample = self._thin_out(recommended.view_step, sample)
-        source, method = self._source, method_of(name, self._options)
+        scan, method = self._scan, method_of(name, self._options)
         self._reporting.predict(
             method.seconds(self._projector, self.slices) if isinstance(method, DirectMethod) else None
         )
@@ -331,9 +254,9 @@ class _Run:
             sample=sample,
             radius_mm=radius_mm,
             slices=self.slices,
-            middle_row=source.rows[0] + middle * source.row_step,
-            counts=source.counts,
-            beam=source.beam,
+            middle_row=scan.rows[0] + middle * scan.row_step,
+            counts=scan.counts,
+            beam=self._beam,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
             on_chosen=on_chosen,
@@ -341,11 +264,43 @@ class _Run:
         )
         return solver_of(name, task, recommended, settings)
 
+    def new_volume(self, path: Path) -> AbstractContextManager[NewVolume]:
+        """Create a volume (slice, x, y) as HDF5 with all data about its origin."""
+        scan, geometry, options = self._scan, self._geometry, self._options
+        # Fields of the request beyond the options, for example a job's identifiers, are no parameters of the method.
+        parameters = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
+        pitch = self._scanner.row_pitch_mm
+        step = "" if scan.row_step == 1 else f":{scan.row_step}"
+        return new_reconstruction(
+            path,
+            self.shape,
+            pixel_mm=self._projector.grid.pixel_mm,
+            row_pitch_mm=None if pitch is None else pitch * scan.row_step,
+            centre_mm=options.field_centre_mm,
+            # The scan's first row is at 0, so that volumes of other rows of the same scan have consistent positions.
+            first_slice_mm=(pitch or 0.0) * scan.rows[0],
+            unit=volume_unit(counts=scan.counts),
+            geometry={
+                **{name: value for name, value in asdict(self._scanner).items() if value is not None and value != ()},
+                **vars(geometry.theta),
+                "rotation": geometry.rotation.value,
+                "handedness": geometry.handedness.value,
+            },
+            parameters={
+                **parameters,
+                "views": self.views,
+                "rows": f"{scan.rows[0]}:{scan.rows[1]}{step}",
+                "preparation": list(scan.remarks),
+            },
+            software_version=VERSION,
+            input_sha256=scan.sha256,
+        )
+
     def _around_the_middle(self) -> tuple[NDArray[np.int64], Images]:
         """Return numbers and lines (slices, views, detector) around the middle, missing views interpolated in angle."""
         first = max(self.slices // 2 - SLICES_AROUND // 2, 0)
         numbers = np.arange(first, min(first + SLICES_AROUND, self.slices))
-        complete = filled(self._source.read(first, first + numbers.size), self._source.angles_rad)
+        complete = filled(self._scan.read(first, first + numbers.size), self._scan.angles_rad)
         return numbers, np.ascontiguousarray(complete.transpose(1, 0, 2))
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
@@ -357,11 +312,11 @@ class _Run:
         """Keep every step-th view from here on, and return the sample with these views."""
         if step == 1:
             return sample
-        used, source = views_of_step(self._source.angles_rad, step), self._source
+        used, scan = views_of_step(self._scan.angles_rad, step), self._scan
         geometry = self._projector.geometry
         self._projector = Projector(geometry.with_angles(geometry.angles_rad[used]), self._projector.grid)
-        self._source = replace(
-            source, angles_rad=source.angles_rad[used], read=lambda start, stop: source.read(start, stop)[used]
+        self._scan = replace(
+            scan, angles_rad=scan.angles_rad[used], read=lambda start, stop: scan.read(start, stop)[used]
         )
         return sample[used]
 
@@ -369,7 +324,7 @@ class _Run:
         self, solver: BlockSolver, write: Write, take_up: Callable[[int], FinishedBlock | None] = lambda _: None
     ) -> tuple[ReconstructionResult, CurvePoints | None]:
         """Reconstruct all blocks but those that `take_up` wrote; return also how the middle slice's parameters came."""
-        source, options = self._source, self._options
+        scan, geometry, options = self._scan, self._geometry, self._options
         seen, blocks = ValueRange(self.slices, options.size), dict[int, FinishedBlock]()
 
         def reconstruct_block(start: int, stop: int) -> Iterator[None]:
@@ -377,7 +332,7 @@ class _Run:
             yield
             if block is None:
                 first = max(start - solver.halo, 0)
-                rows = source.read(first, min(stop + solver.halo, self.slices))
+                rows = scan.read(first, min(stop + solver.halo, self.slices))
                 part = slice(start - first, stop - first)
                 yield
                 images, findings = solver(first, rows, part)
@@ -397,20 +352,20 @@ class _Run:
         result = ReconstructionResult(
             shape=self.shape,
             pixel_mm=self._projector.grid.pixel_mm,
-            unit=volume_unit(counts=source.counts),
+            unit=volume_unit(counts=scan.counts),
             value_range=seen.percentiles(),
-            theta=source.theta,
-            rotation=source.rotation,
-            handedness=source.handedness,
+            theta=geometry.theta,
+            rotation=geometry.rotation,
+            handedness=geometry.handedness,
             views=self.views,
             fewest_views=min(block.fewest_views for block in in_order),
-            rows=source.rows,
-            row_step=source.row_step,
+            rows=scan.rows,
+            row_step=scan.row_step,
             time_s=self.elapsed_s,
             software_version=VERSION,
-            input_sha256=source.input_sha256,
-            preparation=list(source.preparation),
-            coded_preparation=[CodedReason.of(each) for each in source.preparation],
+            input_sha256=scan.sha256,
+            preparation=list(scan.remarks),
+            coded_preparation=[CodedReason.of(each) for each in scan.remarks],
             method=solver.report(merged),
         )
         return result, merged.curve

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_calibration.calibration.result_file import read_saved_calibration
 from sawmill_calibration.capacity import memory_available
+from sawmill_calibration.pictures.arrays import small_square
+from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_calibration.scans.scan_rows import links_offered
 from sawmill_contracts.inspections import (
     PICTURE_PX,
@@ -39,7 +40,6 @@ from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import DataKind
-from sawmill_worker.pictures.arrays import small_square
 
 # Largest number of listed parts: a person reads the first page, and a program names the part that it needs.
 MOST_PARTS = 2_000

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sawmill_calibration.failures import input_errors_translated, options_of, refused
-from sawmill_calibration.phantom_drawings import html_of
+from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, chosen_rows, chosen_views, open_rows, unreported
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scans import UnregisteredScanOptions
@@ -173,7 +173,7 @@ class Scan:
 
     def plot(self, row: int | None = None) -> "Figure":
         """Draw the sinogram of one row, counted within this scan, or the mean over the rows."""
-        from sawmill_worker.pictures.figures import sinogram_figure  # noqa: PLC0415 - matplotlib is slow to import
+        from sawmill_calibration.pictures.figures import sinogram_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         sinogram = self.sinogram if row is None else self.line_integrals[:, row]
         title = "mean over the rows" if row is None else f"row {range(*self.rows, self.row_step)[row]}"

@@ -89,51 +89,28 @@ def unreported(_: Progress) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ScanRows:
-    """The requested rows and views of a scan: what jobs, commands and Python users give to the library.
+    """The requested rows and views of a scan: what jobs, commands and Python users give to the library."""
 
-    Attributes
-    ----------
-    read : callable
-        Returns (views, rows, detector) float32 line integrals of the rows start..stop of the requested rows; NaN in
-        every cell of rows that a view lacks.
-    read_row : callable
-        Returns (views, detector) float32 of any row of the scan, requested or not; NaN in views that lack the row.
-    usable_rows : (first, after the last)
-        The rows that enough views have.
-    angles_rad : (views,) float64
-    rows, row_step
-        The first row, the row after the last, and the step between requested rows.
-    counts : bool
-        True if the line integrals were made from counts.
-    remarks : tuple of str
-        The steps that prepared the data.
-    on_progress : callable
-        Called with the progress of the work after reading.
-    rows_named : bool
-        True if somebody named the rows; else the phantom's rows are found in a calibration.
-    averaged_rows : int or None
-        Number of rows whose mean was sent; None if the rows themselves were sent.
-    deviations : (views, rows, detector) float32, or None
-        Standard deviations of the requested rows; None if the scan has none.
-    saturated_share : float
-        Share of the detector's cells that are saturated, as far as it is known.
-    """
-
+    # Returns (views, rows, detector) float32 line integrals of the rows start..stop of the requested rows; NaN in every
+    # cell of rows that a view lacks.
     read: Callable[[int, int], Stack]
+    # Returns (views, detector) float32 of any row of the scan, requested or not; NaN in views that lack the row.
     read_row: Callable[[int], NDArray[np.float32]]
-    usable_rows: tuple[int, int]
-    angles_rad: FloatArray
+    usable_rows: tuple[int, int]  # (first, after the last): the rows that enough views have
+    angles_rad: FloatArray  # (views,) float64
+    # rows, row_step: the first row, the row after the last, and the step between requested rows.
     rows: tuple[int, int]
     row_step: int
     scanner: ScannerConstants
-    counts: bool
+    counts: bool  # True if the line integrals were made from counts
     sha256: str
-    remarks: tuple[str, ...]
-    on_progress: ProgressCallback = unreported
-    rows_named: bool = False
-    averaged_rows: int | None = None
+    remarks: tuple[str, ...]  # the steps that prepared the data
+    on_progress: ProgressCallback = unreported  # called with the progress of the work after reading
+    rows_named: bool = False  # True if somebody named the rows; else the phantom's rows are found in a calibration
+    averaged_rows: int | None = None  # number of rows whose mean was sent; None if the rows themselves were sent
+    # (views, rows, detector) float32: standard deviations of the requested rows; None if the scan has none.
     deviations: Stack | None = None
-    saturated_share: float = 0.0
+    saturated_share: float = 0.0  # share of the detector's cells that are saturated, as far as it is known
 
     def stack(self) -> Stack:
         """Read all requested rows (views, rows, detector); refuse rows that do not fit into the free memory."""

@@ -50,13 +50,7 @@ Read = TypeVar("Read")
 
 
 class Runner:
-    """Runner of claimed jobs, each in a process that is kept ready; threads may share a runner.
-
-    Attributes
-    ----------
-    able : bool
-        True if there was such a look.
-    """
+    """Runner of claimed jobs, each in a process that is kept ready; threads may share a runner."""
 
     def __init__(
         self,

@@ -16,30 +16,15 @@ Given = TypeVar("Given", bound=AttemptInput)
 
 @dataclass(frozen=True)
 class Attempt(Generic[Given]):
-    """Attempt at a job.
+    """Attempt at a job."""
 
-    Attributes
-    ----------
-    job : Job
-        The job in the state in which it was claimed.
-    given : AttemptInput
-        Input; results go through `output` and the return value.
-    output : Path
-        An empty folder: the files in it become the subject's.
-    report : callable
-        Function that takes the job's progress.
-    announce : callable
-        Function that takes the names of complete checkpoints in `checkpoints`, which are kept with the job.
-    monotonic : callable
-        Clock of the pauses between checkpoints, seconds.
-    """
-
-    job: Job
-    given: Given
-    output: Path
-    report: ProgressCallback
+    job: Job  # the job in the state in which it was claimed
+    given: Given  # input; results go through `output` and the return value
+    output: Path  # an empty folder: the files in it become the subject's
+    report: ProgressCallback  # function that takes the job's progress
+    # Function that takes the names of complete checkpoints in `checkpoints`, which are kept with the job.
     announce: Callable[[Sequence[str]], None]
-    monotonic: Callable[[], float] = time.monotonic
+    monotonic: Callable[[], float] = time.monotonic  # clock of the pauses between checkpoints, seconds
 
     @property
     def checkpoints(self) -> Path:

@@ -30,34 +30,19 @@ _LINE = re.compile(rf"([0-9a-f]{{64}})  ({_PATH})")
 
 
 class Manifest(Contract):
-    """Manifest of a backup.
+    """Manifest of a backup."""
 
-    Attributes
-    ----------
-    version, revision, database
-        Version of the software that made the backup, migration of the tables, and kind of the database.
-    taken_at
-        Instant of the rows, by the clock of the machine that made the backup.
-    lacking
-        Paths of files that rows name and that could not be read.
-    """
-
+    # version, revision, database: version of the software that made the backup, migration of the tables, and kind of
+    # the database.
     version: str
     revision: str = Field(pattern=r"^[0-9]{4}$")
     database: Literal["sqlite", "postgresql"]
-    taken_at: Time
-    lacking: list[str]
+    taken_at: Time  # instant of the rows, by the clock of the machine that made the backup
+    lacking: list[str]  # paths of files that rows name and that could not be read
 
 
 class Backup:
     """A complete backup, read as untrusted input.
-
-    Attributes
-    ----------
-    manifest : Manifest
-        The manifest, whose sum was compared.
-    sums : dict
-        SHA-256 of each file, by its path in the backup.
 
     Raises
     ------
@@ -67,7 +52,7 @@ class Backup:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.sums = read_sums(folder)
+        self.sums = read_sums(folder)  # SHA-256 of each file, by its path in the backup
         self.compare(MANIFEST)
         try:
             self.manifest = Manifest.model_validate_json((folder / MANIFEST).read_bytes())

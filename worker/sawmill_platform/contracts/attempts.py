@@ -7,32 +7,14 @@ from sawmill_platform.contracts.jobs import FailureKind
 
 
 class AttemptInput(Contract):
-    """Input that a worker passes to the process of an attempt; packages that own kinds of jobs add fields.
+    """Input that a worker passes to the process of an attempt; packages that own kinds of jobs add fields."""
 
-    Attributes
-    ----------
-    file
-        The only file that the job may read; null: the job reads none.
-    kept
-        The folder with checkpoints of earlier attempts; it may be missing.
-    """
-
-    file: Path | None = None
-    kept: Path
+    file: Path | None = None  # the only file that the job may read, as an upload; null: the job reads none
+    kept: Path  # the folder with checkpoints of earlier attempts; it may be missing
 
 
 class JobFailure(Exception):  # noqa: N818 - the contract's word
-    """A job that ends without a result.
-
-    Attributes
-    ----------
-    kind : FailureKind
-        The user's input, a passing trouble, or our fault.
-    code : str
-        Stable, for programs.
-    detail : str
-        One sentence: which value, and what would be right.
-    """
+    """A job that ends without a result; its code is stable, its detail says which value, and what would be right."""
 
     def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
         super().__init__(detail)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import (
     AwareDatetime,
@@ -26,6 +26,12 @@ class Contract(BaseModel):
     """A frozen model that refuses unknown fields and non-finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+    @classmethod
+    def of_row(cls, row: object, **other: object) -> Self:
+        """Read the contract from a row, whose columns have the names of fields, and from other values by field."""
+        columns = {name: getattr(row, name) for name in cls.model_fields if name not in other and hasattr(row, name)}
+        return cls.model_validate(columns | other)
 
 
 Identifier = Annotated[

@@ -16,45 +16,22 @@ READING_S, READING_BYTES_PER_S = 60.0, 2**20
 
 @dataclass(frozen=True, kw_only=True)
 class KindDeclaration:
-    """Declaration of a kind of job.
-
-    Attributes
-    ----------
-    kind : JobKind
-        The kind.
-    noun : str
-        The thing that a job of this kind works on, in sentences and codes: `sum` gives `sum-not-found`.
-    label : str
-        Name of the work for people, marked for the catalogues.
-    result : type of Contract
-        Type of the answer of `run`.
-    processor_s : int
-        Seconds of processor time for each core that a job may use.
-    time_limit_s : int
-        Seconds that an attempt may take.
-    stall_s : int
-        Seconds for which progress may pause: several times the longest regular pause on a slow machine
-        (`docs/do/run.md#the-life-of-a-job`).
-    lighter : str
-        Remedy for a job that takes too long.
-    upload : str or None
-        Name, in sentences, of the uploaded file that the job reads. None: there is none.
-    topic : str or None
-        Heading under which the history of a job's group keeps the ends of such jobs. None: no history keeps them.
-    result_file : str or None
-        The file for downloads that each success leaves in its folder. None: there is none.
-    """
+    """Declaration of a kind of job."""
 
     kind: JobKind
-    noun: str
-    label: str
-    result: type[Contract]
-    processor_s: int
-    time_limit_s: int
+    noun: str  # the thing that a job of this kind works on, in sentences and codes: `sum` gives `sum-not-found`
+    label: str  # name of the work for people, marked for the catalogues
+    result: type[Contract]  # type of the answer of `run`
+    processor_s: int  # seconds of processor time for each core that a job may use
+    time_limit_s: int  # seconds that an attempt may take
+    # Seconds for which progress may pause: several times the longest regular pause on a slow machine
+    # (`docs/do/run.md#the-life-of-a-job`).
     stall_s: int
-    lighter: str
-    upload: str | None = None
+    lighter: str  # remedy for a job that takes too long
+    upload: str | None = None  # name, in sentences, of the uploaded file that the job reads. None: there is none.
+    # Heading under which the history of a job's group keeps the ends of such jobs. None: no history keeps them.
     topic: str | None = None
+    # The file for downloads that each success leaves in its folder. None: there is none.
     result_file: str | None = None
 
 

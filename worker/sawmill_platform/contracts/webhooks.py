@@ -18,24 +18,12 @@ _PORTS = {"http": 80, "https": 443}
 
 
 class Destination(NamedTuple):
-    """The parts of a webhook's URL.
+    """The parts of a webhook's URL."""
 
-    Attributes
-    ----------
-    scheme : str
-        `http` or `https`.
-    host : str
-        A name in lower case, or an address, without brackets.
-    port : int
-        Port; the scheme's default where the URL has none.
-    target : str
-        Path and query.
-    """
-
-    scheme: str
-    host: str
-    port: int
-    target: str
+    scheme: str  # `http` or `https`
+    host: str  # a name in lower case, or an address, without brackets
+    port: int  # port; the scheme's default where the URL has none
+    target: str  # path and query
 
     @property
     def authority(self) -> str:

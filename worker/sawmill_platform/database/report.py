@@ -11,28 +11,16 @@ from sawmill_platform.database.database import Database, newest_revision, revisi
 
 
 class DatabaseReport(NamedTuple):
-    """Report of a database.
+    """Report of a database."""
 
-    Attributes
-    ----------
-    system : str
-        Name and version of the database system.
-    migration, newest_migration : str or None
-        Migration to which the tables were brought, and the newest one that this version knows.
-    answered_s : float
-        Time that these queries took.
-    size_bytes : int
-        Size of tables and indexes.
-    unreadable : str or None
-        Reason why this version cannot read the tables; None: it can, or brings them up to date.
-    """
-
-    system: str
+    system: str  # name and version of the database system
+    # migration, newest_migration: migration to which the tables were brought, and the newest one that this version
+    # knows.
     migration: str | None
     newest_migration: str
-    answered_s: float
-    size_bytes: int
-    unreadable: str | None
+    answered_s: float  # time that these queries took
+    size_bytes: int  # size of tables and indexes
+    unreadable: str | None  # reason why this version cannot read the tables; None: it can, or brings them up to date
 
 
 # Queries of version and size, by SQLAlchemy's name of the system.

@@ -17,21 +17,11 @@ Ids = Select[str]
 
 @dataclass(frozen=True)
 class NamedFolder:
-    """A folder of the data folder that has a folder for each id of some rows.
+    """A folder of the data folder that has a folder for each id of some rows."""
 
-    Attributes
-    ----------
-    path : str
-        Path in the data folder, with slashes.
-    ids : callable
-        Maps a clock to the statement of the ids whose files are kept now.
-    file : str or None
-        Name of the file that each folder must have. None: a folder may be missing.
-    """
-
-    path: str
-    ids: Callable[[Clock], Ids]
-    file: str | None = None
+    path: str  # path in the data folder, with slashes
+    ids: Callable[[Clock], Ids]  # maps a clock to the statement of the ids whose files are kept now
+    file: str | None = None  # name of the file that each folder must have. None: a folder may be missing.
 
 
 def unused_uploads() -> Ids:

@@ -565,30 +565,10 @@ def _worker_lost(row: JobRow) -> Failure:
 
 def read_job(row: JobRow, estimate: WaitEstimate = NOTHING_KNOWN) -> Job:
     """Return the job of a row."""
-    return Job.model_validate(
-        {
-            "id": row.id,
-            "created_at": row.created_at,
-            "kind": row.kind,
-            "state": row.state,
-            "subject_id": row.subject_id,
-            "short": row.short,
-            "priority": row.priority,
-            "queue_position": estimate.queue_position,
-            "seconds_left": estimate.seconds_left,
-            "background": row.priority is Priority.BACKGROUND,
-            "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
-            "waiting_for": row.waiting_for,
-            "progress": row.progress,
-            "attempt": row.attempt,
-            "losses": row.losses,
-            "worker": row.worker,
-            "cancel_requested": row.cancel_requested,
-            "request_id": row.request_id,
-            "key_id": row.key_id,
-            "asked_by": row.asked_by,
-            "started_at": row.started_at,
-            "finished_at": row.finished_at,
-            "failure": row.failure,
-        }
+    return Job.of_row(
+        row,
+        queue_position=estimate.queue_position,
+        seconds_left=estimate.seconds_left,
+        background=row.priority is Priority.BACKGROUND,
+        not_before=None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
     )

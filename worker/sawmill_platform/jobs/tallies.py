@@ -68,28 +68,16 @@ NONE = Amount(0, 0.0, 0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Tally:
-    """Counts at one time.
+    """Counts at one time."""
 
-    Attributes
-    ----------
-    at : datetime
-        Time by the store's clock.
-    jobs : mapping
-        Number of jobs, by kind and state.
-    queued_s, running_s : mapping
-        Seconds, by kind, since the oldest queued job was created, and since the earliest start of a running job.
-    workers : int
-        Number of workers that have started or ended an attempt within `SETTLED`, or are running one.
-    fates : mapping
-        Outcomes of attempts so far.
-    """
-
-    at: datetime
-    jobs: Mapping[tuple[JobKind, JobState], int]
+    at: datetime  # time by the store's clock
+    jobs: Mapping[tuple[JobKind, JobState], int]  # number of jobs, by kind and state
+    # queued_s, running_s: seconds, by kind, since the oldest queued job was created, and since the earliest start of a
+    # running job.
     queued_s: Mapping[JobKind, float]
     running_s: Mapping[JobKind, float]
-    workers: int
-    fates: Mapping[Fate, Amount]
+    workers: int  # number of workers that have started or ended an attempt within `SETTLED`, or are running one
+    fates: Mapping[Fate, Amount]  # outcomes of attempts so far
 
 
 class Tallies:

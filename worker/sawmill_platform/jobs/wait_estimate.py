@@ -31,17 +31,10 @@ _GROUP = (JobRow.priority, JobRow.group_id)
 
 @dataclass(frozen=True)
 class Selection:
-    """Jobs that a worker takes; null takes any.
+    """Jobs that a worker takes; null takes any."""
 
-    Attributes
-    ----------
-    short : bool or None
-        True: short jobs only; False: long jobs only.
-    kinds, group_ids : frozenset or None
-        Jobs of these kinds, and of these groups.
-    """
-
-    short: bool | None = None
+    short: bool | None = None  # True: short jobs only; False: long jobs only
+    # kinds, group_ids: jobs of these kinds, and of these groups.
     kinds: frozenset[JobKind] | None = None
     group_ids: frozenset[str] | None = None
 

@@ -63,7 +63,7 @@ class KeyStore:
         """Return all keys, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(KeyRow).order_by(KeyRow.created_at.desc(), KeyRow.id))
-            return Keys(keys=[read_key(row) for row in rows])
+            return Keys(keys=[Key.of_row(row) for row in rows])
 
     def rotate(self, key_id: str, *, grace_s: int = 0) -> NewKey:
         """Replace a key's secret; the old secret is valid for `grace_s` seconds more.
@@ -98,14 +98,14 @@ class KeyStore:
             if row.revoked_at is None:
                 row.revoked_at = now
                 _announce(session, now, event_kinds.KEY_REVOKED, key_id, {"name": row.name})
-            return read_key(row)
+            return Key.of_row(row)
 
     def good(self, secret_hash: str) -> Key | None:
         """Return the valid key that has a secret of this hash, or None."""
         now = self._database.now()
         with self._database.read() as session:
             row = session.scalar(select(KeyRow).where(opened_by(secret_hash, now)))
-            return None if row is None or not _is_good(row, now) else read_key(row)
+            return None if row is None or not _is_good(row, now) else Key.of_row(row)
 
     def used(self, key: Key) -> None:
         """Note that a key was used, at most once a minute."""
@@ -144,10 +144,5 @@ def _new_secret() -> str:
     return PREFIX + secrets.token_urlsafe(RANDOM_BYTES)
 
 
-def read_key(row: KeyRow) -> Key:
-    """Return the key of a row."""
-    return Key.model_validate({name: getattr(row, name) for name in Key.model_fields})
-
-
 def _with_secret(row: KeyRow, secret: str) -> NewKey:
-    return NewKey(**read_key(row).model_dump(), secret=secret)
+    return NewKey(**Key.of_row(row).model_dump(), secret=secret)

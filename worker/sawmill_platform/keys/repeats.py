@@ -25,46 +25,22 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class KeyedRequest:
-    """A request that may be repeated.
+    """A request that may be repeated."""
 
-    Attributes
-    ----------
-    caller : str
-        The client, whose keys are separate from other clients' keys.
-    key : str
-        The client's name of the request.
-    request_sha256 : str
-        Digest of everything that identifies the request, except a file.
-    file_sha256 : str or None
-        Digest of the uploaded file; null: no file was sent.
-    """
-
-    caller: str
-    key: str
-    request_sha256: str
-    file_sha256: str | None = None
+    caller: str  # the client, whose keys are separate from other clients' keys
+    key: str  # the client's name of the request
+    request_sha256: str  # digest of everything that identifies the request, except a file
+    file_sha256: str | None = None  # digest of the uploaded file; null: no file was sent
 
 
 @dataclass(frozen=True)
 class KeptAnswer:
-    """The answer to a request.
+    """The answer to a request."""
 
-    Attributes
-    ----------
-    status : int
-        HTTP status.
-    headers : dict
-        Headers that the route has set.
-    body : str
-        JSON.
-    whole : bool
-        False: the body had a secret, which is not kept.
-    """
-
-    status: int
-    headers: dict[str, str]
-    body: str
-    whole: bool = True
+    status: int  # HTTP status
+    headers: dict[str, str]  # headers that the route has set
+    body: str  # JSON
+    whole: bool = True  # False: the body had a secret, which is not kept
 
 
 @dataclass(frozen=True)

@@ -29,19 +29,12 @@ MOST_OF_A_KEY = 20
 
 @dataclass(frozen=True)
 class BrowserSession:
-    """A session that has not ended.
+    """A session that has not ended."""
 
-    Attributes
-    ----------
-    secret_hash, opened_by_hash : str
-        Hashes of the session's own secret, and of the key or the token that opened it.
-    expires_at : datetime or None
-        End of the session unless it is renewed; None: the session ends with its key or token.
-    """
-
+    # secret_hash, opened_by_hash: hashes of the session's own secret, and of the key or the token that opened it.
     secret_hash: str
     opened_by_hash: str
-    expires_at: datetime | None
+    expires_at: datetime | None  # end of the session unless it is renewed; None: the session ends with its key or token
 
 
 class Sessions:

@@ -98,6 +98,4 @@ def _decisions() -> Select[EventRow]:
 
 def read_audit_entry(row: EventRow) -> AuditEntry:
     """Return the entry of a decision."""
-    names = AuditEntry.model_fields.keys() - {"action", "detail"}
-    fields = {name: getattr(row, name) for name in names} | {"action": row.what, "detail": row.decided}
-    return AuditEntry.model_validate(fields)
+    return AuditEntry.of_row(row, action=row.what, detail=row.decided)

@@ -33,13 +33,7 @@ _LOOKED_THROUGH = 5000  # rows of a minute and a half on a busy service
 
 
 class EventReader:
-    """Reader that continues from its last event; not for several threads at once.
-
-    Attributes
-    ----------
-    number : int
-        Number through which all events are written: nothing will be added before it.
-    """
+    """Reader that continues from its last event; not for several threads at once."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -48,7 +42,7 @@ class EventReader:
         self._settled_by = 0  # the first transaction that had not started when the gap was found
         with database.read() as session:
             self._sequential = session.get_bind().dialect.name == "sqlite"
-            self.number = self._newest(session)
+            self.number = self._newest(session)  # through which all events are written: none will come before it
 
     def read(self) -> list[Event]:
         """Return the next events, the oldest first; a few hundred at most.
@@ -70,7 +64,7 @@ class EventReader:
                     missed = before
                     break
                 if row.what.is_public:
-                    there.append(read_event(row))
+                    there.append(Event.of_row(row))
                 before = row.number
         if missed is not None:
             self._miss(missed)
@@ -116,8 +110,3 @@ def _transactions(session: Session) -> tuple[int, int]:
 def published() -> ColumnElement[bool]:
     """Return a condition for statements: the feed publishes the event."""
     return EventRow.what.not_in([kind for kind in EventKind.all() if not kind.is_public])
-
-
-def read_event(row: EventRow) -> Event:
-    """Return the published event of a row."""
-    return Event.model_validate({name: getattr(row, name) for name in Event.model_fields})

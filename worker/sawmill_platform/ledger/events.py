@@ -18,7 +18,7 @@ from sawmill_platform.database import clock
 from sawmill_platform.database.database import AFTER_COMMIT, Database
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
-from sawmill_platform.ledger.event_reader import EventReader, published, read_event
+from sawmill_platform.ledger.event_reader import EventReader, published
 
 # Key in the detail of an attempt's end, if the attempt reported the value.
 PEAK_MEMORY = "peak_memory_bytes"
@@ -144,21 +144,14 @@ def _log(row: EventRow) -> None:
     if (
         row.what.is_public and structlog.is_configured() and inspect(row).persistent
     ):  # a part of the transaction may have been undone
-        structlog.get_logger().info("event", **read_event(row).model_dump(mode="json", exclude_none=True))
+        structlog.get_logger().info("event", **Event.of_row(row).model_dump(mode="json", exclude_none=True))
 
 
 class JobNumbers(NamedTuple):
-    """Numbers of a job's newest events.
+    """Numbers of a job's newest events."""
 
-    Attributes
-    ----------
-    latest : int
-        Number of the last event before the job's end; 0: there is none.
-    end : int or None
-        Number of the event that ended the job; None: it has not ended, or ended when events were not written yet.
-    """
-
-    latest: int
+    latest: int  # number of the last event before the job's end; 0: there is none
+    # Number of the event that ended the job; None: it has not ended, or ended when events were not written yet.
     end: int | None
 
 
@@ -173,7 +166,7 @@ class Events:
         with self._database.read() as session:
             found(session, JobRow, "job", job_id)
             of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what.not_in(_OF_NO_ATTEMPT))
-            return [read_event(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
+            return [Event.of_row(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
 
     def numbers_of_job(self, job_id: str) -> JobNumbers:
         """Return the numbers of a job's newest events; a job that is read afterwards is as new as these, or newer."""
@@ -205,7 +198,7 @@ class Events:
         if group_id is not None:
             wanted = wanted.where(EventRow.group_id == group_id)
         with self._database.read() as session:
-            return [read_event(row) for row in session.scalars(wanted)]
+            return [Event.of_row(row) for row in session.scalars(wanted)]
 
     def newest_number(self) -> int:
         """Return the number of the newest written event; 0: there is none."""
@@ -243,7 +236,7 @@ class Events:
         kinds = [event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED]
         with self._database.read() as session:
             rows = session.scalars(select(EventRow).where(EventRow.what.in_(kinds)).order_by(EventRow.number))
-            return [read_event(row) for row in rows]
+            return [Event.of_row(row) for row in rows]
 
     def _add_of_clock(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
         row = EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)})

@@ -31,19 +31,12 @@ _QUOTA_LOCK = "uploads"
 
 @dataclass(frozen=True)
 class UploadQuota:
-    """Limits on uploads that are not complete or not used yet.
+    """Limits on uploads that are not complete or not used yet."""
 
-    Attributes
-    ----------
-    number, size_bytes
-        Number of uploads of one key, and sum of their declared bytes.
-    all_bytes
-        Sum of the declared bytes of all keys.
-    """
-
+    # number, size_bytes: number of uploads of one key, and sum of their declared bytes.
     number: int
     size_bytes: int
-    all_bytes: int
+    all_bytes: int  # sum of the declared bytes of all keys
 
 
 class Uploads:
@@ -266,17 +259,7 @@ def _not_usable(upload: Upload) -> Conflict:
 
 def read_upload(row: UploadRow) -> Upload:
     """Return the upload of a row."""
-    return Upload(
-        id=row.id,
-        created_at=row.created_at,
-        name=row.name,
-        size_bytes=row.size_bytes,
-        offset_bytes=row.offset_bytes,
-        sha256=row.sha256,
-        state=row.state,
-        used_by=row.used_by,
-        expires_at=row.changed_at + UPLOAD_KEPT,
-    )
+    return Upload.of_row(row, expires_at=row.changed_at + UPLOAD_KEPT)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from sawmill_platform.contracts.webhooks import DeliveryState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
 from sawmill_platform.database.tables import DeliveryRow, SenderRow, WebhookRow
-from sawmill_platform.ledger.event_reader import EventReader, read_event
+from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.webhook_store import read_events, secret_of
 
@@ -31,44 +31,23 @@ _LONGEST_WAIT = timedelta(hours=36)
 
 @dataclass(frozen=True)
 class Pending:
-    """A webhook and the events to send to it next.
+    """A webhook and the events to send to it next."""
 
-    Attributes
-    ----------
-    webhook_id, url : str
-        Id and URL of the webhook.
-    secrets : tuple of str
-        Secrets that sign the webhook's messages.
-    failures : int
-        Attempts at the first event that have failed.
-    events : list of Event
-        Events, the oldest first.
-    """
-
+    # webhook_id, url: id and URL of the webhook.
     webhook_id: str
     url: str
-    secrets: tuple[str, ...]
-    failures: int
-    events: list[Event]
+    secrets: tuple[str, ...]  # secrets that sign the webhook's messages
+    failures: int  # attempts at the first event that have failed
+    events: list[Event]  # events, the oldest first
 
 
 @dataclass(frozen=True)
 class DeliveryAttempt:
-    """The outcome of one attempt.
+    """The outcome of one attempt."""
 
-    Attributes
-    ----------
-    status : int or None
-        HTTP status of the answer; None: there was no answer.
-    reason : str or None
-        Reason of the failure; None: the attempt succeeded.
-    wait_s : float or None
-        Seconds until the next attempt; None: there is none, and the webhook is paused.
-    """
-
-    status: int | None
-    reason: str | None = None
-    wait_s: float | None = None
+    status: int | None  # HTTP status of the answer; None: there was no answer
+    reason: str | None = None  # reason of the failure; None: the attempt succeeded
+    wait_s: float | None = None  # seconds until the next attempt; None: there is none, and the webhook is paused
 
 
 class Outbox:
@@ -153,7 +132,7 @@ class Outbox:
             row = session.get(WebhookRow, webhook_id)
             if row is None or not row.enabled or not _is_due(row, now):
                 return None
-            events = [read_event(event) for event in read_events(session, row, through, _BATCH)]
+            events = [Event.of_row(event) for event in read_events(session, row, through, _BATCH)]
             return Pending(row.id, row.url, secret_of(row, now), row.failures, events) if events else None
 
     def note(self, pending: Pending, event: Event, attempt: DeliveryAttempt) -> bool:

@@ -152,7 +152,7 @@ class WebhookStore:
         statement = select(DeliveryRow).where(DeliveryRow.webhook_id == webhook_id)
         with self._database.read() as session:
             found(session, WebhookRow, "webhook", webhook_id)
-            return read_numbered_page(session, statement, DeliveryRow.number, read_delivery, after=after, limit=limit)
+            return read_numbered_page(session, statement, DeliveryRow.number, Delivery.of_row, after=after, limit=limit)
 
     def forget_deliveries(self) -> None:
         """Remove entries of deliveries that are older than `KEPT`, some at a time."""
@@ -202,18 +202,11 @@ def read_webhook(session: Session, row: WebhookRow) -> Webhook:
     oldest = session.scalar(select(EventRow.at).where(wanted_by(row)).order_by(EventRow.number).limit(1))
     some = select(EventRow.number).where(wanted_by(row)).limit(COUNTED).subquery()
     waiting = session.scalar(select(func.count()).select_from(some))
-    computed = {"state": _state(row), "waiting": waiting, "waiting_since": oldest}
-    stored = {name: getattr(row, name) for name in Webhook.model_fields.keys() - computed}
-    return Webhook.model_validate(stored | computed)
+    return Webhook.of_row(row, state=_state(row), waiting=waiting, waiting_since=oldest)
 
 
 def _with_secret(session: Session, row: WebhookRow) -> NewWebhook:
     return NewWebhook(**read_webhook(session, row).model_dump(), secret=row.secret)
-
-
-def read_delivery(row: DeliveryRow) -> Delivery:
-    """Return the delivery of a row."""
-    return Delivery.model_validate({name: getattr(row, name) for name in Delivery.model_fields})
 
 
 def read_events(session: Session, row: WebhookRow, through: int, limit: int) -> Sequence[EventRow]:

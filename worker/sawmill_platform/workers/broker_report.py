@@ -12,21 +12,11 @@ PATIENCE_S = 0.5
 
 
 class BrokerReport(NamedTuple):
-    """Report on Redis, which carries wake-ups: without Redis jobs start a few seconds later.
+    """Report on Redis, which carries wake-ups: without Redis jobs start a few seconds later."""
 
-    Attributes
-    ----------
-    host : str
-        Host and port, without the password.
-    answered_s : float or None
-        Time until the answer; None: there was no answer.
-    refused : bool
-        Whether Redis answered that the user or the password is wrong.
-    """
-
-    host: str
-    answered_s: float | None
-    refused: bool = False
+    host: str  # host and port, without the password
+    answered_s: float | None  # time until the answer; None: there was no answer
+    refused: bool = False  # whether Redis answered that the user or the password is wrong
 
     @property
     def trouble(self) -> str | None:

@@ -26,20 +26,13 @@ S = TypeVar("S", bound=JobServiceStore)
 
 @dataclass(frozen=True)
 class WorkerProgram(Generic[S]):
-    """A worker's program.
+    """A worker's program."""
 
-    Attributes
-    ----------
-    open_store : callable
-        Function from the settings to a store that has been set up; raises `StorageUnavailable` until it has.
-    housekeeping : callable
-        Function from a store, settings and an event that ends the housekeeping, to the housekeeping.
-    attempt_command : sequence of str
-        Command of the process of an attempt, which speaks `sawmill_platform.attempts.protocol`.
-    """
-
+    # Function from the settings to a store that has been set up; raises `StorageUnavailable` until it has.
     open_store: Callable[[StorageSettings], S]
+    # Function from a store, settings and an event that ends the housekeeping, to the housekeeping.
     housekeeping: Callable[[S, ExecutionSettings, threading.Event], Housekeeping]
+    # Command of the process of an attempt, which speaks `sawmill_platform.attempts.protocol`.
     attempt_command: Sequence[str]
 
     def attempts(self, store: S, settings: ExecutionSettings) -> AttemptStarter:

@@ -123,11 +123,6 @@ class WatchedWorker:
 
     A socket is the process's standard input: bytes to the process announce jobs, one byte from it reports that it can
     run jobs.
-
-    Attributes
-    ----------
-    process : subprocess.Popen or None
-        The process that was started last.
     """
 
     def __init__(
@@ -144,7 +139,7 @@ class WatchedWorker:
         self._back_off_s = 0.0
         self._speaking = threading.Lock()
         self._line: socket.socket | None = None
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: subprocess.Popen[bytes] | None = None  # that was started last
 
     @property
     def is_running(self) -> bool:

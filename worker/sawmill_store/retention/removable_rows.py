@@ -15,7 +15,6 @@ from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import UNFINISHED, JobKind
 from sawmill_platform.database.tables import REMOVABLE, EventRow, JobDependencyRow, JobRow
 from sawmill_store.activations import active_calibration
-from sawmill_store.alarms import newest_accepted
 from sawmill_store.mill_tables import (
     ActivationRow,
     Answered,
@@ -29,7 +28,8 @@ from sawmill_store.mill_tables import (
     ScheduleRunRow,
     table_of,
 )
-from sawmill_store.scheduled import last_looked_at, newest_phantom_scan, next_log
+from sawmill_store.scanners.alarms import newest_accepted
+from sawmill_store.schedules.scheduled import last_looked_at, newest_phantom_scan, next_log
 
 Found = TypeVar("Found", str, int)
 

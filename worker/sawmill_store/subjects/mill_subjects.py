@@ -11,7 +11,7 @@ from sawmill_contracts.calibrations import Calibration, CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.kinds import AskedKind
-from sawmill_contracts.phantoms import PhantomState
+from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scans import ScanState
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.reading_apart import read_apart
@@ -28,15 +28,15 @@ from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.tallies import Recorded, Subjects
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
-from sawmill_store.drift_charts import known_baselines
-from sawmill_store.measurements import record_measurement
+from sawmill_store.drift.drift_charts import known_baselines
+from sawmill_store.drift.measurements import record_measurement
 from sawmill_store.mill_files import SCAN_FILE
 from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
-from sawmill_store.named_folders import NAMED_FOLDERS
-from sawmill_store.phantoms import picture_of, read_phantom
 from sawmill_store.requests.references import found_asked, read_asked
-from sawmill_store.scanners import read_scanner
-from sawmill_store.scans import read_scan
+from sawmill_store.scanners.scanners import read_scanner
+from sawmill_store.scans.phantoms import picture_of
+from sawmill_store.scans.scans import read_scan
+from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_store.subjects.outputs import output_file
 
 
@@ -71,7 +71,7 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
         if scan.state is ScanState.READY:
             fields["file"] = files.results(kinds.INGEST, scan.id) / SCAN_FILE
     if hasattr(answer, "phantom_id"):
-        fields["phantom"] = read_phantom(found(session, PhantomRow, "phantom", answer.phantom_id))
+        fields["phantom"] = StoredPhantom.of_row(found(session, PhantomRow, "phantom", answer.phantom_id))
     if declared.upload is not None:
         fields["file"] = files.upload(declared.kind, subject_id)
     if not hasattr(answer, "scanner_id"):

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from sawmill_calibration.calibration.result_file import read_calibration
 from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
+from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource

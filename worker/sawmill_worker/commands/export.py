@@ -9,8 +9,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.calibration.result_file import read_calibration
 from sawmill_calibration.failures import refused
+from sawmill_calibration.result_file import read_calibration
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm

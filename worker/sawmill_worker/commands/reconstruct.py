@@ -27,8 +27,8 @@ def draw_volume(
 
 
 def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    from sawmill_calibration.pictures.images import image_png
     from sawmill_formats.output.volume_reader import volume_slice
-    from sawmill_worker.pictures.images import image_png
 
     middle = volume_slice(volume, result.shape, result.shape[0] // 2)
     title = f"{name}, {middle.label}"
@@ -36,8 +36,8 @@ def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    from sawmill_calibration.pictures.log_pictures import mosaic_png, spread
     from sawmill_formats.output.volume_reader import volume_slices
-    from sawmill_worker.pictures.log_pictures import mosaic_png, spread
 
     slices = volume_slices(volume, result.shape, spread(MOSAIC_SLICES, result.shape[0]))
     tiles = ((image.data, image.label) for image in slices)
@@ -45,8 +45,8 @@ def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    from sawmill_calibration.pictures.log_pictures import side_view_png
     from sawmill_formats.output.volume_reader import side_view
-    from sawmill_worker.pictures.log_pictures import side_view_png
 
     view = side_view(volume, result.shape, "x")
     return side_view_png(
@@ -55,8 +55,8 @@ def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
+    from sawmill_calibration.pictures.alpha_curve import alpha_curve_png
     from sawmill_formats.output.volume_reader import alpha_curve
-    from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
     try:
         columns = alpha_curve(volume)

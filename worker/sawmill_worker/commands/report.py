@@ -4,12 +4,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sawmill_calibration.calibration.result_file import read_saved_calibration
 from sawmill_calibration.failures import refused
+from sawmill_calibration.pictures.report_page import About, report_html
+from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_worker.pictures.report_page import About, report_html
 
 PAGES = frozenset({".html", ".htm"})
 
@@ -36,7 +36,7 @@ def write_report_of_scan(
         about = About(made_at=datetime.now().astimezone(), scan_name=scan_name, phantom=phantom, origin=scan_name)
         output.write_text(report_html(result, about, arrays), encoding="utf-8")
         return
-    from sawmill_worker.pictures.calibration_report import report_png  # noqa: PLC0415 - matplotlib is slow to import
+    from sawmill_calibration.pictures.calibration_report import report_png  # noqa: PLC0415 - matplotlib is slow to import
 
     output.write_bytes(report_png(result, arrays))
 

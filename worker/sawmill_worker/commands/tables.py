@@ -7,13 +7,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sawmill_calibration.pictures.report_numbers import calibration_table
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
-from sawmill_worker.pictures.report_numbers import calibration_table
 
 
 def print_calibration(result: CalibrationResult) -> None:

@@ -9,8 +9,8 @@ from numba import get_num_threads
 from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.reconstruction.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
-from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
-from sawmill_calibration.scans.scan_rows import chosen_rows
+from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, run_reconstruction
+from sawmill_calibration.scans.scan_rows import ScanRows, chosen_rows
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_contracts.scans import ScanShape
@@ -38,17 +38,24 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     with open_scan(attempt.file) as stored:
         rows = stored_rows(attempt, stored, options.rows, options.views)
         rows = replace(rows, scanner=replace(rows.scanner, row_pitch_mm=stored.row_pitch_mm))
-        source = ReconstructionInput.of(rows, _geometry_of(attempt, options, rows.scanner))
-        keeper = _keeper(attempt, source, options)
-        result = run_reconstruction(source, options, attempt.output / "volume.h5", attempt.report, keeper)
+        geometry = _geometry_of(attempt, options, rows.scanner)
+        keeper = _keeper(attempt, rows, geometry, options)
+        result = run_reconstruction(rows, geometry, options, attempt.output / "volume.h5", attempt.report, keeper)
     return result.model_dump(mode="json")
 
 
-def _keeper(attempt: MillAttempt, source: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
-    slices = len(range(*source.rows, source.row_step))
-    known = {name: value for name, value in vars(source).items() if name not in {"read", "angles_rad"}}
-    parts = {name: asdict(known[name]) for name in ("scanner", "theta", "beam")}
-    origin = {**known, **parts, "options": options.model_dump(mode="json"), "views": len(source.angles_rad)}
+def _keeper(
+    attempt: MillAttempt, scan: ScanRows, geometry: KnownGeometry, options: ReconstructionAsked
+) -> AttemptKeeper:
+    origin = {
+        **{name: getattr(scan, name) for name in ("rows", "row_step", "counts", "sha256", "remarks")},
+        "views": len(scan.angles_rad),
+        "scanners": [asdict(scan.scanner), asdict(geometry.scanner)],
+        "geometry": [asdict(geometry.theta), geometry.rotation, geometry.handedness],
+        "beam": asdict(geometry.beam),
+        "options": options.model_dump(mode="json"),
+    }
+    slices = len(range(*scan.rows, scan.row_step))
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 

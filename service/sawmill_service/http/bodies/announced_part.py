@@ -43,24 +43,12 @@ HEADERS = [
 
 @dataclass(frozen=True)
 class AnnouncedPart:
-    """A part that is announced by its headers.
+    """A part that is announced by its headers."""
 
-    Attributes
-    ----------
-    offset_bytes
-        Position in the file at which the part begins.
-    part_bytes
-        Length of the part; None: not declared.
-    is_last
-        True if the sender declares that no bytes are missing after the part.
-    size_bytes
-        Length of the whole file, as the sender declares it; None: not declared.
-    """
-
-    offset_bytes: int
-    part_bytes: int | None
-    is_last: bool
-    size_bytes: int | None
+    offset_bytes: int  # position in the file at which the part begins
+    part_bytes: int | None  # length of the part; None: not declared
+    is_last: bool  # True if the sender declares that no bytes are missing after the part
+    size_bytes: int | None  # length of the whole file, as the sender declares it; None: not declared
 
     def check(self, upload: Upload) -> None:
         """Refuse a part that does not fit the upload, before a byte is read."""

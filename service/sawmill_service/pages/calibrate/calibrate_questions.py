@@ -8,8 +8,8 @@ from sawmill_contracts.phantoms import PhantomState, StoredPhantom
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.calibration_differences import Misfit, misfit
 from sawmill_service.pages.frame.languages import natural_order
-from sawmill_store.phantoms import Phantoms
-from sawmill_store.scans import Scans
+from sawmill_store.scans.phantoms import Phantoms
+from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -23,40 +23,20 @@ LEAST_AXES = 2
 
 @dataclass(frozen=True)
 class Questions:
-    """Questions about an inspected file, and what the file says itself.
+    """Questions about an inspected file, and what the file says itself."""
 
-    Attributes
-    ----------
-    inspection : Inspection
-        Inspection of the file; its reading is None while it is not known which array is meant.
-    datasets : sequence of FilePart
-        Arrays of which one must be named; empty where that is no question.
-    fitting, unfit
-        Scanners that can have made the file, and the others with what contradicts it, in natural order.
-    phantoms
-        Phantoms to choose from.
-    foreign : (StoredScanner, Misfit) or None
-        Scanner that was chosen before the file was known, where the file is not from it; nothing is proposed then.
-    data : DataKind or None
-        The only possible kind of the numbers; None: the kind is a question.
-    counts_possible : bool
-        True if the file has the flat fields that counts need.
-    angles : bool
-        True if the angles of the views are a question.
-    answers : mapping
-        Given or proposed answers, by the names of the fields.
-    """
-
-    inspection: Inspection
-    datasets: list[FilePart]
+    inspection: Inspection  # its reading is None while it is not known which array is meant
+    datasets: list[FilePart]  # arrays of which one must be named; empty where that is no question
+    # fitting, unfit: scanners that can have made the file, and the others with what contradicts it, in natural order.
     fitting: list[StoredScanner]
     unfit: list[tuple[StoredScanner, Misfit]]
+    # Scanner that was chosen before the file was known, where the file is not from it; nothing is proposed then.
     foreign: tuple[StoredScanner, Misfit] | None
     phantoms: list[StoredPhantom]
-    data: DataKind | None
-    counts_possible: bool
-    angles: bool
-    answers: Mapping[str, str]
+    data: DataKind | None  # the only possible kind of the numbers; None: the kind is a question
+    counts_possible: bool  # True if the file has the flat fields that counts need
+    angles: bool  # True if the angles of the views are a question
+    answers: Mapping[str, str]  # given or proposed answers, by the names of the fields
 
     @property
     def reading(self) -> InspectedReading | None:

@@ -29,8 +29,8 @@ from sawmill_service.scanner_conditions import step_with
 from sawmill_store.store import Store
 
 if TYPE_CHECKING:
+    from sawmill_calibration.pictures.report_page import About
     from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-    from sawmill_worker.pictures.report_page import About
 
 router = Router(include_in_schema=False, reading=Scope.READ)
 
@@ -43,7 +43,7 @@ def report(
     language: Annotated[Language, Query()] = Language.ENGLISH,
 ) -> Response:
     """Show the report of a calibration that has an answer, in English or another language."""
-    from sawmill_worker.pictures.report_page import report_html
+    from sawmill_calibration.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
     about, reader = _about(store, calibration), formats_of(language).reader
@@ -57,8 +57,8 @@ def report(
 
 
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
-    from sawmill_worker.pictures.report_numbers import moment
-    from sawmill_worker.pictures.report_page import About
+    from sawmill_calibration.pictures.report_numbers import moment
+    from sawmill_calibration.pictures.report_page import About
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)

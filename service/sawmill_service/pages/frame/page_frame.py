@@ -8,6 +8,7 @@ from fastapi import Depends, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment
 
+from sawmill_calibration.pictures.templating import templates_of
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.problem_types import problem_types
@@ -24,7 +25,6 @@ from sawmill_service.pages.frame.languages import (
 )
 from sawmill_service.pages.frame.verdicts import shown_questions
 from sawmill_vocabulary.messages import Reason
-from sawmill_worker.templating import templates_of
 
 LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"
 THEMES = ("auto", "light", "dark")

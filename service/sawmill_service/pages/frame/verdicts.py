@@ -24,27 +24,17 @@ _NOTHING_MOVED = marked("No")
 
 @dataclass(frozen=True)
 class ShownQuestion:
-    """Question of a verdict with its answer, in a language.
+    """Question of a verdict with its answer, in a language."""
 
-    Attributes
-    ----------
-    question, word, sentence : str
-        Question, and the answer in a word and in a sentence.
-    tone : str
-        Colour: good, watch, bad or idle.
-    value, limit : str or None
-        Number and its limit, with their units.
-    share : float or None
-        Number divided by its limit.
-    """
-
+    # question, word, sentence: question, and the answer in a word and in a sentence.
     question: str
     word: str
-    tone: str
+    tone: str  # colour: good, watch, bad or idle
     sentence: str
+    # value, limit: number and its limit, with their units.
     value: str | None
     limit: str | None
-    share: float | None
+    share: float | None  # number divided by its limit
 
 
 def shown_questions(

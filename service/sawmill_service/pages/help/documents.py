@@ -42,30 +42,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Document:
-    """Document in one language.
+    """Document in one language."""
 
-    Attributes
-    ----------
-    path : str
-        Path below /help; empty for the list of all documents.
-    language : str
-        Key of `LANGUAGES`.
-    title : str
-        Its first heading.
-    html : Markup
-        The document.
-    sections : sequence of Section
-        Its headings with their texts.
-    others : mapping of str to str
-        Addresses of the document in other languages, by language.
-    """
-
-    path: str
-    language: str
-    title: str
+    path: str  # path below /help; empty for the list of all documents
+    language: str  # key of `LANGUAGES`
+    title: str  # its first heading
     html: Markup
-    sections: Sequence[Section]
-    others: Mapping[str, str]
+    sections: Sequence[Section]  # its headings with their texts
+    others: Mapping[str, str]  # addresses of the document in other languages, by language
 
 
 def find_document(path: str, language: str) -> Document | None:

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
+from sawmill_calibration.pictures.phantom_drawing import outline_svg, shown_svg
 from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
 from sawmill_contracts.plans import Plan
@@ -30,10 +31,9 @@ from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
 from sawmill_service.pages.frame.verdicts import ShownQuestion, shown_pair
 from sawmill_service.pages.phantoms.phantom_words import SizeKnown, size_known, size_text
-from sawmill_store.scanners import Scanners
+from sawmill_store.scanners.scanners import Scanners
 from sawmill_store.store import Plans
 from sawmill_vocabulary import Shape
-from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 
 PHANTOMS = "/phantoms"
 # Phantoms on a page of the list; a mill has one or two.
@@ -226,19 +226,11 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class PlanView:
-    """A plan as its page shows it.
-
-    Attributes
-    ----------
-    scanner : StoredScanner or None
-        None: the scanner was deleted since.
-    questions : list of ShownQuestion
-        Empty while there is no answer, or no scanner with tolerances for a comparison.
-    """
+    """A plan as its page shows it."""
 
     plan: Plan
-    scanner: StoredScanner | None
-    questions: list[ShownQuestion]
+    scanner: StoredScanner | None  # None: the scanner was deleted since
+    questions: list[ShownQuestion]  # empty while there is no answer, or no scanner with tolerances for a comparison
 
 
 def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:

@@ -14,37 +14,18 @@ ASSUMED_DETECTOR_SHARE = 0.8
 
 @dataclass(frozen=True)
 class ScannerDrawing:
-    """Drawing of a scanner in mm, y downwards as in SVG, with the COR at (0, 0) and the source below it.
+    """Drawing of a scanner in mm, y downwards as in SVG, with the COR at (0, 0) and the source below it."""
 
-    Attributes
-    ----------
-    source, detector
-        Source, and the two ends of the detector.
-    foot : (x, y)
-        Point in which the ray through the centre of rotation meets the detector.
-    middle : (x, y)
-        Middle of the detector.
-    log_radius_mm : float
-        Radius of the largest log.
-    box : (left, top, width, height)
-        Box around the whole drawing.
-    size_mm : float
-        Size of a letter that can be read.
-    tilt_deg : float
-        Tilt of the detector.
-    calibrated : bool
-        False: the detector is drawn straight, at an assumed distance.
-    """
-
+    # source, detector: source, and the two ends of the detector.
     source: Point
     detector: tuple[Point, Point]
-    foot: Point
-    middle: Point
-    log_radius_mm: float
-    box: tuple[float, float, float, float]
-    size_mm: float
-    tilt_deg: float
-    calibrated: bool
+    foot: Point  # (x, y): point in which the ray through the centre of rotation meets the detector
+    middle: Point  # (x, y): middle of the detector
+    log_radius_mm: float  # radius of the largest log
+    box: tuple[float, float, float, float]  # (left, top, width, height): box around the whole drawing
+    size_mm: float  # size of a letter that can be read
+    tilt_deg: float  # tilt of the detector
+    calibrated: bool  # False: the detector is drawn straight, at an assumed distance
 
 
 def scanner_drawing(constants: ScannerConstants, theta: Theta | None, log_radius_mm: float) -> ScannerDrawing:

@@ -11,7 +11,7 @@ from sawmill_contracts.schedules import ScheduleAsk
 from sawmill_platform.due_times import time_zones
 from sawmill_platform.errors import Invalid
 from sawmill_service.pages.frame.languages import marked
-from sawmill_store.schedules import Schedules
+from sawmill_store.schedules.schedules import Schedules
 
 # Choices of days, by the weekdays of cron.
 DAYS = {

@@ -17,21 +17,11 @@ PER_PAGE = 50
 
 @dataclass(frozen=True)
 class AuditFilter(DaySpan):
-    """Selection of the entries that the page lists.
+    """Selection of the entries that the page lists."""
 
-    Attributes
-    ----------
-    who : str
-        Name of the actor; empty: everybody.
-    action : EventKind or None
-        Kind of the action; None: all kinds.
-    after : str or None
-        Cursor of the previous page.
-    """
-
-    who: str
-    action: EventKind | None
-    after: str | None
+    who: str  # name of the actor; empty: everybody
+    action: EventKind | None  # kind of the action; None: all kinds
+    after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the audit."""

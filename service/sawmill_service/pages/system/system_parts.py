@@ -15,7 +15,7 @@ from sawmill_platform.settings import StorageSettings
 from sawmill_service.pages.frame.page_frame import PageFrame
 from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
-from sawmill_store.scans import Scans
+from sawmill_store.scans.scans import Scans
 from sawmill_vocabulary.version import VERSION
 
 # A worker that has taken no job for this time is not known to be there.

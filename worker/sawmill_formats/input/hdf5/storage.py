@@ -101,15 +101,15 @@ class _Chunks:
         self.largest, self.least = max(self.largest, chunk.size), min(self.least, chunk.size)
 
 
-def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
+def _filters(dataset: h5py.Dataset) -> list[tuple[int, str]]:
     layout = dataset.id.get_create_plist()
     filters = (layout.get_filter(index) for index in range(layout.get_nfilters()))
-    return [(code, name) for code, _, _, name in filters]
+    return [(code, quoted(name.decode(errors="replace"))) for code, _, _, name in filters]
 
 
 def filter_names(dataset: h5py.Dataset) -> list[str]:
     """Name the filters of a dataset in their order; a filter that is not read by its name and its number."""
-    return [FILTERS.get(code) or f"{quoted(repr(name))} ({code})" for code, name in _filters(dataset)]
+    return [FILTERS.get(code) or f"{name} ({code})" for code, name in _filters(dataset)]
 
 
 def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False) -> None:
@@ -121,10 +121,8 @@ def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False)
     filters = _filters(dataset)
     for code, name in filters:
         if code not in FILTERS:
-            raise UnreadableScan(
-                "unsupported-storage",
-                f"{where} is stored with the filter {quoted(repr(name))} ({code}); repack it with gzip or without",
-            )
+            sentence = f"{where} is stored with the filter {name} ({code}); repack it with gzip or without"
+            raise UnreadableScan("unsupported-storage", sentence)
     packings = [PACKINGS[code] for code, _ in filters if code in PACKINGS]
     if len(packings) > 1:
         raise UnreadableScan("unsupported-storage", f"{where} is packed twice ({', '.join(packings)}); pack it once")

@@ -1,0 +1,292 @@
+"""The queue: whose turn it is, a job's place and the time that it still waits, and how many may wait."""
+
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
+from itertools import count, islice
+
+import pytest
+from results import answer_of, plan_result
+from sqlalchemy import event
+
+from sawmill_contracts import kinds
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.schedules import ScheduleSpec
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
+from sawmill_platform.errors import QueueFull, StorageUnavailable
+from sawmill_platform.jobs.job_store import Retries
+from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S
+from sawmill_platform.jobs.wait_estimate import Selection
+from sawmill_store.mill_tables import ScheduleRow
+from sawmill_store.store import Store
+from sawmill_vocabulary import CalibrationMethod, Progress, Theta
+
+pytestmark = pytest.mark.clocked
+
+
+def claimed(store, number, selection=Selection()):  # noqa: B008 - frozen
+    """The groups whose jobs are claimed next."""
+    claims = [store.jobs.claim("test", selection) for _ in range(number)]
+    return [claim and claim.job_id.partition("-")[0] for claim in claims]
+
+
+@pytest.mark.dialect
+def test_a_batch_of_one_line_does_not_delay_another_line_s_job(store, add_jobs):
+    add_jobs(200, kinds.RECONSTRUCT, group_id="a")
+    assert claimed(store, 2) == ["a", "a"]
+    add_jobs(1, kinds.RECONSTRUCT, group_id="b")
+    assert claimed(store, 2) == ["b", "a"]
+    add_jobs(3, kinds.RECONSTRUCT, group_id="b")
+    add_jobs(2, kinds.RECONSTRUCT, group_id="c")
+    line = store.jobs.waiting_in_line(limit=8)
+    assert [job.queue_position for job in line] == list(range(8))
+    expected = [job.id.partition("-")[0] for job in line]
+    assert expected == ["c", "b", "a", "c", "b", "a", "b", "a"]
+    assert claimed(store, 8) == expected
+
+
+@pytest.mark.dialect
+def test_a_job_is_read_while_another_line_s_first_job_is_added(store, add_jobs):
+    add_jobs(1, kinds.RECONSTRUCT, group_id="a")
+    [waiting] = store.jobs.waiting_in_line()
+    adding = iter(["b"])
+
+    def add(*given):
+        if "job_turns" in given[2]:  # the second of two statements: the first one has read the jobs that wait
+            for group_id in adding:
+                add_jobs(1, kinds.RECONSTRUCT, group_id=group_id)
+
+    event.listen(store.database.engine, "before_cursor_execute", add)
+    assert store.jobs.get(waiting.id).queue_position == 0
+    assert next(adding, None) is None
+    assert len(store.jobs.waiting_in_line()) == 2
+
+
+def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
+    add_jobs(3, kinds.RECONSTRUCT, group_id="a", priority=Priority.BATCH)
+    add_jobs(2, kinds.RECONSTRUCT, group_id="b", priority=Priority.BATCH)
+    add_jobs(1, kinds.RECONSTRUCT, group_id="a")
+    add_jobs(1, kinds.RECONSTRUCT, group_id="b")
+    add_jobs(3, kinds.CALIBRATE, group_id="a", short=True)
+    short = Selection(short=True)
+    assert claimed(store, 4, short) == ["a", "a", "a", None]
+    assert claimed(store, 7) == ["a", "b", "a", "b", "a", "b", "a"]
+
+
+@pytest.mark.dialect
+def test_a_worker_takes_the_kinds_and_groups_that_it_was_given(store, add_jobs):
+    add_jobs(2, kinds.RECONSTRUCT, group_id="a")
+    add_jobs(1, kinds.CALIBRATE, group_id="b")
+    add_jobs(2, kinds.RECONSTRUCT, group_id="b")
+    assert claimed(store, 2, Selection(kinds=frozenset({kinds.CALIBRATE}))) == ["b", None]
+    assert claimed(store, 3, Selection(group_ids=frozenset({"b"}))) == ["b", "b", None]
+    assert claimed(store, 3) == ["a", "a", None]
+
+
+@pytest.mark.dialect
+@pytest.mark.slow
+def test_many_workers_serve_groups_alike_and_each_job_once(store, add_jobs):
+    for group_id in ("a", "b", "c"):
+        add_jobs(30, kinds.RECONSTRUCT, group_id=group_id)
+
+    def claim_some(_):
+        opened, taken = Store(store.settings), []
+        while len(taken) < 10:
+            with suppress(StorageUnavailable):  # as a worker does: six keep each other waiting on a slow disk
+                taken.append(opened.jobs.claim("racer").job_id)
+        opened.close()
+        return taken
+
+    with ThreadPoolExecutor(6) as pool:
+        taken = [job_id for some in pool.map(claim_some, range(6)) for job_id in some]
+    assert len(set(taken)) == 60
+    # Half of an equal share at least: on PostgreSQL claims at the same moment see the same turn.
+    assert min(Counter(job_id.partition("-")[0] for job_id in taken).values()) >= 10
+
+
+def waits(store):
+    """Each queued job's place and time, the next one first."""
+    jobs = store.jobs.page(state=JobState.QUEUED, limit=200).items
+    assert [store.jobs.get(job.id) for job in jobs] == jobs  # alone as in a list
+    order = list(store.jobs.queued_job_ids())
+    return [(job.queue_position, job.seconds_left) for job in sorted(jobs, key=lambda job: order.index(job.id))]
+
+
+@pytest.mark.dialect
+def test_places_and_claims_follow_priority_and_lane(store, add_jobs):
+    add_jobs(2, kinds.RECONSTRUCT, priority=Priority.BACKGROUND)
+    add_jobs(2, kinds.CALIBRATE, short=True, priority=Priority.BATCH)
+    add_jobs(1, kinds.RECONSTRUCT)
+    add_jobs(2, kinds.PLAN, short=True)
+    add_jobs(1, kinds.RECONSTRUCT, priority=Priority.BATCH)
+    order = list(store.jobs.queued_job_ids())
+    named = [name.partition("-")[0] for name in order]
+    assert named == ["reconstruct", *["plan"] * 2, *["calibrate"] * 2, *["reconstruct"] * 3]
+    # A short job waits for short ones only, another one for all.
+    assert [place for place, _ in waits(store)] == [0, 0, 1, 2, 3, 5, 6, 7]
+    assert [store.jobs.claim("test").job_id for _ in order] == order
+
+
+def test_a_list_takes_as_many_statements_whatever_its_length(store, add_jobs):
+    add_jobs(150, kinds.RECONSTRUCT)
+    add_jobs(40, kinds.PLAN, short=True, priority=Priority.BATCH)
+    store.jobs.page(limit=1)
+    statements = []
+    event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    assert len(store.jobs.page(limit=200).items) == 190
+    # The page, what runs, and in each lane what waits and whose turn it is; how long jobs took is known by now.
+    assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 6
+
+
+def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs, clock):
+    add_jobs(1, kinds.RECONSTRUCT)
+    assert waits(store) == [(0, None)]  # nothing is known yet
+    add_jobs(5, kinds.RECONSTRUCT, took_s=600.0)
+    add_jobs(20, kinds.RECONSTRUCT, took_s=100.0)  # the last twenty count
+    add_jobs(3, kinds.PLAN, took_s=4.0, short=True)
+    later = Store(store.settings, clock=clock)
+    add_jobs(1, kinds.RECONSTRUCT)
+    add_jobs(2, kinds.PLAN, short=True)
+    assert waits(later) == [(0, 100.0), (1, 200.0), (0, 4.0), (1, 8.0)]
+
+    first = later.jobs.claim("test")
+    clock.advance(seconds=30.0)
+    assert later.jobs.get(first.job_id).seconds_left == 70.0
+    assert waits(later) == [(0, 170.0), (0, 4.0), (1, 8.0)]
+    later.jobs.heartbeat(first, Progress(fraction=0.5, stage="slices"))  # half of it took 30 s
+    assert waits(later)[0] == (0, 130.0)
+    later.jobs.heartbeat(first, Progress(fraction=0.5, stage="slices", seconds_left=20.0))
+    assert waits(later)[0] == (0, 120.0)
+    later.close()
+
+
+def test_what_is_known_to_take_seconds_is_short(store, upload):
+    scan = upload(store)
+    asked = [store.calibrations.accept(CalibrationAsk(scan_id=scan.id, method=each)) for each in CalibrationMethod]
+    slices = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=asked[0].id))
+    short = [store.jobs.get(each.job_id).short for each in (scan, *asked, slices)]
+    assert short == [True, *(method is CalibrationMethod.DEFAULT for method in CalibrationMethod), False]
+
+
+def test_short_jobs_can_be_claimed_alone(store, add_jobs):
+    add_jobs(1, kinds.RECONSTRUCT)
+    add_jobs(1, kinds.PLAN, short=True, priority=Priority.BACKGROUND)
+    assert len(store.jobs.queued_job_ids(short=True)) == 1
+    taken = store.jobs.claim("test", Selection(short=True))
+    assert (taken.job.kind, taken.job.short, taken.job.background) == (kinds.PLAN, True, True)
+    assert store.jobs.claim("test", Selection(short=True)) is None
+    # A long job that waits is no reason to give a short lane's worker back.
+    assert not store.jobs.is_in_the_way(taken)
+    store.jobs.release(taken)
+    assert store.jobs.claim("test").job.kind is kinds.RECONSTRUCT
+    again = store.jobs.claim("test")
+    add_jobs(1, kinds.RECONSTRUCT)
+    assert store.jobs.is_in_the_way(again)
+
+
+def test_a_short_job_is_held_up_while_long_ones_keep_every_worker_busy(store, add_jobs):
+    add_jobs(1, kinds.RECONSTRUCT)
+    add_jobs(1, kinds.RECONSTRUCT, priority=Priority.BATCH)
+    add_jobs(1, kinds.PLAN, short=True, priority=Priority.BATCH)
+    assert not store.jobs.short_job_is_held_up(1)
+    store.jobs.claim("test")
+    assert (store.jobs.short_job_is_held_up(1), store.jobs.short_job_is_held_up(2)) == (True, False)
+    store.jobs.claim("test")
+    assert store.jobs.short_job_is_held_up(2)
+    store.jobs.claim("test")
+    assert not store.jobs.short_job_is_held_up(2)
+
+
+NOMINAL = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+SOMEBODY = Actor("somebody without a key")
+
+
+@pytest.fixture
+def settings(settings):
+    return settings.model_copy(update={"max_queued_jobs": 6, "max_queued_jobs_per_key": 4})
+
+
+@pytest.fixture
+def plan(store, scanner):
+    """Ask for plans, each of another number of views."""
+    numbers = count(20)
+
+    def plan(times=1):
+        for views in islice(numbers, times):
+            ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=views)
+            store.plans.accept(ask, given={"phantom_id": "l-shape"})
+
+    return plan
+
+
+def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_back(store, plan):
+    with acting_as(SOMEBODY):
+        plan(6)
+        claim = store.jobs.claim("test")
+        plan()
+        lost = Failure(kind=FailureKind.PASSING, code="worker-lost", detail="killed")
+        assert store.jobs.fail(claim, lost, retries=Retries(loss_wait_s=1000.0)) is JobState.QUEUED
+        assert store.places.waiting().in_all == 7  # its delay is a wait like any other
+        with pytest.raises(QueueFull, match="7 jobs wait, and 6 may"):
+            plan()
+
+
+def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):
+    def both():
+        with store.as_one():
+            scan = upload(store)
+            store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+
+    with acting_as(SOMEBODY):
+        plan(5)
+        with pytest.raises(QueueFull):
+            both()
+        assert store.scans.page().items == []
+        upload(store)
+
+
+@pytest.mark.usefixtures("ready_scan")
+def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits_beyond_the_limit(store, scanner, plan):
+    schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
+    with acting_as(SOMEBODY):
+        plan(6)
+    with store.database.write() as session:
+        session.get(ScheduleRow, schedule.id).next_due_at = store.now()
+    (run,) = store.schedules.run_due()
+    assert run.outcome == "queued"
+    job_id = store.calibrations.get(run.calibration_id).job_id
+    [event] = [event for event in store.events.following(0) if event.job_id == job_id]
+    full = "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS)"
+    assert event.what is event_kinds.QUEUED
+    assert event.detail == {"reason": f"{full}: this one is the service's own and waits as well"}
+
+
+def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(store, plan, clock):
+    def retry_after_s(opened=store):
+        with acting_as(SOMEBODY), pytest.raises(QueueFull) as full:
+            opened.places.check()
+        return full.value.retry_after_s
+
+    def take(seconds, claim=None):
+        claim = claim or store.jobs.claim("test")
+        clock.advance(seconds=seconds)
+        answer = answer_of(claim.job.kind, plan_result())
+        store.jobs.succeed(claim, answer, store.files.make_attempt_folder(claim.job_id, claim.attempt))
+
+    plan(10)
+    assert retry_after_s() == RETRY_IF_UNKNOWN_S
+    take(20.0)
+    assert retry_after_s() == RETRY_IF_UNKNOWN_S  # nothing runs: there may be no worker
+    running = store.jobs.claim("test")
+    clock.advance(seconds=5)
+    assert retry_after_s() == 15
+    clock.advance(seconds=100)
+    assert retry_after_s() == 1
+    take(50_000.0, running)
+    store.jobs.claim("test")
+    with closing(Store(store.settings, clock=clock)) as later:  # which knows how long that took
+        assert retry_after_s(later) == LONGEST_RETRY_S

@@ -1,0 +1,1 @@
+"""Measurements of drift checks, and the charts that follow them."""

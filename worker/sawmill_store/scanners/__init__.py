@@ -1,0 +1,1 @@
+"""Scanners of a mill: their history, alarms and overviews."""

@@ -1,0 +1,1 @@
+"""Scans, inspected files and phantoms."""

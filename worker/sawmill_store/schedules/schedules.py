@@ -1,0 +1,272 @@
+"""Schedules: each due time is run exactly once, however many processes check for due times."""
+
+from contextlib import suppress
+from datetime import datetime
+from typing import Any
+
+import structlog
+from pydantic import ValidationError
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from sawmill_contracts import mill_events
+from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_mill.schedules import WHY_NOTHING_WAS_QUEUED, missed_due_time
+from sawmill_platform.acting import Actor, acting_as
+from sawmill_platform.contracts.base import Page, placed_complaint
+from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.due_times import latest_due, next_due
+from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
+from sawmill_store.mill_tables import ScannerRow, ScheduleRow, ScheduleRunRow
+from sawmill_store.requests.asked import Asked
+from sawmill_store.scanners.history import changes_in_words
+from sawmill_store.schedules.scheduled import queue_due
+
+
+class Schedules:
+    """Store of schedules: every method is one transaction; `run_due` is one for each due schedule.
+
+    Parameters
+    ----------
+    database
+        Database of the rows.
+    calibrations, drifts
+        Stores in which due schedules queue their requests.
+    """
+
+    def __init__(
+        self, database: Database, calibrations: Asked[CalibrationAsk, Any], drifts: Asked[DriftAsk, Any]
+    ) -> None:
+        self._database = database
+        self._calibrations = calibrations
+        self._drifts = drifts
+        self._looked_at: datetime | None = None
+
+    def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
+        """Add a schedule.
+
+        Raises
+        ------
+        Invalid, NotFound, Conflict
+            The cron expression or its time zone is wrong, there is no such scanner, or the id is taken.
+        """
+        now = self._database.now()
+        row = ScheduleRow(id=schedule_id or new_id(), created_at=now)
+        _describe(row, spec, now)
+        with self._database.write() as session:
+            refuse_taken(session, ScheduleRow, "schedule", row.id)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            session.add(row)
+            _announce(session, now, mill_events.SCHEDULE_CREATED, row, decided=spec.model_dump(mode="json"))
+            session.flush()
+            return read_schedule(session, row)
+
+    def get(self, schedule_id: str) -> Schedule:
+        """Return a schedule, or raise `NotFound`."""
+        with self._database.read() as session:
+            return read_schedule(session, found(session, ScheduleRow, "schedule", schedule_id))
+
+    def page(self, *, scanner_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Schedule]:
+        """Return a page of schedules, newest first."""
+        statement = narrowed(select(ScheduleRow), {ScheduleRow.scanner_id: scanner_id})
+        with self._database.read() as session:
+            return read_page(
+                session, statement, ScheduleRow, lambda row: read_schedule(session, row), after=after, limit=limit
+            )
+
+    def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
+        """Replace a schedule, which is due next at the first time of the new expression from now on.
+
+        A due time that has passed and was not run stays due if cron, time zone and `enabled` stay; else it is missed.
+        """
+        with self._database.write() as session:
+            row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            before, now = _spec(row), self._database.now()
+            pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None
+            same_times = spec.enabled and (spec.cron, spec.time_zone) == (row.cron, row.time_zone)
+            _describe(row, spec, now)
+            row.missed = False
+            if pending is not None and same_times:
+                row.next_due_at = pending
+            elif pending is not None:
+                _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
+            difference = changed(before, _spec(row))
+            why = changes_in_words(difference)
+            _announce(session, now, mill_events.SCHEDULE_CHANGED, row, decided=difference, why=why)
+            session.flush()
+            return read_schedule(session, row)
+
+    def delete(self, schedule_id: str) -> None:
+        """Remove a schedule and the list of runs; the calibrations stay."""
+        with self._database.write() as session:
+            row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            now = self._database.now()
+            _announce(session, now, mill_events.SCHEDULE_DELETED, row, decided=_spec(row))
+            session.delete(row)
+
+    def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
+        """Return the outcomes of a schedule's due times, newest first."""
+        with self._database.read() as session:
+            found(session, ScheduleRow, "schedule", schedule_id)
+            return _runs(session, schedule_id, limit)
+
+    def run_due(self) -> list[ScheduleRun]:
+        """Run every schedule that is due, and set each to its next due time.
+
+        A schedule that was due several times while nothing ran is run once, for the latest due time. A schedule that
+        cannot be run is announced as missed the first time, with the reason; the other schedules run nevertheless.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            Nothing can be written; the schedules stay due.
+        """
+        now = self._database.now()
+        self._set_back(now)
+        due = select(ScheduleRow.id).where(ScheduleRow.enabled, ScheduleRow.next_due_at <= now)
+        with self._database.read() as session:
+            identifiers = session.scalars(due).all()
+        runs = (self._run_or_miss(identifier, now) for identifier in identifiers)
+        return [run for run in runs if run is not None]
+
+    def _set_back(self, now: datetime) -> None:
+        """Compute due times again at the first check and after the clock was set back, so that none is skipped."""
+        if self._looked_at is None or now < self._looked_at:
+            ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
+            with self._database.write() as session:
+                for row in session.scalars(ahead).all():
+                    with suppress(Invalid):  # which is announced when it is due
+                        _moved_on(session, row, now)
+        self._looked_at = now
+
+    def _run_or_miss(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
+        with acting_as(Actor(f"schedule {schedule_id}", of_service=True)):
+            try:
+                return self._run(schedule_id, now)
+            except (StorageFull, StorageUnavailable):
+                raise
+            except Exception as error:  # noqa: BLE001 - log and event report it; further schedules are due
+                structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
+                self._miss(schedule_id, now, _in_words(error))
+                return None
+
+    def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
+        with self._database.write() as session:
+            row = session.get(ScheduleRow, schedule_id)
+            if row is None or row.next_due_at is None or row.next_due_at > now:
+                return None
+            first_due_at = row.next_due_at
+            if not _moved_on(session, row, now):
+                return None
+            due_at = latest_due(row.cron, row.time_zone, now)
+            if _ran_already(session, schedule_id, due_at):
+                return None
+            outcome = queue_due(session, self._calibrations, self._drifts, row, now)
+            run = ScheduleRun(due_at=due_at, **outcome._asdict())
+            session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
+            missed = missed_due_time(first_due_at, due_at, run.outcome, missed_before=row.missed)
+            if missed is not None:
+                _announce_missed(session, row, now, *missed)
+            row.missed = run.outcome in WHY_NOTHING_WAS_QUEUED
+            return run
+
+    def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
+        """Announce a due time that cannot be run, unless the one before was missed too, and set the next due time."""
+        with self._database.write() as session:
+            row = session.get(ScheduleRow, schedule_id, with_for_update=True)
+            if row is None or row.next_due_at is None or row.next_due_at > now:
+                return
+            due_at = row.next_due_at
+            with suppress(Invalid):  # it stays due: another machine may know its time zone
+                _moved_on(session, row, now)
+            if not row.missed:
+                _announce_missed(session, row, now, due_at, reason)
+                row.missed = True
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        return f"its options are not right: {placed_complaint(error)}"
+    return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
+
+
+def _announce(
+    session: Session,
+    now: datetime,
+    what: EventKind,
+    row: ScheduleRow,
+    detail: dict[str, Any] | None = None,
+    decided: dict[str, Any] | None = None,
+    why: str | None = None,
+) -> None:
+    announce(
+        session,
+        now,
+        what,
+        "schedule",
+        row.id,
+        group_id=row.scanner_id,
+        detail=detail,
+        decided=decided,
+        why=why,
+    )
+
+
+def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
+    _announce(session, now, mill_events.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
+
+
+def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:
+    next_due_at = next_due(spec.cron, spec.time_zone, now)
+    row.scanner_id, row.kind, row.cron, row.time_zone = spec.scanner_id, spec.kind, spec.cron, spec.time_zone
+    row.enabled, row.on_pass = spec.enabled, spec.on_pass
+    row.options = spec.options.model_dump(mode="json")
+    row.drift_options = spec.drift_options.model_dump(mode="json")
+    row.next_due_at = next_due_at if spec.enabled else None
+
+
+def _spec(row: ScheduleRow) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in ScheduleSpec.model_fields}
+
+
+def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
+    """Set the next due time by compare and set: only one of several processes at once succeeds."""
+    moved = session.scalar(
+        update(ScheduleRow)
+        .where(ScheduleRow.id == row.id, ScheduleRow.enabled, ScheduleRow.next_due_at == row.next_due_at)
+        .values(next_due_at=next_due(row.cron, row.time_zone, now))
+        .returning(ScheduleRow.id)
+        .execution_options(synchronize_session=False)
+    )
+    return moved is not None
+
+
+def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
+    # The run exists after an edit, or when the clock was set back.
+    statement = select(ScheduleRunRow.number).where(
+        ScheduleRunRow.schedule_id == schedule_id, ScheduleRunRow.due_at == due_at
+    )
+    return session.scalar(statement) is not None
+
+
+def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
+    rows = session.scalars(
+        select(ScheduleRunRow)
+        .where(ScheduleRunRow.schedule_id == schedule_id)
+        .order_by(ScheduleRunRow.due_at.desc())
+        .limit(limit)
+    )
+    return [ScheduleRun.of_row(row) for row in rows]
+
+
+def read_schedule(session: Session, row: ScheduleRow) -> Schedule:
+    """Read the schedule of a row, with its last run."""
+    last = _runs(session, row.id, 1)
+    return Schedule.of_row(row, last_run=last[0] if last else None)
