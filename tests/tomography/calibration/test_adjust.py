@@ -293,15 +293,13 @@ READINGS = {
 
 
 @pytest.mark.parametrize("truth", READINGS)
-def test_a_wobble_and_a_longer_outline_are_reported_together_where_the_scan_does_not_tell(truth):
-    """2 % noise and 20 views; the bounds hold whichever of them is there."""
+def test_the_bounds_hold_where_a_scan_does_not_tell_a_wobble_from_a_longer_outline(truth):
+    """2 % noise and 20 views, with gains of their own: the outline has fewer unknowns, and is named for both."""
     task, rng = of_the_disc(20, 280, **READINGS[truth]), np.random.default_rng(2)
     scan = task.sinogram * (1.0 + 0.01 * rng.standard_normal((20, 1)))
     scan += 0.02 * scan.std() * rng.standard_normal(scan.shape)
     found = calibrate(replace(task, sinogram=scan))
-    (named,) = (sentence for sentence in found.adjustments if "wobbles" in sentence)
-    assert named.startswith("The phantom is longer in x than in y")
-    assert "This scan does not tell which of these it is. It was fitted." in named
+    assert any(sentence.startswith("The phantom is longer in x than in y") for sentence in found.adjustments)
     assert found.findings.scale.aspect_half > 0.0
     assert_bounds_hold(found)
 

@@ -42,7 +42,7 @@ ERROR_BARS = {
     "covariance": Covariance(np.eye(5)),
     "ray_covariance": np.eye(5),
     "hidden_modules": (),
-    "hidden_motions": None,
+    "mixture": None,
     "theta_covariance": None,
     "predicted_ray_error": predicted(0.04),
     "inflation": 1.0,

@@ -54,10 +54,11 @@ def otherwise(motion, seed):
     return codes, found.judgement.verdict, true.rms_mm
 
 
-def test_a_phantom_that_leans_and_is_taken_for_a_scanner_that_moves_does_not_pass():
+def test_a_phantom_that_leans_and_settles_is_named():
+    """Without this motion in the model it was taken for a scanner that moves, and the rays were 0.12 mm off."""
     codes, verdict, true_mm = otherwise("lean", 4)
-    assert true_mm > 0.1
-    assert (codes[0], verdict) == ("scanner-moved-in-scan", "watch")
+    assert true_mm < 0.05
+    assert ("phantom-settles" in codes, verdict) == (True, "pass")
 
 
 @pytest.mark.nightly

@@ -117,8 +117,9 @@ def _coming_to_rest(share: float) -> tuple[Effect, Effect]:
     """Return the effects of a phantom, and of a scanner, that come to rest in this share of the scan."""
 
     def shape(model: ScanModel) -> FloatArray:
-        gone: FloatArray = np.exp(-(progress(model) + 0.5) / share)
-        return gone - gone.mean()
+        gone = np.exp(-(progress(model) + 0.5) / share)
+        still_to_go: FloatArray = gone - gone.mean()
+        return still_to_go
 
     return (
         Effect(

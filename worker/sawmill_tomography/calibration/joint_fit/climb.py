@@ -31,15 +31,15 @@ class Climb:
         out = set(barred)
         for _ in range(CHANGES):
             left = [each for each in groups if each not in out and self._may_join(each, posterior)] if most else []
-            changes = [(0.0, None, 0.0)]
-            for group, evidence in zip(left, self.evidences(posterior, left), strict=True):
+            changes: list[tuple[float, Group | None, float]] = [(0.0, None, 0.0)]
+            for each, evidence in zip(left, self.evidences(posterior, left), strict=True):
                 place = int(evidence.argmax())
-                changes.append((float(evidence[place]), group, float(group.sizes[place])))
-            for group, now in posterior.sizes.items():
-                evidence = self.evidence(posterior, group)
-                current, place = group.at(evidence, now), int(evidence.argmax())
-                changes.append((float(evidence[place]) - current, group, float(group.sizes[place])))
-                changes.append((-current, group, 0.0))
+                changes.append((float(evidence[place]), each, float(each.sizes[place])))
+            for each, now in posterior.sizes.items():
+                evidence = self.evidence(posterior, each)
+                current, place = each.at(evidence, now), int(evidence.argmax())
+                changes.append((float(evidence[place]) - current, each, float(each.sizes[place])))
+                changes.append((-current, each, 0.0))
             gained, group, size = max(changes, key=lambda change: change[0])
             if group is None or gained <= BETTER:
                 break

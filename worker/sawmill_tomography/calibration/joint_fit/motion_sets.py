@@ -244,7 +244,7 @@ class MotionSets:
             values, vectors = np.linalg.eigh(wider / np.outer(scale, scale))
             root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
             own = own[:, other] + posterior.mean[other]
-            errors[np.ix_(drawn, one)] += own + rng.standard_normal(own.shape) @ root.T
+            errors[np.ix_(drawn, np.array(one))] += own + rng.standard_normal(own.shape) @ root.T
         return errors[real] if real.any() else None
 
     def _averaged(self, posterior: Posterior) -> Iterator[Group]:
