@@ -94,7 +94,7 @@ FURTHER_HIDDEN, MANY_FOUND = 2, 2
 ARC, LARGEST_ARC_MM = 30.0, 10_000.0
 # Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
 # by chance: the sides of a drawing are each off as a whole.
-OF_DRAWING, EDGES = 40.0, 0.75
+OF_DRAWING, EDGES = 30.0, 0.75
 # The largest number of modules that are searched for in addition to the known ones.
 MOST_MODULES = 8
 
