@@ -1,4 +1,4 @@
-"""Sets of motions that explain a scan, each with its probability: what moves is rarely told by one scan alone.
+"""Sets of motions that explain a scan, each with its probability: one scan alone rarely shows what moves.
 
 The sets are searched from several starts, since each end of a climb stands for others that explain almost as much. The
 ray error's bound counts all of them, and in each the groups and sizes that are not the likeliest.

@@ -78,9 +78,11 @@ def stepped(
         then = moved(model, columns, share * change)
         if then.view_gain and then.clears:
             then = then.with_view_gains(grams.weights)
-        exists = then.clears and bool((then.gain > 0.0).all())
-        if exists and grams.objective(then.residual) <= grams.objective_at_model * (1.0 + may_rise):
-            return then, share
+        # A step that is far too long has no finite residual: it is halved as one that raises the residual is.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            exists = then.clears and bool((then.gain > 0.0).all())
+            if exists and grams.objective(then.residual) <= grams.objective_at_model * (1.0 + may_rise):
+                return then, share
         share *= 0.5
     return model, 0.0
 
