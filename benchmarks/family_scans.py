@@ -206,6 +206,23 @@ def _lean(making: Making, size: float) -> None:
     making.move_phantom(-np.exp(-(making.progress() + 0.5) / making.rng.uniform(0.1, 0.4)), size)
 
 
+def _wobble_times(order: float) -> Callable[[Making, float], None]:
+    def wobble(making: Making, size: float) -> None:
+        making.move_scanner(np.cos(order * making.angles_rad + making.rng.uniform(0.0, 6.28)), size)
+
+    return wobble
+
+
+def _in_blocks(making: Making, size: float) -> None:
+    """Put the phantom elsewhere in each of four to eight blocks of views, turned too in every second scan."""
+    count = int(making.rng.integers(4, 9))
+    block = np.minimum(np.arange(making.views) * count // making.views, count - 1)
+    x, y, turn = (making.rng.standard_normal((count, 3)) * size)[block].T
+    beta = making.angles_rad + making.frame.psi_rad
+    making.moved_mm += np.stack([np.cos(beta) * x + np.sin(beta) * y, np.cos(beta) * y - np.sin(beta) * x], -1)
+    making.turned_rad += turn / making.drawing.radius_mm * making.rng.choice(2)
+
+
 def _warm_up(making: Making, size: float) -> None:
     making.move_scanner(np.exp(-(making.progress() + 0.5) / making.rng.uniform(0.1, 0.6)), size)
 
@@ -352,10 +369,13 @@ FAMILIES = {
 }
 
 
-# Motions that no effect of the calibration has: sizes as in the table above.
+# Motions that the families do not have: sizes as in the table above.
 OTHER_MOTIONS = {
     "three slips": Effect(0.3, 0.4, _three_slips),  # each, mm
     "lean": Effect(0.8, 0.8, _lean),  # until it has settled, mm
+    "wobble 1.5 times": Effect(0.1, 0.5, _wobble_times(1.5)),  # amplitude, mm
+    "wobble 5 times": Effect(0.1, 0.5, _wobble_times(5.0)),  # amplitude, mm
+    "blocks": Effect(0.1, 0.4, _in_blocks),  # standard deviation, mm
 }
 
 

@@ -62,11 +62,11 @@ def test_a_phantom_that_leans_and_settles_is_named():
 
 
 @pytest.mark.nightly
-def test_phantoms_that_move_otherwise_rarely_pass_with_wrong_rays():
-    """Of these 18 scans 7 pass wrongly where a motion of the scanner does not count."""
-    scans = [otherwise(motion, seed) for motion in OTHER_MOTIONS for seed in range(1, 10)]
+@pytest.mark.parametrize("motion", OTHER_MOTIONS)
+def test_phantoms_that_move_otherwise_rarely_pass_with_wrong_rays(motion):
+    scans = [otherwise(motion, seed) for seed in range(100, 120)]
     wrong = [codes for codes, verdict, true_mm in scans if verdict == "pass" and true_mm > 0.1]
-    assert len(wrong) <= 2
+    assert len(wrong) <= 1
 
 
 # 1 % noise and 72 views predict 0.004 mm; what is fitted as well leaves no more than a few times that.
