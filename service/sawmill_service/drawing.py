@@ -169,8 +169,11 @@ def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> Recon
     """Return the result of a reconstruction."""
     reconstruction = reconstructions.get(reconstruction_id)
     if reconstruction.result is None:
-        detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
-        raise Refused(409, "reconstruction-without-result", detail)
+        raise Refused(
+            409,
+            "reconstruction-without-result",
+            f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume",
+        )
     return reconstruction.result
 
 

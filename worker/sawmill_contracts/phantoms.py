@@ -84,11 +84,10 @@ class SizeMeasurement(Contract):
     @model_validator(mode="after")
     def _is_precise_enough(self) -> Self:
         if self.relative_uncertainty >= LARGEST_SIZE_TOLERANCE:
-            msg = (
+            raise ValueError(
                 f"standard_uncertainty_mm {self.standard_uncertainty_mm:g} of measured_mm {self.measured_mm:g} must be "
                 f"less than {LARGEST_SIZE_TOLERANCE:.0%} of it"
             )
-            raise ValueError(msg)
         return self
 
 
@@ -105,8 +104,9 @@ def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement
     last = datetime.now(UTC).date() + timedelta(days=1)
     for each in measurements:
         if each.measured_on is not None and each.measured_on > last:
-            msg = f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
-            raise ValueError(msg)
+            raise ValueError(
+                f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
+            )
     return measurements
 
 
@@ -209,11 +209,10 @@ class PhantomDrawing(Contract):
             return 1.0
         drawn_mm = self.extent_mm["xy".index(axis)]
         if abs(measured.measured_mm - drawn_mm) > LARGEST_SIZE_TOLERANCE * drawn_mm:
-            msg = (
+            raise ValueError(
                 f"{axis} was measured as {measured.measured_mm:g} mm and is drawn {drawn_mm:g} mm long: give a length "
                 f"within {LARGEST_SIZE_TOLERANCE:.0%} of the drawing, or draw the other phantom"
             )
-            raise ValueError(msg)
         return measured.measured_mm / drawn_mm
 
 
@@ -250,8 +249,9 @@ class PhantomAsk(PhantomDrawing, Given):
     @classmethod
     def _are_new(cls, follows: str | None) -> None:
         if follows is not None:
-            msg = f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
-            raise ValueError(msg)
+            raise ValueError(
+                f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
+            )
 
     @field_validator("shapes")
     @classmethod

@@ -271,8 +271,7 @@ class _Folder:
             return 0  # the taker was killed before the folder was renamed: in the end the contents are compared
         files = watched.files_named(file)
         if files is None:
-            msg = "it was taken, and no pattern matches its name any more"
-            raise ValueError(msg)
+            raise ValueError("it was taken, and no pattern matches its name any more")
         fields = files.model_dump(include=set(ScanSpec.model_fields))
         spec = ScanSpec(**fields, scanner_id=self._scanner_id, name=shown(file)[:200].strip() or "scan")
         self._store.scans.check(spec)
@@ -337,8 +336,7 @@ def _opened_below(stack: ExitStack, roots: Sequence[Path], folder: Path) -> int:
     """Open a folder below one of the allowed ones, each part of the path within the one before."""
     root = next((each for each in roots if folder.is_relative_to(each)), None)
     if root is None:
-        msg = f"SAWMILL_WATCH_FOLDERS does not allow {folder} any more"
-        raise ValueError(msg)
+        raise ValueError(f"SAWMILL_WATCH_FOLDERS does not allow {folder} any more")
     descriptor = stack.enter_context(_opened(str(root.resolve())))
     for part in folder.relative_to(root).parts:
         descriptor = stack.enter_context(_opened(part, descriptor))

@@ -153,8 +153,11 @@ def _read(key: str) -> str:
         return re.sub(r"\\(.)", r"\1", quoted[1])
     if _BARE.fullmatch(key):
         return key
-    detail = f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}"
-    raise Refused(400, "bad-idempotency-key", detail)
+    raise Refused(
+        400,
+        "bad-idempotency-key",
+        f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}",
+    )
 
 
 TheRepeatable = Annotated[Repeatable, Depends(_repeatable)]

@@ -34,8 +34,7 @@ def _two_numbers(text: object) -> object:
     apart = [part.rstrip(",") for part in re.split(r"[\s;]+", str(text).strip())]
     parts = [plain_number(part) for part in (apart if len(apart) > 1 else apart[0].split(","))]
     if len(parts) != 2:
-        msg = f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}"
-        raise ValueError(msg)
+        raise ValueError(f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}")
     return parts
 
 

@@ -183,5 +183,6 @@ def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> 
     calibration = calibrations.get(calibration_id)
     if isinstance(calibration, CalibrationSucceeded):
         return calibration
-    detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
-    raise Refused(409, "calibration-without-result", detail)
+    raise Refused(
+        409, "calibration-without-result", f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
+    )

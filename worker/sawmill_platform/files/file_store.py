@@ -447,8 +447,9 @@ def refuse_half_restored(folder: Path) -> None:
         The folder's restore was interrupted.
     """
     if (folder / RESTORING).exists():
-        msg = f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
-        raise StorageMisconfigured(msg)
+        raise StorageMisconfigured(
+            f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
+        )
 
 
 def checkpoints_of(output: Path) -> Path:
