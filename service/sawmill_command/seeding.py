@@ -63,7 +63,7 @@ def seed_examples(store: Store) -> None:
     shutil.copyfile(RECORDED / PHANTOM_FILE, folder / PHANTOM_FILE)
     existing = {item.id for item in store.scanners.page().items}
     for identifier in {EXAMPLE, SPARE} - existing:
-        store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
+        store.scanners.create(ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store.scans)
@@ -109,10 +109,6 @@ def _ask_once(
     """Request an example in the background, unless it was requested before."""
     if identifier not in {item.id for item in requests.page().items}:
         requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
-
-
-def _scanner_spec(identifier: str) -> ScannerSpec:
-    return ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS)
 
 
 def _spare_phantom() -> PhantomDrawing:

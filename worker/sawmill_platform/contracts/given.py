@@ -79,11 +79,6 @@ GivenDay = Annotated[date, BeforeValidator(_as_day)]
 GivenTime = Annotated[AwareDatetime, BeforeValidator(_as_time), AfterValidator(_in_utc)]
 
 
-def _stated(message: str) -> PydanticCustomError:
-    # Braces in a template would be read.
-    return PydanticCustomError("value_error", "{message}", {"message": message})
-
-
 class Given(Contract):
     """The base of a body or a query, whose texts have no control characters.
 
@@ -94,7 +89,12 @@ class Given(Contract):
     @model_validator(mode="after")
     def _is_of_shown_characters(self) -> Self:
         faults = [
-            InitErrorDetails(type=_stated(fault["msg"]), loc=fault["loc"], input=fault["input"])
+            InitErrorDetails(
+                # Braces in a template would be read.
+                type=PydanticCustomError("value_error", "{message}", {"message": fault["msg"]}),
+                loc=fault["loc"],
+                input=fault["input"],
+            )
             for fault in hidden_characters(dict(self))
         ]
         if faults:

@@ -58,7 +58,8 @@ class KeptRequest:
         raise Invalid(
             "idempotency-key-reused",
             f"Idempotency-Key {again.key!r} is that of another request, answered at "
-            f"{self.answered_at.isoformat(timespec='seconds')}: send that one as it was, or take a new key for this one",
+            f"{self.answered_at.isoformat(timespec='seconds')}: send that one as it was, or take a new key for "
+            "this one",
         )
 
 
