@@ -276,8 +276,7 @@ def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
     yield from _holes_outside(shapes)
     masses = [shape.density * shape.area_mm2 for shape in shapes.values()]
     if masses and sum(masses) <= ROUNDING * max(masses):
-        sentence = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
-        yield None, sentence
+        yield None, f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
 
 
 def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]:

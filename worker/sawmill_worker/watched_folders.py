@@ -71,8 +71,7 @@ class WatchedFolders:
             except HeldByAnother:
                 return
             self._is_taker = True
-        watched = self._store.scanners.watched_folders()
-        for scanner_id, settings in watched.items():
+        for scanner_id, settings in self._store.scanners.watched_folders().items():
             if scanner_id not in self._folders:
                 self._folders[scanner_id] = _Folder(self._store, scanner_id, self._stop, self._monotonic)
             self._folders[scanner_id].look(settings)
@@ -283,8 +282,7 @@ class _Folder:
         self._store.uploads.check_room_for(look.signature[0])
         with self._store.files.receiving(), _opened_file(inside, file) as source:
             try:
-                largest_bytes = LargestUpload().max_upload_bytes
-                received = self._store.files.receive(self._pieces(source), max_bytes=largest_bytes)
+                received = self._store.files.receive(self._pieces(source), max_bytes=LargestUpload().max_upload_bytes)
             except UploadTooLarge as error:
                 raise _Refused(error.code, str(error)) from error
             if _signature(source) != look.signature:

@@ -69,8 +69,7 @@ class Repeatable:
         """Create the resource, in one transaction with the answer for repeats."""
         if self.keyed is None:
             return make()
-        keyed = replace(self.keyed, file_sha256=file_sha256)
-        made = self.repeats.once(keyed, make, self._kept)
+        made = self.repeats.once(replace(self.keyed, file_sha256=file_sha256), make, self._kept)
         if isinstance(made, KeptAnswer):
             raise _repeated(made, self.request)
         return made
@@ -173,8 +172,7 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
 
     signature = inspect.signature(endpoint)
     added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)
-    parameters = [*signature.parameters.values(), added]
-    once.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    once.__signature__ = signature.replace(parameters=[*signature.parameters.values(), added])  # type: ignore[attr-defined]
     return once
 
 

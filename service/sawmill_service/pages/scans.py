@@ -71,8 +71,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         texts["field_mm"] = plain_number(texts["field_mm"])
     try:
         options = LogForm.model_validate(texts)
-        ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
-        log = store.reconstructions.accept(ask)
+        log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True)))
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:

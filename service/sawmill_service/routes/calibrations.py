@@ -62,8 +62,7 @@ class InLanguage(Given):
 )
 def get_calibration_step(calibration_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
-    calibration = succeeded(store.calibrations, calibration_id, "next step")
-    return step_with(store, calibration).answer
+    return step_with(store, succeeded(store.calibrations, calibration_id, "next step")).answer
 
 
 @router.get(

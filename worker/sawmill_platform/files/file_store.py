@@ -392,8 +392,7 @@ class FileStore:
         flush(path.parent)
 
     def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
-        path = self.folder / "incoming" / uuid4().hex
-        return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
+        return Arriving(self.folder / "incoming" / uuid4().hex, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
 
 
 def read_identity(folder: Path) -> str | None:

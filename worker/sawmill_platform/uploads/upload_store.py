@@ -126,8 +126,7 @@ class Uploads:
         part = UploadPart(self.files.unfinished(upload_id), upload_id, self._database)
         try:
             # Once more: another part may have ended just now.
-            upload = self._awaited(upload_id, offset_bytes, part_bytes)
-            part.begin(upload, reserve_bytes=self._disk_reserve_bytes)
+            part.begin(self._awaited(upload_id, offset_bytes, part_bytes), reserve_bytes=self._disk_reserve_bytes)
         except BaseException:
             part.close()
             raise

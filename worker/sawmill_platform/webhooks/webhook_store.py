@@ -122,8 +122,7 @@ class WebhookStore:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             row.previous_secret, row.previous_secret_until = row.secret, now + timedelta(seconds=grace_s)
             row.secret = _new_secret()
-            decided = {"grace_s": grace_s}
-            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id, decided=decided)
+            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id, decided={"grace_s": grace_s})
             return _with_secret(session, row)
 
     def note_test(self, test: WebhookTest) -> WebhookTest:

@@ -127,8 +127,7 @@ def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str
 def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
     """Read a row as the answer of the kind, with state and failure of the job."""
     columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
-    of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
-    return declared.read(columns | of_job)
+    return declared.read(columns | {name: getattr(row.job, name) for name in ("state", "failure")})
 
 
 def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:

@@ -93,10 +93,9 @@ class Histories:
         topics = (HistoryKind.ACTIVATION, HistoryKind.ALARM)
         statement = _events(scanner_id).where(EventRow.at >= since, EventRow.topic.in_(topics))
         with self._database.read() as session:
-            rows = session.scalars(statement.order_by(EventRow.at, EventRow.number))
             return [
                 HistoryMark(row.at, HistoryKind(row.topic or ""), row.what, row.subject_id or "", _alarm(row))
-                for row in rows
+                for row in session.scalars(statement.order_by(EventRow.at, EventRow.number))
             ]
 
     def newest(self, scanner_id: str, kind: HistoryKind, subject_id: str) -> HistoryEntry | None:

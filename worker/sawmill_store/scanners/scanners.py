@@ -123,8 +123,7 @@ class Scanners:
             before, row.spec = row.spec, spec.model_dump(mode="json")
             difference = changed(before, row.spec)
             now = self._database.now()
-            why = changes_in_words(difference)
-            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference, why)
+            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference, changes_in_words(difference))
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:

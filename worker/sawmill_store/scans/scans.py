@@ -117,8 +117,7 @@ class Scans:
     def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
         """Return the scans of these ids that exist, by id."""
         with self._database.read() as session:
-            rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
-            return {row.id: read_scan(row) for row in rows}
+            return {row.id: read_scan(row) for row in session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))}
 
     def page(
         self,

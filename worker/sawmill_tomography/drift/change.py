@@ -236,8 +236,7 @@ def drift_change(
 def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DetectorEstimate, *, radius_mm: float) -> float:
     """Return the RMS distance of the rays between a baseline and the calibration, with R, psi and SDD held."""
     u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.values)
-    moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
-    return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
+    return _moved_rays(scanner, calibrated, replace(calibrated, cor_column_mm=u_c, tilt_rad=tau), radius_mm)[0]
 
 
 def _moved_rays(scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float) -> tuple[float, float]:

@@ -96,8 +96,7 @@ class MetalFinder:
 
     def in_views(self, dark: Sequence[NDArray[np.bool_]], share: float) -> NDArray[np.bool_]:
         """Return the pixels (slices, size, size) that are dark in this share of the views that see them."""
-        views = self.coarse.adjoint(np.stack(dark))
-        return (views >= share * self.seen) & (self.seen > 0.0)
+        return (self.coarse.adjoint(np.stack(dark)) >= share * self.seen) & (self.seen > 0.0)
 
     def bodies(self, shadows: Sequence[Shadows], before: Image | None = None) -> Image:
         """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.
@@ -289,8 +288,7 @@ def _narrow(geometry: FanBeamGeometry, sinogram: Image, longest_mm: float = LONG
         wide = _opened(smooth, max(min(longest_mm, half_mm), NARROW_MM) / cell_mm)
     wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
     excess = smooth - wide
-    least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
-    return Shadows(excess, least, wood)
+    return Shadows(excess, max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
 
 
 def _opened(lines: Image, cells: float) -> Image:

@@ -161,8 +161,7 @@ class Formats:
         """Write day and minute in a zone or in this machine's, which the pages' script turns into the browser's."""
         if time is None:
             return self._text.gettext("never")
-        hour = self.hour(time, zone)
-        return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time, zone))
+        return str(get_datetime_format("medium", self._locale)).format(self.hour(time, zone), self.day(time, zone))
 
     def hour(self, time: datetime | str, zone: str | None = None) -> str:
         """Write hour and minute alone, in a time zone or, without one, in this machine's."""
