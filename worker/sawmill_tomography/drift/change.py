@@ -116,8 +116,7 @@ class DetectorFit:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviations of (u_c, tau, SDD)."""
-        spread: FloatArray = np.sqrt(np.diag(self.covariance))
-        return spread
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def sdd_sensitivity(self) -> FloatArray:
@@ -157,15 +156,13 @@ class DriftChange:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviations of the changes, (3,)."""
-        spread: FloatArray = np.sqrt(np.diag(self.covariance))
-        return spread
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def significance(self) -> FloatArray:
         """Changes in units of their standard deviations, (3,); 0 for a value that was held."""
         deviation = self.deviation
-        share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
-        return share
+        return np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
 
     @property
     def moved(self) -> bool:

@@ -50,10 +50,7 @@ def _median_along_cells(ranked: NDArray[np.float32], window: int) -> NDArray[np.
     """Filter each rank (rank, cells) as one long line: eight times faster in SciPy than filtering a plane."""
     margin = window // 2
     padded = np.pad(ranked, ((0, 0), (margin, margin)), mode="edge")
-    filtered: NDArray[np.float32] = scipy.ndimage.median_filter(padded.ravel(), window).reshape(padded.shape)[
-        :, margin:-margin
-    ]
-    return filtered
+    return scipy.ndimage.median_filter(padded.ravel(), window).reshape(padded.shape)[:, margin:-margin]
 
 
 Sinogram = NDArray[np.float32]

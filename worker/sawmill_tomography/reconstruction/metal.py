@@ -139,8 +139,7 @@ class MetalFinder:
         # Shadows of two pieces side by side are not narrow, and not dark.
         thick = self.fine.forward(excess) > THICK * shadows.least
         covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | thick
-        trace: NDArray[np.bool_] = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
-        return trace
+        return scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
 
 
 def at_cor_mm(geometry: FanBeamGeometry) -> float:
@@ -151,8 +150,7 @@ def at_cor_mm(geometry: FanBeamGeometry) -> float:
 def smoothed(lines: Image) -> Image:
     """Average each cell and its neighbours (views, cells); `scipy.ndimage` for this would delay each start."""
     wide = np.pad(lines, ((0, 0), (1, 1)), mode="edge")
-    smooth: Image = (wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]) / np.float32(3.0)
-    return smooth
+    return (wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]) / np.float32(3.0)
 
 
 INTERPOLATION = (
@@ -293,8 +291,7 @@ def _narrow(geometry: FanBeamGeometry, sinogram: Image, longest_mm: float = LONG
 
 def _opened(lines: Image, cells: float) -> Image:
     """Return lines (views, cells) without what is narrower than a number of cells."""
-    opened: Image = scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
-    return opened
+    return scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
 
 
 def _width_mm(lines: Image, cell_mm: float) -> float:

@@ -261,8 +261,7 @@ class _Bidiagonalisation:
     def combine(self, coefficients: Floats) -> Image:
         """Return V times the coefficients."""
         n = self.projector.grid.size
-        image: Image = (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
-        return image
+        return (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
 
 
 def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:

@@ -127,8 +127,7 @@ class Formats:
         if abs(value) >= _LARGEST_IN_FULL:
             return str(format_scientific(value, locale=self._locale))
         pattern = "#,##0" + ("." + "0" * digits if digits else "")
-        written: str = format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
-        return written
+        return format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
 
     def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
         """Write a length, mm."""
@@ -182,8 +181,7 @@ class Formats:
         if time is None:
             return self._text.gettext("never")
         ago = _local(time) - datetime.now(UTC)
-        written: str = format_timedelta(ago, granularity="second", add_direction=True, locale=self._locale)
-        return written
+        return format_timedelta(ago, granularity="second", add_direction=True, locale=self._locale)
 
     def _with_unit(self, value: float | None, digits: int, unit: str, *, signed: bool) -> str:
         written = self.number(value, digits, signed=signed)

@@ -91,8 +91,7 @@ class ScanMotions(NamedTuple):
 
 def _waves(angles_rad: FloatArray, order: int) -> FloatArray:
     """Return cosine and sine, (views, 2)."""
-    waves: FloatArray = np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
-    return waves
+    return np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
 
 
 def motion_sizes(residual: FloatArray, known: FloatArray, motions: FloatArray, kinds: tuple[str, ...]) -> MotionSizes:
