@@ -254,7 +254,8 @@ class _Supervision:
         try:
             self._given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
-            return Failed(failure=Failure(kind=FailureKind.INPUT, code=f"{error.kind}-deleted", detail=str(error)))
+            code = f"{error.kind}-deleted"
+            return Failed(failure=Failure(kind=FailureKind.INPUT, code=code, detail=str(error)))
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error, self._claim.job.kind))
