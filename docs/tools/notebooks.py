@@ -53,8 +53,7 @@ def run_and_keep(path: Path) -> None:
     with client.setup_kernel(cwd=str(path.parent)):
         client.kc.execute(WITHOUT_TIMES, silent=True, store_history=False)
         for index, cell in enumerate(notebook.cells):
-            number = next(numbers) if cell.cell_type == "code" else None
-            client.execute_cell(cell, index, execution_count=number)
+            client.execute_cell(cell, index, execution_count=next(numbers) if cell.cell_type == "code" else None)
     clean(notebook)
     nbformat.write(notebook, path)
     print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")

@@ -112,8 +112,7 @@ def _shown(client: httpx.Client, output: Path, folder: Path, size: DemoSize, ste
     with step("Simulating a log with the phantom on its end"):
         examples.write_mill_stack(folder / "stack.h5", size.views, slices)
         true_slice = slices[PHANTOM_ROWS].rasterise(size.slices, FIELD_MM).astype(np.float64)
-    constants = {**vars(examples.SCANNER), "row_pitch_mm": ROW_PITCH_MM}
-    scanner = {"name": "simulated scanner", "constants": constants}
+    scanner = {"name": "simulated scanner", "constants": {**vars(examples.SCANNER), "row_pitch_mm": ROW_PITCH_MM}}
     spec = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{PHANTOM_ROWS}"}
     spec["scanner_id"] = demo_client.post(client, "/v1/scanners", json=scanner)["id"]
     with step("Uploading the stack") as on_progress:

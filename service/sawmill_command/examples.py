@@ -32,8 +32,7 @@ LOG_START_MM = 192.0
 
 def full_turn(views: int) -> FloatArray:
     """Return equidistant angles (views,) over a full turn, rad, starting at half a step."""
-    angles: FloatArray = (np.arange(views) + 0.5) * 2.0 * np.pi / views
-    return angles
+    return (np.arange(views) + 0.5) * 2.0 * np.pi / views
 
 
 def mill_log() -> LogModel:

@@ -40,8 +40,7 @@ def _expiry(text: str) -> datetime:
     except (ValueError, OverflowError):
         moment = None
     if moment is None or (moment.tzinfo is None and len(text) > len("2030-01-01")):
-        msg = f"must be as in 12h, 90d, 52w, 2030-01-01 or 2030-01-01T06:00:00Z, not {text!r}"
-        raise typer.BadParameter(msg)
+        raise typer.BadParameter(f"must be as in 12h, 90d, 52w, 2030-01-01 or 2030-01-01T06:00:00Z, not {text!r}")
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 

@@ -61,9 +61,8 @@ def seed_examples(store: Store) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(RECORDED / PHANTOM_FILE, folder / PHANTOM_FILE)
-    existing = {item.id for item in store.scanners.page().items}
-    for identifier in {EXAMPLE, SPARE} - existing:
-        store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
+    for identifier in {EXAMPLE, SPARE} - {item.id for item in store.scanners.page().items}:
+        store.scanners.create(ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS), scanner_id=identifier)
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store.scans)
@@ -82,15 +81,13 @@ def seed_examples(store: Store) -> None:
     _ask_once(store.reconstructions, log)
     _ask_once(store.reconstructions, sparse, SPARSE)
     _ask_once(store.drifts, DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE))
-    plan = PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20)
-    _ask_once(store.plans, plan, given={"phantom_id": L_SHAPE})
+    _ask_once(store.plans, PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20), given={"phantom_id": L_SHAPE})
     # Any other kind is requested with the request body of the console's example.
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
         ask = declared.ask.model_validate(given.pop("body"))
         _ask_once(store.asked(declared), ask, declared.example_id, given=given)
-    scheduled = {item.id for item in store.schedules.page().items}
-    for identifier in {EXAMPLE, SPARE} - scheduled:
+    for identifier in {EXAMPLE, SPARE} - {item.id for item in store.schedules.page().items}:
         store.schedules.create(
             ScheduleSpec(scanner_id=EXAMPLE, cron="30 5 * * 1-6", enabled=False), schedule_id=identifier
         )
@@ -109,10 +106,6 @@ def _ask_once(
     """Request an example in the background, unless it was requested before."""
     if identifier not in {item.id for item in requests.page().items}:
         requests.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
-
-
-def _scanner_spec(identifier: str) -> ScannerSpec:
-    return ScannerSpec(name=SCANNER_NAMES[identifier], constants=CONSTANTS)
 
 
 def _spare_phantom() -> PhantomDrawing:
@@ -138,8 +131,7 @@ def _seed_scans(scans: Scans) -> None:
 
 
 def _seed_inspections(inspections: Inspections) -> None:
-    existing = {item.id for item in inspections.page().items}
-    for identifier in {SPARE, EXAMPLE} - existing:
+    for identifier in {SPARE, EXAMPLE} - {item.id for item in inspections.page().items}:
         received = inspections.files.receive([(RECORDED / PHANTOM_FILE).read_bytes()], max_bytes=2**30)
         inspections.accept_file(
             InspectionOptions(), received, name=PHANTOM_FILE, identifier=identifier, priority=Priority.BACKGROUND

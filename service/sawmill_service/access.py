@@ -61,8 +61,9 @@ class Caller:
     def check(self, needed: Scope) -> None:
         """Refuse a request that needs a larger scope than the caller has."""
         if not self.scope.covers(needed):
-            detail = f"this needs a key of the scope {needed}, and {self.name!r} has {self.scope}"
-            raise Refused(403, "scope-too-small", detail)
+            raise Refused(
+                403, "scope-too-small", f"this needs a key of the scope {needed}, and {self.name!r} has {self.scope}"
+            )
 
     def acting(self, scope: RequestScope) -> Actor:
         """Return the caller as audit entries and jobs name the caller."""

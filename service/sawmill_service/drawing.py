@@ -158,8 +158,7 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
         from sawmill_calibration.pictures.arrays import thumbnail_png
         from sawmill_formats.output import volume_reader
 
-        path = files.volume(reconstruction_id)
-        middle = volume_reader.volume_slice(path, result.shape, result.shape[0] // 2)
+        middle = volume_reader.volume_slice(files.volume(reconstruction_id), result.shape, result.shape[0] // 2)
         return thumbnail_png(middle.data, result.value_range)
 
     return files.kept(kinds.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
@@ -169,8 +168,11 @@ def result_of(reconstructions: Reconstructions, reconstruction_id: str) -> Recon
     """Return the result of a reconstruction."""
     reconstruction = reconstructions.get(reconstruction_id)
     if reconstruction.result is None:
-        detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
-        raise Refused(409, "reconstruction-without-result", detail)
+        raise Refused(
+            409,
+            "reconstruction-without-result",
+            f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume",
+        )
     return reconstruction.result
 
 

@@ -74,8 +74,7 @@ def _folder(store: Store) -> Iterator[Metric]:
     yield gauge("sawmill_data_folder_up", FOLDER_UP, 1)
     yield gauge("sawmill_data_folder_free_bytes", "Free bytes of the data folder's disk.", room.free_bytes)
     yield gauge("sawmill_data_folder_size_bytes", "Bytes of the data folder's disk.", room.size_bytes)
-    reserve = store.settings.disk_reserve_bytes
-    yield gauge("sawmill_data_folder_reserve_bytes", RESERVE, reserve)
+    yield gauge("sawmill_data_folder_reserve_bytes", RESERVE, store.settings.disk_reserve_bytes)
 
 
 def _database(store: Store) -> Iterator[Metric]:
@@ -90,8 +89,7 @@ def _database(store: Store) -> Iterator[Metric]:
         return
     yield gauge("sawmill_database_up", DATABASE_UP, 1)
     yield from _jobs(tally)
-    idle = bool(waiting) and not tally.running_s
-    yield gauge("sawmill_jobs_without_worker", WITHOUT_WORKER, int(idle))
+    yield gauge("sawmill_jobs_without_worker", WITHOUT_WORKER, int(bool(waiting) and not tally.running_s))
     yield gauge(
         "sawmill_workers_seen",
         "Workers that hold an attempt, or did within ten minutes; an idle one is not seen.",

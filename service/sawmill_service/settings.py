@@ -23,8 +23,7 @@ SHORTEST_TOKEN = 32  # characters: 128 bits even in hexadecimal digits
 def _check_token(token: SecretStr) -> SecretStr:
     text = token.get_secret_value()
     if len(text) < SHORTEST_TOKEN:
-        msg = f"must have at least {SHORTEST_TOKEN} characters, not {len(text)}"
-        raise ValueError(msg)
+        raise ValueError(f"must have at least {SHORTEST_TOKEN} characters, not {len(text)}")
     if not re.fullmatch(r"[!-~]+", text):
         raise ValueError("must consist of ASCII letters, digits and punctuation, without spaces")
     return token
@@ -33,8 +32,7 @@ def _check_token(token: SecretStr) -> SecretStr:
 def _check_url(text: str) -> str:
     url = urlsplit(text)
     if url.scheme not in {"http", "https"} or not url.hostname or url.path.strip("/") or url.query or url.fragment:
-        msg = f"must be as in https://calibration.mill.example, without a path, not {text!r}"
-        raise ValueError(msg)
+        raise ValueError(f"must be as in https://calibration.mill.example, without a path, not {text!r}")
     return text.rstrip("/")
 
 
@@ -42,8 +40,7 @@ def _check_network(text: str) -> str:
     try:
         ip_network(text)
     except ValueError as error:
-        msg = f"must be IP addresses or networks, as in 127.0.0.1 or 10.0.0.0/8, not {text!r}"
-        raise ValueError(msg) from error
+        raise ValueError(f"must be IP addresses or networks, as in 127.0.0.1 or 10.0.0.0/8, not {text!r}") from error
     return text
 
 
@@ -179,14 +176,14 @@ class ServiceSettings(NetworkSettings, UploadSettings, ClientSettings):
         try:
             return {**values, "token": Path(values["token_file"]).read_text().strip()}
         except (OSError, UnicodeDecodeError) as error:
-            msg = f"SAWMILL_TOKEN_FILE cannot be read: {error}"
-            raise ValueError(msg) from error
+            raise ValueError(f"SAWMILL_TOKEN_FILE cannot be read: {error}") from error
 
     @model_validator(mode="after")
     def _check_streams_leave_connections(self) -> Self:
         if self.max_connections <= self.max_streams:
-            msg = f"max_connections must be above max_streams ({self.max_streams}): each stream is a connection"
-            raise ValueError(msg)
+            raise ValueError(
+                f"max_connections must be above max_streams ({self.max_streams}): each stream is a connection"
+            )
         return self
 
     @property

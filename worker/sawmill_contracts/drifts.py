@@ -288,8 +288,7 @@ class DriftResult(Contract):
         """Return the result with its time of end, and so with its baseline's age."""
         baseline = self.baseline
         if baseline is not None and baseline.last_at is not None:
-            age_hours = (at - baseline.last_at).total_seconds() / 3600.0
-            baseline = baseline.model_copy(update={"age_hours": age_hours})
+            baseline = baseline.model_copy(update={"age_hours": (at - baseline.last_at).total_seconds() / 3600.0})
         return self.model_copy(update={"at": at, "baseline": baseline})
 
 

@@ -13,16 +13,16 @@ from sawmill_vocabulary import LARGEST_MM, CoordinateMm, Scanner, SourceFrame, T
 def _check_range(value: tuple[float, float]) -> tuple[float, float]:
     """Check that the value is a range [low, high]."""
     if not value[0] < value[1]:
-        msg = f"a range must be [low, high] with low < high, not {list(value)}"
-        raise ValueError(msg)
+        raise ValueError(f"a range must be [low, high] with low < high, not {list(value)}")
     return value
 
 
 def _check_square(rows: list[list[float]]) -> list[list[float]]:
     lengths = [len(row) for row in rows]
     if not rows or lengths != [len(rows)] * len(rows):
-        msg = f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
-        raise ValueError(msg)
+        raise ValueError(
+            f"a covariance must have as many numbers in each row as it has rows, not {lengths} in {len(rows)} rows"
+        )
     return rows
 
 

@@ -85,11 +85,10 @@ class SizeMeasurement(Contract):
     @model_validator(mode="after")
     def _is_precise_enough(self) -> Self:
         if self.relative_uncertainty >= LARGEST_SIZE_TOLERANCE:
-            msg = (
+            raise ValueError(
                 f"standard_uncertainty_mm {self.standard_uncertainty_mm:g} of measured_mm {self.measured_mm:g} must be "
                 f"less than {LARGEST_SIZE_TOLERANCE:.0%} of it"
             )
-            raise ValueError(msg)
         return self
 
 
@@ -106,8 +105,9 @@ def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement
     last = datetime.now(UTC).date() + timedelta(days=1)
     for each in measurements:
         if each.measured_on is not None and each.measured_on > last:
-            msg = f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
-            raise ValueError(msg)
+            raise ValueError(
+                f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
+            )
     return measurements
 
 
@@ -218,11 +218,10 @@ class PhantomDrawing(Contract):
             return 1.0
         drawn_mm = self.extent_mm["xy".index(axis)]
         if abs(measured.measured_mm - drawn_mm) > LARGEST_SIZE_TOLERANCE * drawn_mm:
-            msg = (
+            raise ValueError(
                 f"{axis} was measured as {measured.measured_mm:g} mm and is drawn {drawn_mm:g} mm long: give a length "
                 f"within {LARGEST_SIZE_TOLERANCE:.0%} of the drawing, or draw the other phantom"
             )
-            raise ValueError(msg)
         return measured.measured_mm / drawn_mm
 
 
@@ -259,8 +258,9 @@ class PhantomAsk(PhantomDrawing, Given):
     @classmethod
     def _are_new(cls, follows: str | None) -> None:
         if follows is not None:
-            msg = f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
-            raise ValueError(msg)
+            raise ValueError(
+                f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
+            )
 
     @field_validator("shapes")
     @classmethod
@@ -285,8 +285,7 @@ def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
     yield from _holes_outside(shapes)
     masses = [shape.density * shape.area_mm2 for shape in shapes.values()]
     if masses and sum(masses) <= ROUNDING * max(masses):
-        sentence = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
-        yield None, sentence
+        yield None, f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
 
 
 def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]:

@@ -35,8 +35,7 @@ from sawmill_vocabulary.messages import N_
 
 def _one_number(value: object, info: ValidationInfo) -> object:
     if isinstance(value, list | tuple):
-        msg = f"{info.field_name} must be one number, since pixels are square, not {list(value)}"
-        raise ValueError(msg)  # noqa: TRY004 - what pydantic reports
+        raise ValueError(f"{info.field_name} must be one number, since pixels are square, not {list(value)}")  # noqa: TRY004 - what pydantic reports
     return value
 
 
@@ -51,8 +50,7 @@ def _coupling_as_text(value: object) -> object:
     """Return a coupling as text; a command's flag is a text, whether a word or a number, and JSON may have a number."""
     text = f"{value:.6f}" if isinstance(value, int | float) and not isinstance(value, bool) else value
     if isinstance(text, str) and not re.fullmatch(_COUPLING, text.strip()):
-        msg = f"coupling must be auto, none, or a number from 0 to below 100 as in 0.4, not {text!r:.100}"
-        raise ValueError(msg)
+        raise ValueError(f"coupling must be auto, none, or a number from 0 to below 100 as in 0.4, not {text!r:.100}")
     return text
 
 
@@ -212,8 +210,7 @@ class ReconstructionOptions(Contract):
         least, largest = COMPUTABLE[str(info.field_name)]
         if value is None or cls.is_stored or least <= value <= largest:
             return value
-        msg = f"must be from {least:g} to {largest:g}, not {value:g}"
-        raise ValueError(msg)
+        raise ValueError(f"must be from {least:g} to {largest:g}, not {value:g}")
 
     @model_validator(mode="after")
     def _choose_fbp_by_its_options(self) -> "ReconstructionOptions":
@@ -235,8 +232,9 @@ class ReconstructionOptions(Contract):
             ):
                 continue
             owners = " or ".join(sorted(mark.methods))
-            msg = f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
-            raise ValueError(msg)
+            raise ValueError(
+                f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
+            )
         return self
 
     @model_validator(mode="after")

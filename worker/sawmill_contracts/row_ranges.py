@@ -22,8 +22,7 @@ def parse_span(what: str, text: str) -> slice:
     match = _SPAN.fullmatch(text)
     first, last, step = (None if part is None else int(part) for part in match.groups()) if match else (0, 0, None)
     if first is None or last is None or first >= last or step == 0:
-        msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
-        raise ValueError(msg)
+        raise ValueError(f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}")
     return slice(first, last, step)
 
 
@@ -39,8 +38,7 @@ def _check_stepped_rows(text: str) -> str:
 
 def _check_rows(text: str) -> str:
     if parse_rows(text).step is not None:
-        msg = f"rows that are averaged must be A:B, without a step, not {text!r}"
-        raise ValueError(msg)
+        raise ValueError(f"rows that are averaged must be A:B, without a step, not {text!r}")
     return text
 
 

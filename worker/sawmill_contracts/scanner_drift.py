@@ -65,8 +65,7 @@ class DriftFinding(Contract):
         of_change = [name for name, field in type(self).model_fields.items() if not field.is_required()]
         missing = [name for name in of_change if getattr(self, name) is None]
         if missing and len(missing) < len(of_change):
-            msg = f"a change must have {', '.join(of_change)}, and {', '.join(missing)} is null"
-            raise ValueError(msg)
+            raise ValueError(f"a change must have {', '.join(of_change)}, and {', '.join(missing)} is null")
         return self
 
     @property

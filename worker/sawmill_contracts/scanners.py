@@ -90,16 +90,14 @@ class ScannerAsk(ScannerSpec, Given):
         for name, least_mm in SMALLEST_MM.items():
             value_mm = getattr(self.constants, name)
             if value_mm is not None and value_mm < least_mm:
-                msg = f"constants.{name} must be at least {least_mm:g}, not {value_mm:g}"
-                raise ValueError(msg)
+                raise ValueError(f"constants.{name} must be at least {least_mm:g}, not {value_mm:g}")
         return self
 
     @model_validator(mode="after")
     def _no_log_holds_the_source(self) -> Self:
         radius_mm, source_mm = self.log_radius_mm, self.constants.source_to_cor_mm
         if radius_mm is not None and radius_mm >= source_mm:
-            msg = f"log_radius_mm {radius_mm:g} must be less than constants.source_to_cor_mm {source_mm:g}"
-            raise ValueError(msg)
+            raise ValueError(f"log_radius_mm {radius_mm:g} must be less than constants.source_to_cor_mm {source_mm:g}")
         return self
 
 

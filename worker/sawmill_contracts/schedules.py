@@ -68,8 +68,7 @@ class ScheduleAsk(ScheduleSpec, Given):
     @model_validator(mode="after")
     def _activates_what_it_makes(self) -> Self:
         if self.kind != "recalibrate" and self.on_pass == "activate":  # noqa: S105 - no password
-            msg = f"on_pass {self.on_pass!r} belongs to kind 'recalibrate', not {self.kind!r}: leave it out"
-            raise ValueError(msg)
+            raise ValueError(f"on_pass {self.on_pass!r} belongs to kind 'recalibrate', not {self.kind!r}: leave it out")
         return self
 
 

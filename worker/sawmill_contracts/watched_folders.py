@@ -15,8 +15,7 @@ from sawmill_platform.contracts.jobs import Priority
 
 def _check_path(text: str) -> str:
     if not text.startswith("/") or ".." in PurePosixPath(text).parts:
-        msg = f"must be an absolute path without .., as /srv/scanners/line-2, not {text!r}"
-        raise ValueError(msg)
+        raise ValueError(f"must be an absolute path without .., as /srv/scanners/line-2, not {text!r}")
     return text
 
 

@@ -65,8 +65,7 @@ def translation(length_mm: float, vector: object, name: str) -> Vector:
     way = np.asarray(vector)
     if way.shape != (3,) or way.dtype.kind not in "iuf" or not np.isfinite(way).all() or not way.any():
         raise ModulesUnusable(f"the {name} of one is not along a vector")
-    along: Vector = length_mm * way / np.linalg.norm(way)
-    return along
+    return length_mm * way / np.linalg.norm(way)
 
 
 def placed_modules(modules: Sequence[DetectorModule], cells: int, pitch_mm: float) -> list[PlacedModule]:

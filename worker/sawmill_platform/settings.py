@@ -9,8 +9,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 def _check_absolute(path: Path) -> Path:
     if not path.is_absolute():
-        msg = f'must be a list of absolute paths, as ["/srv/watched"], not {str(path)!r}'
-        raise ValueError(msg)
+        raise ValueError(f'must be a list of absolute paths, as ["/srv/watched"], not {str(path)!r}')
     return path
 
 

@@ -42,8 +42,10 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
         with self._database.write() as session:
             row = found(session, CalibrationRow, "calibration", calibration_id)
             if row.result is None:
-                msg = f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated"
-                raise Conflict("calibration-without-result", msg)
+                raise Conflict(
+                    "calibration-without-result",
+                    f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated",
+                )
             scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
             hold(session, CalibrationRow, "calibration", row.id)
             activate(session, scanner.id, row.id, reason, self._database.now())
@@ -63,8 +65,9 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
             if not row.job.state.ended:
                 raise Conflict("calibration-unfinished", f"calibration {row.id!r} is {row.job.state}: cancel its job")
             if row.id == active_calibration_id(session, scanner.id):
-                msg = f"calibration {row.id!r} is in use: accept another one, or roll back to one"
-                raise Conflict("calibration-in-use", msg)
+                raise Conflict(
+                    "calibration-in-use", f"calibration {row.id!r} is in use: accept another one, or roll back to one"
+                )
             discard(session, scanner.id, row.id, reason, self._database.now())
             return read_scanner(session, scanner)
 

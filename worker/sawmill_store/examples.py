@@ -59,8 +59,7 @@ def remove_examples(store: Store) -> None:
         ]
         unfinished = select(JobRow.id).where(JobRow.id.in_(job_ids), JobRow.state.in_(UNFINISHED)).limit(1)
         if (job_id := session.scalar(unfinished)) is not None:
-            msg = f"job {job_id!r} of an example has not ended: wait for it, or cancel it"
-            raise Conflict("scanner-in-use", msg)
+            raise Conflict("scanner-in-use", f"job {job_id!r} of an example has not ended: wait for it, or cancel it")
         waited = or_(JobDependencyRow.job_id.in_(job_ids), JobDependencyRow.needs_job_id.in_(job_ids))
         referring = (table for table in _TABLES if table is not CalibrationRow)
         statements: list[Delete] = [

@@ -36,8 +36,7 @@ class Store(JobServiceStore):
     files: MillFiles
 
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
-        files = MillFiles(settings.data_folder)
-        super().__init__(settings, files, MILL_SUBJECTS, clock)
+        super().__init__(settings, MillFiles(settings.data_folder), MILL_SUBJECTS, clock)
         self.scanners = Scanners(self.database, settings.watch_folders)
         self.phantoms = Phantoms(self.database, self.files, self.places)
         self.scans = Scans(self.database, self.files, self.places)

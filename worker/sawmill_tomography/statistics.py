@@ -57,8 +57,7 @@ def few_with_most(power: NDArray[np.floating], share: float, times: float = 0.0)
     largest = np.sort(np.argsort(power)[::-1][: max(1, round(share * power.size))])
     if times:
         largest = largest[power[largest] > times * max(np.median(power), power.max() / times**2)]
-    few: NDArray[np.intp] = largest if power[largest].sum() > 0.5 * power.sum() else largest[:0]
-    return few
+    return largest if power[largest].sum() > 0.5 * power.sum() else largest[:0]
 
 
 def noise_of_differences(differences: NDArray[np.floating], order: int) -> float:

@@ -37,8 +37,7 @@ class _Sweep:
 
     def __init__(self, corners: Sequence[Corner]) -> None:
         self._corners, self._count = corners, len(corners)
-        following = [*corners[1:], corners[0]]
-        self._sides = [(a, b) if a < b else (b, a) for a, b in zip(corners, following, strict=True)]
+        self._sides = [(a, b) if a < b else (b, a) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
         # Numbers of the sides that the sweep line meets, from below.
         self._met: list[int] = []
 

@@ -71,8 +71,7 @@ class WatchedFolders:
             except HeldByAnother:
                 return
             self._is_taker = True
-        watched = self._store.scanners.watched_folders()
-        for scanner_id, settings in watched.items():
+        for scanner_id, settings in self._store.scanners.watched_folders().items():
             if scanner_id not in self._folders:
                 self._folders[scanner_id] = _Folder(self._store, scanner_id, self._stop, self._monotonic)
             self._folders[scanner_id].look(settings)
@@ -271,8 +270,7 @@ class _Folder:
             return 0  # the taker was killed before the folder was renamed: in the end the contents are compared
         files = watched.files_named(file)
         if files is None:
-            msg = "it was taken, and no pattern matches its name any more"
-            raise ValueError(msg)
+            raise ValueError("it was taken, and no pattern matches its name any more")
         fields = files.model_dump(include=set(ScanSpec.model_fields))
         spec = ScanSpec(**fields, scanner_id=self._scanner_id, name=shown(file)[:200].strip() or "scan")
         self._store.scans.check(spec)
@@ -284,8 +282,7 @@ class _Folder:
         self._store.uploads.check_room_for(look.signature[0])
         with self._store.files.receiving(), _opened_file(inside, file) as source:
             try:
-                largest_bytes = LargestUpload().max_upload_bytes
-                received = self._store.files.receive(self._pieces(source), max_bytes=largest_bytes)
+                received = self._store.files.receive(self._pieces(source), max_bytes=LargestUpload().max_upload_bytes)
             except UploadTooLarge as error:
                 raise _Refused(error.code, str(error)) from error
             if _signature(source) != look.signature:
@@ -337,8 +334,7 @@ def _opened_below(stack: ExitStack, roots: Sequence[Path], folder: Path) -> int:
     """Open a folder below one of the allowed ones, each part of the path within the one before."""
     root = next((each for each in roots if folder.is_relative_to(each)), None)
     if root is None:
-        msg = f"SAWMILL_WATCH_FOLDERS does not allow {folder} any more"
-        raise ValueError(msg)
+        raise ValueError(f"SAWMILL_WATCH_FOLDERS does not allow {folder} any more")
     descriptor = stack.enter_context(_opened(str(root.resolve())))
     for part in folder.relative_to(root).parts:
         descriptor = stack.enter_context(_opened(part, descriptor))

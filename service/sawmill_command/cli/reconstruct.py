@@ -37,8 +37,9 @@ def _one_number(text: str) -> float:
     try:
         number = float(text)
     except ValueError as error:
-        msg = f"{text!r} is not one number: pixels are square, and one number says both sides."
-        raise typer.BadParameter(msg) from error
+        raise typer.BadParameter(
+            f"{text!r} is not one number: pixels are square, and one number says both sides."
+        ) from error
     return int(number) if number.is_integer() else number
 
 

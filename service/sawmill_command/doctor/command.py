@@ -70,8 +70,7 @@ def show(findings: Sequence[DoctorFinding]) -> None:
     """Print a row per finding, and the cure below a bad finding."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for finding in findings:
-        colour = _COLOURS[finding.state]
-        table.add_row(f"[{colour}]{finding.state}[/]", finding.subject, escape(finding.sentence))
+        table.add_row(f"[{_COLOURS[finding.state]}]{finding.state}[/]", finding.subject, escape(finding.sentence))
         if finding.cure:
             table.add_row("", "", f"[bold]{escape(finding.cure)}[/]")
     Console().print(table)

@@ -152,8 +152,7 @@ def data_folder(storage: StorageSettings) -> Iterator[DoctorFinding]:
     folder = storage.data_folder
     if not folder.is_dir():
         if storage.is_one_file:  # a database server knows whether a folder should exist
-            cure = "the first start of sawmill serve makes it"
-            yield watch("data folder", f"{folder} is not there", cure)
+            yield watch("data folder", f"{folder} is not there", "the first start of sawmill serve makes it")
         return
     yield _writable(folder)
     if not is_closed(folder):
@@ -171,8 +170,7 @@ def _half_restored(folder: Path) -> Iterator[DoctorFinding]:
     try:
         refuse_half_restored(folder)
     except StorageMisconfigured as error:
-        cure = "wait for its end, or give sawmill restore BACKUP once more"
-        yield bad("data folder", str(error), cure)
+        yield bad("data folder", str(error), "wait for its end, or give sawmill restore BACKUP once more")
 
 
 def is_closed(folder: Path) -> bool:

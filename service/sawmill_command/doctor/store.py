@@ -56,8 +56,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Do
                 yield from webhooks(store.webhooks, settings.webhook_destinations)
                 yield from _retention(store.retention)
     except StorageMisconfigured as error:
-        cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
-        yield bad("database", str(error), cure)
+        yield bad("database", str(error), _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL")
     except StorageError as error:
         yield bad("database", str(error), "start its server, or end the process that holds it")
 
@@ -120,8 +119,7 @@ def _migration(report: DatabaseReport) -> DoctorFinding:
 def _damage(store: Store) -> DoctorFinding:
     damage = store.damage()
     if damage:
-        sentence = f"the database's file is damaged: {damage[0]}"
-        return bad("tables", sentence, _RESTORE)
+        return bad("tables", f"the database's file is damaged: {damage[0]}", _RESTORE)
     return good("tables", "whole, and of this version")
 
 

@@ -69,8 +69,7 @@ class Repeatable:
         """Create the resource, in one transaction with the answer for repeats."""
         if self.keyed is None:
             return make()
-        keyed = replace(self.keyed, file_sha256=file_sha256)
-        made = self.repeats.once(keyed, make, self._kept)
+        made = self.repeats.once(replace(self.keyed, file_sha256=file_sha256), make, self._kept)
         if isinstance(made, KeptAnswer):
             raise _repeated(made, self.request)
         return made
@@ -153,8 +152,11 @@ def _read(key: str) -> str:
         return re.sub(r"\\(.)", r"\1", quoted[1])
     if _BARE.fullmatch(key):
         return key
-    detail = f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}"
-    raise Refused(400, "bad-idempotency-key", detail)
+    raise Refused(
+        400,
+        "bad-idempotency-key",
+        f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}",
+    )
 
 
 TheRepeatable = Annotated[Repeatable, Depends(_repeatable)]
@@ -170,8 +172,7 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
 
     signature = inspect.signature(endpoint)
     added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)
-    parameters = [*signature.parameters.values(), added]
-    once.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    once.__signature__ = signature.replace(parameters=[*signature.parameters.values(), added])  # type: ignore[attr-defined]
     return once
 
 

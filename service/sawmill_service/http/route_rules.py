@@ -114,8 +114,7 @@ class RouteRules:
             for method in route.methods or ():
                 rule = getattr(route.original_route, "rule", None)
                 if rule is None:
-                    msg = f"{method} {route.path} declares no scope: give `needs` to its decorator"
-                    raise ValueError(msg)
+                    raise ValueError(f"{method} {route.path} declares no scope: give `needs` to its decorator")
                 rules.setdefault(method, rule)
         self._patterns = [(compile_path(path)[0], rules) for path, rules in self.by_pattern.items() if "{" in path]
 

@@ -34,8 +34,7 @@ def _two_numbers(text: object) -> object:
     apart = [part.rstrip(",") for part in re.split(r"[\s;]+", str(text).strip())]
     parts = [plain_number(part) for part in (apart if len(apart) > 1 else apart[0].split(","))]
     if len(parts) != 2:
-        msg = f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}"
-        raise ValueError(msg)
+        raise ValueError(f"must be two numbers, x and y in mm, as in 60, -40, not {text!r:.100}")
     return parts
 
 
@@ -72,8 +71,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         texts["field_mm"] = plain_number(texts["field_mm"])
     try:
         options = LogForm.model_validate(texts)
-        ask = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
-        log = store.reconstructions.accept(ask)
+        log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True)))
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:

@@ -43,8 +43,7 @@ def get_audit_file(request: Request, audit: TheAudit) -> Response:
     tag = 'W/"{}-{}"'.format(*audit.extent())
     if held := check_conditions(request.headers, tag):
         return held
-    headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag}
-    return JsonLines(_lines(audit), headers=headers)
+    return JsonLines(_lines(audit), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag})
 
 
 def _lines(audit: TheAudit) -> Iterator[str]:

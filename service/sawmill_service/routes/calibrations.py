@@ -62,8 +62,7 @@ class InLanguage(Given):
 )
 def get_calibration_step(calibration_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next with the calibration, by its verdict and by the state of its scanner now."""
-    calibration = succeeded(store.calibrations, calibration_id, "next step")
-    return step_with(store, calibration).answer
+    return step_with(store, succeeded(store.calibrations, calibration_id, "next step")).answer
 
 
 @router.get(
@@ -183,5 +182,6 @@ def succeeded(calibrations: TheCalibrations, calibration_id: str, name: str) -> 
     calibration = calibrations.get(calibration_id)
     if isinstance(calibration, CalibrationSucceeded):
         return calibration
-    detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
-    raise Refused(409, "calibration-without-result", detail)
+    raise Refused(
+        409, "calibration-without-result", f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
+    )

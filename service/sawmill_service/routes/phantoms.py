@@ -146,8 +146,7 @@ def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms)
     phantom = phantoms.get(phantom_id)
     drawing = phantom.drawing
     if drawing is None:
-        detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
-        raise Refused(409, "phantom-without-drawing", detail)
+        raise Refused(409, "phantom-without-drawing", f"phantom {phantom_id!r} is {phantom.state} and has no drawing")
     return picture(request, drawing.model_dump_json(), lambda: phantom_svg(drawing), answer=Svg)
 
 

@@ -92,8 +92,7 @@ class SliceQuery(WindowQuery):
     @model_validator(mode="after")
     def _values_alone_are_grey(self) -> Self:
         if self.bits is Bits.SIXTEEN and self.color_map is not ColorMap.GREY:
-            msg = f"bits=16 holds values, in grey; for color_map={self.color_map} ask for bits=8"
-            raise ValueError(msg)
+            raise ValueError(f"bits=16 holds values, in grey; for color_map={self.color_map} ask for bits=8")
         return self
 
 
@@ -121,8 +120,7 @@ class MosaicQuery(WindowQuery):
     @model_validator(mode="after")
     def _one_choice(self) -> Self:
         if self.count is not None and self.slices is not None:
-            msg = "give count or slices, not both"
-            raise ValueError(msg)
+            raise ValueError("give count or slices, not both")
         return self
 
 

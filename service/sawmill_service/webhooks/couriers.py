@@ -167,8 +167,7 @@ def send_test(webhooks: WebhookStore, allowed: AllowedDestinations, webhook_id: 
     message_id = f"msg_{uuid4().hex}"
     tested = TestedWebhook(webhook_id=webhook_id, description=webhook.description)
     body = WebhookTestMessage(timestamp=now, data=tested).model_dump_json().encode()
-    headers = headers_of(message_id, now, body, secrets)
-    answer = asyncio.run(WebhookSending(allowed).post(webhook.url, headers, body))
+    answer = asyncio.run(WebhookSending(allowed).post(webhook.url, headers_of(message_id, now, body, secrets), body))
     return WebhookTest(
         delivered=answer.reason is None,
         message_id=message_id,

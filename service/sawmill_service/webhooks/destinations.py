@@ -36,10 +36,9 @@ def check_entry(text: str) -> str:
     match = _NAME.fullmatch(text)
     # A malformed IPv4 address would be taken for a name.
     if match is None or re.fullmatch(r"[0-9.]+", match[1]):
-        msg = (
+        raise ValueError(
             f"must be names or networks, as in alarms.mill.example, mes.mill.example:8443 or 10.20.0.0/16, not {text!r}"
         )
-        raise ValueError(msg)
     return text
 
 
@@ -89,8 +88,9 @@ class AllowedDestinations:
         for text in texts:
             address = _address(text)
             if address is None:
-                msg = f"{destination.host!r} leads to {text!r}, which is no address that can be checked"
-                raise RefusedDestinationError(msg)
+                raise RefusedDestinationError(
+                    f"{destination.host!r} leads to {text!r}, which is no address that can be checked"
+                )
             self._check_address(address, destination)
             checked.append(str(address))
         return checked

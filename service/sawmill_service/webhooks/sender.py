@@ -47,8 +47,7 @@ class WebhookSender:
         from sawmill_service.webhooks.sending import WebhookSending  # noqa: PLC0415
 
         # The jitter needs no random numbers that are hard to guess.
-        couriers = Couriers(self._outbox, WebhookSending(self._allowed), random.random)
-        asyncio.run(self._send_until_stopped(couriers))
+        asyncio.run(self._send_until_stopped(Couriers(self._outbox, WebhookSending(self._allowed), random.random)))
 
     async def _send_until_stopped(self, couriers: "Couriers") -> None:
         answers = True

@@ -184,8 +184,7 @@ def sinogram_png(
     if len(angles_deg) != views:
         raise ValueError(f"a sinogram of {views} views needs as many angles, not {len(angles_deg)}")
     shown = window_of(sinogram)
-    size = _enlarged(cells), _enlarged(views)
-    layout = Layout.around(size, axis_labels=True, title=True)
+    layout = Layout.around((_enlarged(cells), _enlarged(views)), axis_labels=True, title=True)
     page, draw = page_of(layout, None)
     draw_panel(page, layout, sinogram, shown, ColorMap.GREY)
     draw_color_bar(draw, page, layout, shown, unit)

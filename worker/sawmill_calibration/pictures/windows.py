@@ -80,5 +80,4 @@ def color_table(color_map: ColorMap) -> NDArray[np.uint8]:
     # Imported here because a grey picture needs no matplotlib, whose colour maps alone take half a second to import.
     from matplotlib import colormaps  # noqa: PLC0415
 
-    table: NDArray[np.uint8] = colormaps[color_map](np.arange(256), bytes=True)[:, :3]
-    return table
+    return colormaps[color_map](np.arange(256), bytes=True)[:, :3]

@@ -104,8 +104,7 @@ class CanonicalScan:
         for first_view in range(0, views, step_views):
             for first_row in range(0, rows, step_rows):
                 at = slice(first_view, min(first_view + step_views, views))
-                across = slice(first_row, min(first_row + step_rows, rows))
-                yield self._block(at, across, missing, outside)
+                yield self._block(at, slice(first_row, min(first_row + step_rows, rows)), missing, outside)
         if self.counts:
             outside.check_signal()
         else:

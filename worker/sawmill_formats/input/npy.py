@@ -52,8 +52,7 @@ def read_npy(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> Fil
     with path.open("rb") as stream:
         header = read_header(stream)
         offset = stream.tell()
-    present = path.stat().st_size - offset
-    _check_header("the array", header, present, bounds.array)
+    _check_header("the array", header, path.stat().st_size - offset, bounds.array)
     check_scan_dimensions("the array", header.shape)
     return FileContents(format="npy", projections=_projections(path, header, offset))
 

@@ -87,8 +87,7 @@ def picture_parts(path: Path) -> Iterator[Part]:
     """Yield the one part of a PNG: rows and columns, and its bands."""
     with opened_picture(path) as picture:
         width, height = picture.size
-        stored = path.stat().st_size
-        yield Part("the picture", PartKind.PICTURE, (height, width), picture.mode, None, stored, "deflate")
+        yield Part("the picture", PartKind.PICTURE, (height, width), picture.mode, None, path.stat().st_size, "deflate")
 
 
 def _check_stored(picture: Image.Image, stored_bytes: int) -> None:

@@ -122,7 +122,7 @@ def check_finite(name: str, index: int, image: NDArray[np.float32], first_row: i
 
 def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | None) -> SampleRange:
     """Return the range of counts with these fields (fields, rows, detector), checked: `out-of-range`."""
-    level = _median_of_means(flats)
+    level = float(np.median(flats.mean(axis=0, dtype=np.float64)))
     if not LEAST_FLAT <= level <= LARGEST_FLAT:
         highest = float(flats.max())
         raise UnreadableScan(
@@ -140,10 +140,6 @@ def range_of_counts(flats: NDArray[np.float32], darks: NDArray[np.float32] | Non
     if darks is not None:
         SamplesOutside(counts, darks.size, "dark").add(darks)
     return counts
-
-
-def _median_of_means(fields: NDArray[np.float32]) -> float:
-    return float(np.median(fields.mean(axis=0, dtype=np.float64)))
 
 
 class SamplesOutside:

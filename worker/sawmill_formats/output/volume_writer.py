@@ -183,8 +183,7 @@ def _new_volume(
 
 def _link_to_process(dataset: h5py.Dataset) -> None:
     """Link a dataset to the process group under its own name, by a hard link."""
-    name = dataset.name.rpartition("/")[2]
-    dataset.file[layout.RECONSTRUCTION][name] = dataset
+    dataset.file[layout.RECONSTRUCTION][dataset.name.rpartition("/")[2]] = dataset
 
 
 def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:

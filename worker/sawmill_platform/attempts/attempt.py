@@ -150,8 +150,7 @@ def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
 
 def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> Attempt[Any]:
     def report(progress: Progress) -> None:
-        shown = replace(progress, fraction=STORED_FROM * progress.fraction)
-        channel.write(to_line(ProgressMade(progress=shown)))
+        channel.write(to_line(ProgressMade(progress=replace(progress, fraction=STORED_FROM * progress.fraction))))
 
     def announce(names: Sequence[str]) -> None:
         channel.write(to_line(Kept(names=list(names))))

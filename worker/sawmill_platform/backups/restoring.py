@@ -80,8 +80,9 @@ def _check_empty(settings: StorageSettings) -> bool:
     was_started = (folder / RESTORING).exists()
     names = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not was_started else []
     if names:
-        msg = f"{str(folder)!r} is not empty ({', '.join(names[:3])}): a backup is restored into an empty folder alone"
-        raise BackupRefused(msg)
+        raise BackupRefused(
+            f"{str(folder)!r} is not empty ({', '.join(names[:3])}): a backup is restored into an empty folder alone"
+        )
     identity = _identity_in_database(settings)
     if identity is not None and not (was_started and identity == read_identity(folder)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))

@@ -73,8 +73,9 @@ def _drop_capabilities(needed: Sequence[tuple[Path, int]]) -> None:
     _drop_all()
     for path, right in reached:
         if not os.access(path, right):
-            msg = f"root's jobs may not use {str(path)!r}: run the service as the user that the data folder belongs to"
-            raise StorageUnavailable(msg)
+            raise StorageUnavailable(
+                f"root's jobs may not use {str(path)!r}: run the service as the user that the data folder belongs to"
+            )
 
 
 @cache

@@ -91,8 +91,7 @@ def _allow(ruleset: int, path: Path, rights: int, *, keep: bool) -> None:
     try:
         if not path.is_dir():
             rights &= OF_FILES
-        rule = struct.pack("=Qi", rights, descriptor)
-        _checked(_call(ADD_RULE, ruleset, PATH_BENEATH, rule, 0))
+        _checked(_call(ADD_RULE, ruleset, PATH_BENEATH, struct.pack("=Qi", rights, descriptor), 0))
     finally:
         if not keep:
             os.close(descriptor)

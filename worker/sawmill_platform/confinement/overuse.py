@@ -92,8 +92,7 @@ def _memory(threads: list[Path]) -> tuple[int, int, list[str]]:
     for thread in threads:
         # An ended thread has no memory; the other exceptions are as in `_removed_and_open`.
         with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
-            lines = (thread / "status").read_text().splitlines()
-            status = dict(line.split(":", 1) for line in lines)
+            status = dict(line.split(":", 1) for line in (thread / "status").read_text().splitlines())
             if "VmData" in status:
                 private, shared = (1024 * int(status.get(name, "0").split()[0]) for name in ("VmData", "RssShmem"))
                 return private, shared, (thread / "maps").read_text(errors="surrogateescape").splitlines()

@@ -55,15 +55,13 @@ def _as_day(value: object) -> date:
         return date.fromisoformat(value.strip())
     if isinstance(value, date):
         return value
-    msg = f"should be a valid date, not {value!r:.100}: write it as in 2026-03-31"
-    raise ValueError(msg)
+    raise ValueError(f"should be a valid date, not {value!r:.100}: write it as in 2026-03-31")
 
 
 def _as_time(value: object) -> object:
     """Read a time; pydantic would read a number, also in a text, as seconds since 1970."""
     if isinstance(value, int | float) or (isinstance(value, str) and _NUMBER.fullmatch(value.strip())):
-        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {value}"
-        raise ValueError(msg)
+        raise ValueError(f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {value}")
     # Strict JSON has no texts for a validator that follows this one.
     return _TIME.validate_python(value)
 
@@ -72,17 +70,13 @@ def _in_utc(moment: datetime) -> datetime:
     try:
         return moment.astimezone(UTC)
     except OverflowError:
-        msg = f"{moment} is beyond what calendars hold in UTC: give a time from the year 2 to the year 9998"
-        raise ValueError(msg) from None
+        raise ValueError(
+            f"{moment} is beyond what calendars hold in UTC: give a time from the year 2 to the year 9998"
+        ) from None
 
 
 GivenDay = Annotated[date, BeforeValidator(_as_day)]
 GivenTime = Annotated[AwareDatetime, BeforeValidator(_as_time), AfterValidator(_in_utc)]
-
-
-def _stated(message: str) -> PydanticCustomError:
-    # Braces in a template would be read.
-    return PydanticCustomError("value_error", "{message}", {"message": message})
 
 
 class Given(Contract):
@@ -95,7 +89,12 @@ class Given(Contract):
     @model_validator(mode="after")
     def _is_of_shown_characters(self) -> Self:
         faults = [
-            InitErrorDetails(type=_stated(fault["msg"]), loc=fault["loc"], input=fault["input"])
+            InitErrorDetails(
+                # Braces in a template would be read.
+                type=PydanticCustomError("value_error", "{message}", {"message": fault["msg"]}),
+                loc=fault["loc"],
+                input=fault["input"],
+            )
             for fault in hidden_characters(dict(self))
         ]
         if faults:

@@ -25,8 +25,7 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
     def _add(cls, word: str, **attributes: object) -> Self:
         """Add a word with its attributes, or raise `ValueError` if the set has it already."""
         if word in cls._words:
-            msg = f"{cls.__name__} has {word!r} already"
-            raise ValueError(msg)
+            raise ValueError(f"{cls.__name__} has {word!r} already")
         added = cls._words[word] = str.__new__(cls, word)
         vars(added).update(attributes)
         return added
@@ -42,8 +41,7 @@ class RegisteredWord(str):  # noqa: SLOT000 - subclasses have attributes
         found: Self | None = cls._words.get(word)
         if found is None:
             near = difflib.get_close_matches(word, cls._words, n=1)
-            msg = f"{cls.__name__} has no {word!r}" + (f"; did you mean {near[0]!r}?" if near else "")
-            raise LookupError(msg)
+            raise LookupError(f"{cls.__name__} has no {word!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
         return found
 
     def __copy__(self) -> Self:

@@ -54,8 +54,7 @@ class KeyAsk(Given):
     @model_validator(mode="after")
     def _displays_only_read(self) -> "KeyAsk":
         if self.display and self.scope is not Scope.READ:
-            msg = f"a display's key must have the scope read, not {self.scope}"
-            raise ValueError(msg)
+            raise ValueError(f"a display's key must have the scope read, not {self.scope}")
         return self
 
 

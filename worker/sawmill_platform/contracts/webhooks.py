@@ -42,8 +42,9 @@ def destination_of(url: str) -> Destination:
     """
     match = _URL.fullmatch(url)
     if match is None:
-        msg = f"must be as in https://alarms.site.example/events, without a user and a fragment, not {url!r}"
-        raise ValueError(msg)
+        raise ValueError(
+            f"must be as in https://alarms.site.example/events, without a user and a fragment, not {url!r}"
+        )
     host = match["host"].lower().strip("[]").rstrip(".")
     target = match["target"] or "/"
     path = target if target.startswith("/") else f"/{target}"  # a query may follow the host at once
@@ -67,8 +68,9 @@ def _names(name: str, kind: EventKind) -> bool:
 def _check_events(names: list[str]) -> list[str]:
     for name in names:
         if not kinds_of([name]):
-            msg = f"must be names of events as /v1/events has them, or beginnings as alarm-* or *, not {name!r}"
-            raise ValueError(msg)
+            raise ValueError(
+                f"must be names of events as /v1/events has them, or beginnings as alarm-* or *, not {name!r}"
+            )
     return names
 
 

@@ -51,8 +51,9 @@ def _parsed(url: str) -> URL:
     except ArgumentError as error:  # a URL may hold a password, so it is not repeated
         raise StorageMisconfigured(f"SAWMILL_DATABASE_URL is no URL of a database; give {_FORMS}") from error
     if parsed.drivername not in {"sqlite", *_POSTGRESQL}:
-        msg = f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
-        raise StorageMisconfigured(msg)
+        raise StorageMisconfigured(
+            f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
+        )
     return parsed
 
 
@@ -75,8 +76,9 @@ def _on_postgresql(url: URL, options: dict[str, Any]) -> Engine:
     try:
         from sawmill_platform.database.postgresql import make_patient  # noqa: PLC0415 - the driver is an extra
     except ImportError as error:
-        msg = f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
-        raise StorageMisconfigured(msg) from error
+        raise StorageMisconfigured(
+            f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
+        ) from error
     engine = create_engine(url, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **options)
     make_patient(engine)
     return engine
@@ -189,8 +191,9 @@ class WriterQueue:
         try:
             while not turn.wait(self._given_up_at(came_at) - time.monotonic()):
                 if time.monotonic() >= self._given_up_at(came_at):
-                    msg = f"the database does not answer: another request has kept it for {_TURN_S:g} s"
-                    raise StorageUnavailable(msg)
+                    raise StorageUnavailable(
+                        f"the database does not answer: another request has kept it for {_TURN_S:g} s"
+                    )
             yield
         finally:
             with self._changing:

@@ -392,8 +392,7 @@ class FileStore:
         flush(path.parent)
 
     def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
-        path = self.folder / "incoming" / uuid4().hex
-        return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
+        return Arriving(self.folder / "incoming" / uuid4().hex, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
 
 
 def read_identity(folder: Path) -> str | None:
@@ -447,8 +446,9 @@ def refuse_half_restored(folder: Path) -> None:
         The folder's restore was interrupted.
     """
     if (folder / RESTORING).exists():
-        msg = f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
-        raise StorageMisconfigured(msg)
+        raise StorageMisconfigured(
+            f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
+        )
 
 
 def checkpoints_of(output: Path) -> Path:

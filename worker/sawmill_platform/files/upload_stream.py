@@ -141,8 +141,7 @@ def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
     with disk_outage_reported("measuring the disk"):
         free = shutil.disk_usage(folder).free
     if free < reserve_bytes:
-        msg = (
+        raise StorageFull(
             f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
             "free some space"
         )
-        raise StorageFull(msg)

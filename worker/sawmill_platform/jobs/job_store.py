@@ -435,8 +435,7 @@ class Jobs:
         """Return queued jobs that needed this one and could start now."""
         needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
         with self._database.read() as session:
-            ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
-            return session.scalars(ready.where(needs_it)).all()
+            return session.scalars(_claimable(self._database.now()).with_only_columns(JobRow.id).where(needs_it)).all()
 
     @contextmanager
     def _ending(self) -> Iterator[Session]:

@@ -48,8 +48,10 @@ class KeyStore:
         """
         now, secret = self._database.now(), _new_secret()
         if ask.expires_at is not None and ask.expires_at <= now:
-            msg = f"expires_at must lie ahead, not at {ask.expires_at.isoformat()}: it is {now.isoformat()}"
-            raise Invalid("key-expired", msg)
+            raise Invalid(
+                "key-expired",
+                f"expires_at must lie ahead, not at {ask.expires_at.isoformat()}: it is {now.isoformat()}",
+            )
         row = KeyRow(
             id=new_id(), created_at=now, **ask.model_dump(), secret_hash=hash_of(secret), created_by=actor().name
         )
@@ -77,8 +79,7 @@ class KeyStore:
         with self._database.write() as session:
             row = found(session, KeyRow, "key", key_id, lock=True)
             if not _is_good(row, now):
-                msg = f"key {key_id!r} is revoked or expired: make a new one"
-                raise Conflict("key-ended", msg)
+                raise Conflict("key-ended", f"key {key_id!r} is revoked or expired: make a new one")
             row.previous_hash, row.previous_until = row.secret_hash, now + timedelta(seconds=grace_s)
             row.secret_hash, row.rotated_at = hash_of(secret), now
             _announce(session, now, event_kinds.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})

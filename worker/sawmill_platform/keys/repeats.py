@@ -55,11 +55,12 @@ class KeptRequest:
         """Return the answer if the repeated request is the same request."""
         if again == self.request:
             return self.answer
-        msg = (
+        raise Invalid(
+            "idempotency-key-reused",
             f"Idempotency-Key {again.key!r} is that of another request, answered at "
-            f"{self.answered_at.isoformat(timespec='seconds')}: send that one as it was, or take a new key for this one"
+            f"{self.answered_at.isoformat(timespec='seconds')}: send that one as it was, or take a new key for "
+            "this one",
         )
-        raise Invalid("idempotency-key-reused", msg)
 
 
 class Repeats:

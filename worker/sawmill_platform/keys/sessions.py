@@ -71,8 +71,7 @@ class Sessions:
             over = or_(SessionRow.secret_hash == hash_of(in_place_of), _has_ended(now))
             session.execute(delete(SessionRow).where(over).execution_options(synchronize_session=False))
             of_opener = select(SessionRow).where(SessionRow.opened_by_hash == opened_by_hash)
-            oldest = of_opener.order_by(SessionRow.created_at.desc()).offset(MOST_OF_A_KEY - 1)
-            for beyond in session.scalars(oldest):
+            for beyond in session.scalars(of_opener.order_by(SessionRow.created_at.desc()).offset(MOST_OF_A_KEY - 1)):
                 session.delete(beyond)
             session.add(row)
             announce(session, now, event_kinds.LOGGED_IN, "key", _who(), decided={"lasting": lasting})

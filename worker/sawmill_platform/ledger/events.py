@@ -239,5 +239,4 @@ class Events:
             return [Event.of_row(row) for row in rows]
 
     def _add_of_clock(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
-        row = EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)})
-        _write(session, row)
+        _write(session, EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)}))

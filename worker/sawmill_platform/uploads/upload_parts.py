@@ -52,8 +52,10 @@ class UploadPart:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(self._file)
-            msg = f"another part of upload {upload_id!r} is coming: wait for its end, and ask for the offset"
-            raise Busy("upload-busy", msg) from None
+            raise Busy(
+                "upload-busy",
+                f"another part of upload {upload_id!r} is coming: wait for its end, and ask for the offset",
+            ) from None
 
     def begin(self, upload: Upload, *, reserve_bytes: int = 0) -> None:
         """Continue at the row's offset.
@@ -86,8 +88,10 @@ class UploadPart:
         """
         for chunk in content.take(part):
             if self._written + len(chunk) > self.upload.size_bytes:
-                msg = f"more comes than the {self.upload.size_bytes} bytes that upload {self._id!r} was declared with"
-                raise Conflict("upload-too-long", msg)
+                raise Conflict(
+                    "upload-too-long",
+                    f"more comes than the {self.upload.size_bytes} bytes that upload {self._id!r} was declared with",
+                )
             self._write(chunk)
         if self._written - self._flushed >= STEP_BYTES or time.monotonic() - self._flushed_s > _STEP_S:
             check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
@@ -166,8 +170,7 @@ class UploadPart:
                 session.execute(delete(UploadRow).where(UploadRow.id == self._id))
                 announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
             self._path.unlink(missing_ok=True)
-            msg = f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again"
-            raise Damaged(msg)
+            raise Damaged(f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again")
         with self._database.write() as session:
             now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
             announce(session, now, event_kinds.UPLOAD_COMPLETE, "upload", self._id)

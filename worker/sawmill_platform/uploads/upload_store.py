@@ -126,8 +126,7 @@ class Uploads:
         part = UploadPart(self.files.unfinished(upload_id), upload_id, self._database)
         try:
             # Once more: another part may have ended just now.
-            upload = self._awaited(upload_id, offset_bytes, part_bytes)
-            part.begin(upload, reserve_bytes=self._disk_reserve_bytes)
+            part.begin(self._awaited(upload_id, offset_bytes, part_bytes), reserve_bytes=self._disk_reserve_bytes)
         except BaseException:
             part.close()
             raise
@@ -189,8 +188,10 @@ class Uploads:
             raise WrongOffset(upload, offset_bytes)
         missing = upload.size_bytes - upload.offset_bytes
         if part_bytes > missing:
-            msg = f"upload {upload_id!r} lacks {missing} of {upload.size_bytes} bytes, but the part has {part_bytes}"
-            raise Conflict("upload-too-long", msg)
+            raise Conflict(
+                "upload-too-long",
+                f"upload {upload_id!r} lacks {missing} of {upload.size_bytes} bytes, but the part has {part_bytes}",
+            )
         return upload
 
     def _remove(self, chosen: ColumnElement[bool], reason: str, *, or_else: NotFound | None = None) -> Sequence[str]:
@@ -240,8 +241,10 @@ def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
         raise Conflict("upload-quota", f"{number} uploads of {actor().name} wait to be used: {advice}")
     for whose, waits, most in ((actor().name, own_bytes, quota.size_bytes), ("all keys", all_bytes, quota.all_bytes)):
         if waits + row.size_bytes > most:
-            msg = f"uploads of {whose} may have {most} bytes before they are used, and {waits} are taken: {advice}"
-            raise Conflict("upload-quota", msg)
+            raise Conflict(
+                "upload-quota",
+                f"uploads of {whose} may have {most} bytes before they are used, and {waits} are taken: {advice}",
+            )
 
 
 def _not_usable(upload: Upload) -> Conflict:

@@ -71,8 +71,9 @@ class WebhookStore:
         now = self._database.now()
         with self._database.write() as session:
             if (session.scalar(select(func.count()).select_from(WebhookRow)) or 0) >= MOST:
-                msg = f"there are {MOST} webhooks already, and there can be no more: delete one"
-                raise Conflict("too-many-webhooks", msg)
+                raise Conflict(
+                    "too-many-webhooks", f"there are {MOST} webhooks already, and there can be no more: delete one"
+                )
             row = WebhookRow(id=webhook_id or new_id(), created_at=now, secret=_new_secret())
             _describe(session, row, ask)
             announce(session, now, event_kinds.WEBHOOK_CREATED, "webhook", row.id, decided=_audited(row))
@@ -121,8 +122,7 @@ class WebhookStore:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             row.previous_secret, row.previous_secret_until = row.secret, now + timedelta(seconds=grace_s)
             row.secret = _new_secret()
-            decided = {"grace_s": grace_s}
-            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id, decided=decided)
+            announce(session, now, event_kinds.WEBHOOK_ROTATED, "webhook", webhook_id, decided={"grace_s": grace_s})
             return _with_secret(session, row)
 
     def note_test(self, test: WebhookTest) -> WebhookTest:

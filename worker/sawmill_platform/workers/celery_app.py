@@ -281,5 +281,4 @@ def _sweep(store: JobServiceStore, app: Celery, settings: ExecutionSettings, wak
 
 def _messages_waiting(app: Celery, name: str) -> int:
     with app.connection_for_write() as connection:
-        declared = connection.default_channel.queue_declare(queue=name, durable=True)
-        return int(declared.message_count)
+        return int(connection.default_channel.queue_declare(queue=name, durable=True).message_count)

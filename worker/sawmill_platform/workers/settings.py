@@ -160,8 +160,7 @@ class ExecutionSettings(WorkerSettings, JobLimitSettings, LossSettings, RecordSe
     @model_validator(mode="after")
     def _lease_outlives_heartbeats(self) -> Self:
         if self.lease_s < 2 * self.heartbeat_s:
-            msg = f"lease_s must be at least twice heartbeat_s ({self.heartbeat_s}), not {self.lease_s}"
-            raise ValueError(msg)
+            raise ValueError(f"lease_s must be at least twice heartbeat_s ({self.heartbeat_s}), not {self.lease_s}")
         return self
 
 

@@ -83,8 +83,7 @@ def variables_checked() -> Iterator[None]:
     except ValidationError as error:
         setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
         # A message about several settings together names them itself.
-        sentence = f"{PREFIX}{setting}: {complaint(error)}" if setting else complaint(error)
-        raise WrongVariableError(sentence) from error
+        raise WrongVariableError(f"{PREFIX}{setting}: {complaint(error)}" if setting else complaint(error)) from error
 
 
 def check_variables(environment: Mapping[str, str] = os.environ) -> None:

@@ -50,8 +50,7 @@ def _phantom(session: Session, fields: Json) -> str | None:
 def check_usable(phantom: PhantomRow) -> None:
     """Raise `Conflict` for a phantom whose picture was refused."""
     if phantom.state is PhantomState.REFUSED:
-        msg = f"phantom {phantom.id!r} was refused and cannot be used: {phantom.reason}"
-        raise Conflict("phantom-refused", msg)
+        raise Conflict("phantom-refused", f"phantom {phantom.id!r} was refused and cannot be used: {phantom.reason}")
 
 
 def _phantom_of_scan(session: Session, scan_id: str) -> str:
@@ -97,8 +96,10 @@ def _theta(session: Session, fields: Json) -> None:
     scanner_id = fields["scanner_id"]
     calibration_id = active_calibration_id(session, scanner_id)
     if calibration_id is None:
-        msg = f"scanner {scanner_id!r} has no active calibration whose theta could be taken: give theta"
-        raise Conflict("no-active-calibration", msg)
+        raise Conflict(
+            "no-active-calibration",
+            f"scanner {scanner_id!r} has no active calibration whose theta could be taken: give theta",
+        )
     result = found(session, CalibrationRow, "calibration", calibration_id).result
     assert result is not None  # noqa: S101 - only a calibration with a result can be activated
     fields["theta"] = result["theta"]
@@ -126,8 +127,7 @@ def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str
 def read_asked(declared: AskedKind[Any, Answer], row: Answered) -> Answer:
     """Read a row as the answer of the kind, with state and failure of the job."""
     columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
-    of_job = {name: getattr(row.job, name) for name in ("state", "failure")}
-    return declared.read(columns | of_job)
+    return declared.read(columns | {name: getattr(row.job, name) for name in ("state", "failure")})
 
 
 def kept_by(session: Session, reference: str, identifier: str) -> Iterator[tuple[str, int]]:

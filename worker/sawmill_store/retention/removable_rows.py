@@ -147,8 +147,7 @@ def _of_events(session: Session) -> Iterator[ColumnElement[bool]]:
 
 
 def _unfinished(table: type[Answered], kind: JobKind) -> ColumnElement[bool]:
-    unfinished = select(JobRow.id).where(_UNFINISHED, JobRow.kind == kind)
-    return table.job_id.in_(unfinished)
+    return table.job_id.in_(select(JobRow.id).where(_UNFINISHED, JobRow.kind == kind))
 
 
 def _scans_of_unfinished_jobs() -> Select[str]:

@@ -79,8 +79,7 @@ class RetentionStore:
             row.rules, row.changed_at, row.changed_by = after, now, actor().name
             row.revision = (row.revision or 0) + 1
             row.followed_at = None
-            difference = changed(before, after)
-            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, "rules", decided=difference)
+            announce(session, now, event_kinds.RETENTION_CHANGED, SUBJECT, "rules", decided=changed(before, after))
             return read_retention(row, now)
 
 
@@ -228,8 +227,7 @@ class RetentionKeeper:
         """Count and announce removed rows, in the transaction that removes the rows."""
         row.removed = {**row.removed, removed.kind: row.removed.get(removed.kind, 0) + removed.number}
         detail = {"number": removed.number, "first_at": ages[0].isoformat(), "last_at": ages[-1].isoformat()}
-        now = self._database.now()
-        announce(session, now, event_kinds.RETENTION_REMOVED, SUBJECT, removed.kind, detail=detail)
+        announce(session, self._database.now(), event_kinds.RETENTION_REMOVED, SUBJECT, removed.kind, detail=detail)
 
     def _delete_files(self, rows: RemovableRows, keys: Sequence[Any]) -> None:
         if rows.job is None:

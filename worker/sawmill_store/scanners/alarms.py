@@ -131,8 +131,7 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
     statement = select(AlarmRow).order_by(AlarmRow.scanner_id, AlarmRow.what)
     if scanner_id is not None:
         statement = statement.where(AlarmRow.scanner_id == scanner_id)
-    rows = session.scalars(statement)
-    return [Alarm.of_row(row) for row in rows]
+    return [Alarm.of_row(row) for row in session.scalars(statement)]
 
 
 def _of_scanners(scanner_id: str | None) -> Select[Any]:

@@ -93,8 +93,10 @@ class Histories:
         topics = (HistoryKind.ACTIVATION, HistoryKind.ALARM)
         statement = _events(scanner_id).where(EventRow.at >= since, EventRow.topic.in_(topics))
         with self._database.read() as session:
-            rows = session.scalars(statement.order_by(EventRow.at, EventRow.number))
-            return [_mark(row) for row in rows]
+            return [
+                HistoryMark(row.at, HistoryKind(row.topic or ""), row.what, row.subject_id or "", _alarm(row))
+                for row in session.scalars(statement.order_by(EventRow.at, EventRow.number))
+            ]
 
     def newest(self, scanner_id: str, kind: HistoryKind, subject_id: str) -> HistoryEntry | None:
         """Return the newest entry of a kind about a subject, as an activation of a calibration; None: there is none."""
@@ -172,10 +174,6 @@ def _read(row: Row[Any]) -> HistoryEntry:
         link=f"/v1/{SUBJECTS[subject][1]}/{event.subject_id}" if stored else None,
         measured=None if measured is None else Measurement.of_row(measured),
     )
-
-
-def _mark(event: EventRow) -> HistoryMark:
-    return HistoryMark(event.at, HistoryKind(event.topic or ""), event.what, event.subject_id or "", _alarm(event))
 
 
 def _alarm(event: EventRow) -> AlarmKind | None:

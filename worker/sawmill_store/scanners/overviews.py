@@ -73,8 +73,7 @@ def _active_calibration() -> ScalarSelect[Any]:
 
 def _accepted_at() -> ColumnElement[datetime]:
     """Select when the active calibration was accepted, or a time before all others."""
-    accepted = select(ActivationRow.activated_at)
-    return func.coalesce(_of_scanner(accepted, ActivationRow, ActivationRow.number), _NEVER)
+    return func.coalesce(_of_scanner(select(ActivationRow.activated_at), ActivationRow, ActivationRow.number), _NEVER)
 
 
 def _undecided(*states: JobState, only_red: bool = False) -> ScalarSelect[Any]:
@@ -119,8 +118,7 @@ def _newest_check() -> ScalarSelect[Any]:
 
 def _state_of_newest_calibration() -> ScalarSelect[Any]:
     newest = aliased(CalibrationRow)
-    states = select(JobRow.state).join(newest, newest.job_id == JobRow.id)
-    return _of_scanner(states, newest, newest.created_at)
+    return _of_scanner(select(JobRow.state).join(newest, newest.job_id == JobRow.id), newest, newest.created_at)
 
 
 def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[Any]:  # noqa: ANN401 - aliases too

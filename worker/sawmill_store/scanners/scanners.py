@@ -123,8 +123,7 @@ class Scanners:
             before, row.spec = row.spec, spec.model_dump(mode="json")
             difference = changed(before, row.spec)
             now = self._database.now()
-            why = changes_in_words(difference)
-            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference, why)
+            _announce(session, now, mill_events.SCANNER_CHANGED, scanner_id, difference, changes_in_words(difference))
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:
@@ -144,8 +143,9 @@ class Scanners:
             measurements = ("measurements", session.scalar(measured) or 0)
             for plural, used in [("scans", scans), *kept, ("schedules", schedules), measurements]:
                 if used:
-                    msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
-                    raise Conflict("scanner-in-use", msg)
+                    raise Conflict(
+                        "scanner-in-use", f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
+                    )
             now = self._database.now()
             close_alarms(session, now, scanner_id)
             _announce(session, now, mill_events.SCANNER_DELETED, scanner_id, row.spec)
@@ -161,8 +161,10 @@ class Scanners:
         root = next((each for each in self._watch_folders if folder.is_relative_to(each)), None)
         if root is None:
             allowed = ", ".join(map(str, self._watch_folders)) or "no folder"
-            msg = f"{folder} may not be watched: SAWMILL_WATCH_FOLDERS, which the administrator sets, allows {allowed}"
-            raise Invalid("folder-refused", msg)
+            raise Invalid(
+                "folder-refused",
+                f"{folder} may not be watched: SAWMILL_WATCH_FOLDERS, which the administrator sets, allows {allowed}",
+            )
         ways = [each for each in (folder, *folder.parents) if each != root and each.is_relative_to(root)]
         link = next((each for each in ways if os.path.islink(each)), None)  # noqa: PTH114 - false for a closed folder
         if link is not None:
@@ -177,8 +179,10 @@ def _check_apart(session: Session, scanner_id: str, watched: WatchedFolder | Non
     for other_id, other in _watched_folders(session).items():
         path = Path(other.folder)
         if other_id != scanner_id and (folder.is_relative_to(path) or path.is_relative_to(folder)):
-            msg = f"{folder} is, holds or lies in the watched folder of scanner {other_id!r}: choose another folder"
-            raise Invalid("folder-refused", msg)
+            raise Invalid(
+                "folder-refused",
+                f"{folder} is, holds or lies in the watched folder of scanner {other_id!r}: choose another folder",
+            )
 
 
 def _watched_folders(session: Session) -> dict[str, WatchedFolder]:

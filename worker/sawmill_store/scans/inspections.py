@@ -79,8 +79,10 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         file = self.get(identifier).options
         again = self.files.receive_again(kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
         if again is None:
-            msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
-            raise Conflict("inspection-expired", msg)
+            raise Conflict(
+                "inspection-expired",
+                f"the file of inspection {identifier!r} has been removed, a day after it came: send it again",
+            )
         return again
 
     def delete(self, identifier: str) -> None:
@@ -94,8 +96,10 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         with self._database.write() as session:
             row = found_asked(session, self._declared, identifier)
             if not row.job.state.ended:
-                msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
-                raise Conflict("inspection-in-use", msg)
+                raise Conflict(
+                    "inspection-in-use",
+                    f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it",
+                )
             details = {"sha256": row.options["sha256"]}
             now = self._database.now()
             announce(session, now, mill_events.INSPECTION_DELETED, "inspection", identifier, decided=details)

@@ -67,8 +67,9 @@ class Phantoms:
         with self._database.write() as session:
             before = found(session, PhantomRow, "phantom", phantom_id)
             if before.drawing is None:
-                msg = f"phantom {phantom_id!r} is {before.state} and has no drawing to measure"
-                raise Conflict("phantom-without-drawing", msg)
+                raise Conflict(
+                    "phantom-without-drawing", f"phantom {phantom_id!r} is {before.state} and has no drawing to measure"
+                )
             drawing = PhantomDrawing.model_validate(before.drawing)
             try:
                 drawing = drawing.measured_anew(phantom_id, measured.measurements, stretched=measured.stretch_drawing)

@@ -117,8 +117,7 @@ class Scans:
     def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
         """Return the scans of these ids that exist, by id."""
         with self._database.read() as session:
-            rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
-            return {row.id: read_scan(row) for row in rows}
+            return {row.id: read_scan(row) for row in session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))}
 
     def page(
         self,
@@ -154,8 +153,10 @@ class Scans:
             reading = None if row.state is not ScanState.INGESTING else row.job_id
             busy = reading or unfinished_job_about(session, scan_id)
             if busy is not None:
-                msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
-                raise Conflict("scan-in-use", msg)
+                raise Conflict(
+                    "scan-in-use",
+                    f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it",
+                )
             details = {"scanner_id": row.scanner_id, "sha256": row.sha256}
             now = self._database.now()
             announce(session, now, mill_events.SCAN_DELETED, "scan", scan_id, group_id=row.scanner_id, decided=details)

@@ -105,5 +105,4 @@ def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRo
     # A scan that was uploaded as a mean has no rows to choose from.
     is_mean = found(session, ScanRow, "scan", scan_id).spec.get("averaged_rows") is not None
     ask = DriftAsk(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
-    queued = drifts.queue(session, ask, now, priority=Priority.BATCH)
-    return Outcome("queued", drift_id=queued.id)
+    return Outcome("queued", drift_id=drifts.queue(session, ask, now, priority=Priority.BATCH).id)

@@ -107,8 +107,7 @@ class Schedules:
         """Remove a schedule and the list of runs; the calibrations stay."""
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
-            now = self._database.now()
-            _announce(session, now, mill_events.SCHEDULE_DELETED, row, decided=_spec(row))
+            _announce(session, self._database.now(), mill_events.SCHEDULE_DELETED, row, decided=_spec(row))
             session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
@@ -168,8 +167,7 @@ class Schedules:
             due_at = latest_due(row.cron, row.time_zone, now)
             if _ran_already(session, schedule_id, due_at):
                 return None
-            outcome = queue_due(session, self._calibrations, self._drifts, row, now)
-            run = ScheduleRun(due_at=due_at, **outcome._asdict())
+            run = ScheduleRun(due_at=due_at, **queue_due(session, self._calibrations, self._drifts, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
             missed = missed_due_time(first_due_at, due_at, run.outcome, missed_before=row.missed)
             if missed is not None:

@@ -116,8 +116,7 @@ class DetectorFit:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviations of (u_c, tau, SDD)."""
-        spread: FloatArray = np.sqrt(np.diag(self.covariance))
-        return spread
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def sdd_sensitivity(self) -> FloatArray:
@@ -157,15 +156,13 @@ class DriftChange:
     @property
     def deviation(self) -> FloatArray:
         """Standard deviations of the changes, (3,)."""
-        spread: FloatArray = np.sqrt(np.diag(self.covariance))
-        return spread
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def significance(self) -> FloatArray:
         """Changes in units of their standard deviations, (3,); 0 for a value that was held."""
         deviation = self.deviation
-        share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
-        return share
+        return np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
 
     @property
     def moved(self) -> bool:
@@ -236,8 +233,7 @@ def drift_change(
 def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: DetectorEstimate, *, radius_mm: float) -> float:
     """Return the RMS distance of the rays between a baseline and the calibration, with R, psi and SDD held."""
     u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.values)
-    moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
-    return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
+    return _moved_rays(scanner, calibrated, replace(calibrated, cor_column_mm=u_c, tilt_rad=tau), radius_mm)[0]
 
 
 def _moved_rays(scanner: Scanner, calibrated: SourceFrame, moved: SourceFrame, radius_mm: float) -> tuple[float, float]:

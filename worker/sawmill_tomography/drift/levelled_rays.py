@@ -156,8 +156,7 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     mean = max(float(np.median(rays)), 1e-6)
     k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
     most = 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))
-    variance: FloatArray = air_noise**2 * np.exp(np.clip(k * rays, 0.0, most))
-    return variance
+    return air_noise**2 * np.exp(np.clip(k * rays, 0.0, most))
 
 
 # The air's cells are averaged in groups to about this number of them, which costs milliseconds.

@@ -149,8 +149,7 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
     wrapped = np.mod(np.asarray(angles_rad, np.float64), TAU)
     order = np.argsort(wrapped, kind="stable")
     gaps = np.diff(wrapped[order], append=wrapped[order[0]] + TAU)
-    distinct = gaps[gaps > 1e-9]
-    largest, median = float(gaps.max()), float(np.median(distinct))
+    largest, median = float(gaps.max()), float(np.median(gaps[gaps > 1e-9]))
     if wrapped.size < 3 or largest > 5.0 * median * (1.0 + 1e-9) or largest >= math.pi:
         raise GeometryError(
             f"the {wrapped.size} views leave a gap of {math.degrees(largest):.4g} degrees where their usual distance "

@@ -118,8 +118,7 @@ def _within(rows: FloatArray, present: Rows) -> FloatArray:
     above, below = (math.ceil(over) for over in (-(first + rows).min(), (last + rows).max() - present.shape[1] + 1))
     if above + below > 0:
         return rows
-    inside: FloatArray = rows + float(max(above, 0) - max(below, 0))
-    return inside
+    return rows + float(max(above, 0) - max(below, 0))
 
 
 def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -87,8 +87,7 @@ def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowSh
     """
     features = [_features(view, image) for view, image in enumerate(images)]
     pairs = [_matched(features, one, other) for one, other in _neighbours(angles_rad)]
-    present = np.stack([one.present for one in features])
-    return _solved([pair for pair in pairs if pair is not None], present)
+    return _solved([pair for pair in pairs if pair is not None], np.stack([one.present for one in features]))
 
 
 def _features(view: int, image: Stack) -> _Features:

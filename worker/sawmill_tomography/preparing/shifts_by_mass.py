@@ -103,8 +103,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         if np.abs(step).max() < SETTLED:
             break
     check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
-    ends = np.flatnonzero(reference.jumps) + reference.origin
-    return RowShifts.of(shifts, fit.standard_deviation, present, ends)
+    return RowShifts.of(shifts, fit.standard_deviation, present, np.flatnonzero(reference.jumps) + reference.origin)
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:

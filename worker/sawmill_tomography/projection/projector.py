@@ -166,5 +166,4 @@ def aligned(*shape: int) -> Image:
     bytes_ = 4 * math.prod(shape)
     memory = np.empty(bytes_ + _CACHE_LINE, np.uint8)
     begin = -memory.ctypes.data % _CACHE_LINE
-    values: Image = memory[begin : begin + bytes_].view(np.float32).reshape(shape)
-    return values
+    return memory[begin : begin + bytes_].view(np.float32).reshape(shape)

@@ -42,8 +42,7 @@ def simulate_sinogram(
     cells = DetectorCells.of(geometry.scanner)
     clean = analytic.project(phantom, cells, geometry.frame, geometry.angles_rad, rays_per_cell=rays_per_cell)
     rms = math.sqrt(float(np.mean(clean**2)))
-    rng = np.random.default_rng(seed)
-    return clean + background + noise * rms * rng.standard_normal(clean.shape)
+    return clean + background + noise * rms * np.random.default_rng(seed).standard_normal(clean.shape)
 
 
 def simulate_rows(

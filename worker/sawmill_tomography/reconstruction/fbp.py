@@ -89,8 +89,7 @@ class RowFilter:
         """Filter each row (..., cells) float32, in its unit per mm."""
         spectrum = scipy.fft.rfft(rows * self.weight, self.length)
         spectrum *= self.response
-        filtered = np.asarray(scipy.fft.irfft(spectrum, self.length, overwrite_x=True), np.float32)
-        return filtered[..., : self.weight.size]
+        return np.asarray(scipy.fft.irfft(spectrum, self.length, overwrite_x=True), np.float32)[..., : self.weight.size]
 
 
 Block = Image

@@ -96,8 +96,7 @@ class MetalFinder:
 
     def in_views(self, dark: Sequence[NDArray[np.bool_]], share: float) -> NDArray[np.bool_]:
         """Return the pixels (slices, size, size) that are dark in this share of the views that see them."""
-        views = self.coarse.adjoint(np.stack(dark))
-        return (views >= share * self.seen) & (self.seen > 0.0)
+        return (self.coarse.adjoint(np.stack(dark)) >= share * self.seen) & (self.seen > 0.0)
 
     def bodies(self, shadows: Sequence[Shadows], before: Image | None = None) -> Image:
         """Return the attenuation of metal above the wood's, (slices, size, size), 0 where there is no metal.
@@ -140,8 +139,7 @@ class MetalFinder:
         # Shadows of two pieces side by side are not narrow, and not dark.
         thick = self.fine.forward(excess) > THICK * shadows.least
         covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | thick
-        trace: NDArray[np.bool_] = scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
-        return trace
+        return scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
 
 
 def at_cor_mm(geometry: FanBeamGeometry) -> float:
@@ -152,8 +150,7 @@ def at_cor_mm(geometry: FanBeamGeometry) -> float:
 def smoothed(lines: Image) -> Image:
     """Average each cell and its neighbours (views, cells); `scipy.ndimage` for this would delay each start."""
     wide = np.pad(lines, ((0, 0), (1, 1)), mode="edge")
-    smooth: Image = (wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]) / np.float32(3.0)
-    return smooth
+    return (wide[:, :-2] + wide[:, 1:-1] + wide[:, 2:]) / np.float32(3.0)
 
 
 INTERPOLATION = (
@@ -289,14 +286,12 @@ def _narrow(geometry: FanBeamGeometry, sinogram: Image, longest_mm: float = LONG
         wide = _opened(smooth, max(min(longest_mm, half_mm), NARROW_MM) / cell_mm)
     wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
     excess = smooth - wide
-    least = max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram))
-    return Shadows(excess, least, wood)
+    return Shadows(excess, max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
 
 
 def _opened(lines: Image, cells: float) -> Image:
     """Return lines (views, cells) without what is narrower than a number of cells."""
-    opened: Image = scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
-    return opened
+    return scipy.ndimage.grey_opening(lines, size=(1, max(round(cells), 1)))
 
 
 def _width_mm(lines: Image, cell_mm: float) -> float:

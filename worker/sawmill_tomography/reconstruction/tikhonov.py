@@ -112,8 +112,7 @@ def tikhonov(
     solved: list[_Solved] = []
     for line, level in zip(lines, of_each, strict=True):
         on_slice = part_of(on_progress, len(solved) / len(lines), 1.0 / len(lines))
-        request = _Request(weight, rule, float(level), tolerance, iterations)
-        solved.append(_solve(projector, line, request, on_slice))
+        solved.append(_solve(projector, line, _Request(weight, rule, float(level), tolerance, iterations), on_slice))
     images = np.stack([one.image for one in solved])
     misfit = data_misfit(projector, images, lines, noises)
     late = sum(not one.converged for one in solved)
@@ -163,8 +162,7 @@ def _solve(projector: Projector, line: Image, request: _Request, on_progress: On
     on_step = phases.descent("solve", USUAL_STEPS)
     weight = math.inf
     while True:
-        steps = min(FIRST_CHECK if small.size == 0 else CHECK_EVERY, request.iterations - small.size)
-        small.extend(steps, on_step)
+        small.extend(min(FIRST_CHECK if small.size == 0 else CHECK_EVERY, request.iterations - small.size), on_step)
         problem = _Projected.of(small)
         before, weight = weight, request.weight or _choose(problem, request, rays, probe)
         coefficients = problem.solution(weight)
@@ -263,8 +261,7 @@ class _Bidiagonalisation:
     def combine(self, coefficients: Floats) -> Image:
         """Return V times the coefficients."""
         n = self.projector.grid.size
-        image: Image = (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
-        return image
+        return (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
 
 
 def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:

@@ -122,8 +122,7 @@ MOST_FAULTY = 0.05
 
 def median_of_views(sinogram: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the median over the views (cells,) of a sinogram (views, cells): the upper one of an even number."""
-    middle: NDArray[np.float32] = np.sort(np.ascontiguousarray(sinogram.T), axis=1)[:, len(sinogram) // 2]
-    return middle
+    return np.sort(np.ascontiguousarray(sinogram.T), axis=1)[:, len(sinogram) // 2]
 
 
 def faulty_cells(
@@ -162,5 +161,4 @@ def _median_filter(values: NDArray[np.floating]) -> NDArray[np.floating]:
     It replaces `scipy.ndimage`'s filter, whose import would delay each start of a calibration.
     """
     windows = sliding_window_view(np.pad(values, NEIGHBOURS // 2, mode="edge"), NEIGHBOURS)
-    middle: NDArray[np.floating] = np.sort(windows, axis=1)[:, NEIGHBOURS // 2]
-    return middle
+    return np.sort(windows, axis=1)[:, NEIGHBOURS // 2]

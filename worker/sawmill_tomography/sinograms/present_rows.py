@@ -101,8 +101,7 @@ def _neighbours(angles_rad: FloatArray, there: Rows) -> tuple[NDArray[np.intp], 
 def _gaps(angles_rad: FloatArray) -> FloatArray:
     """Return the gaps from each direction to the next, over the full turn."""
     directions = np.sort(np.mod(angles_rad, TAU))
-    gaps: FloatArray = np.diff(directions, append=directions[:1] + TAU)
-    return gaps
+    return np.diff(directions, append=directions[:1] + TAU)
 
 
 def _runs(keys: Rows) -> list[slice]:
@@ -149,5 +148,4 @@ def bridged_samples(sinogram: NDArray[np.floating], left_out: NDArray[np.bool_])
     low, high = (np.where(whole, at, end) for end in (low, high))
     share = ((at - low) / np.maximum(high - low, 1)).astype(sinogram.dtype)
     left, right = (np.take_along_axis(sinogram, end, axis=-1) for end in (low, high))
-    filled: NDArray[np.floating] = np.where(left_out, (1 - share) * left + share * right, sinogram)
-    return filled
+    return np.where(left_out, (1 - share) * left + share * right, sinogram)

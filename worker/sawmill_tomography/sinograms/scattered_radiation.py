@@ -47,8 +47,7 @@ def scattered(scatter: ScatteredRadiation, lost: FloatArray) -> FloatArray:
 def with_scatter(scatter: ScatteredRadiation, primary: FloatArray) -> FloatArray:
     """Compute the measured line integrals from line integrals of the primary beam (..., cells)."""
     intensity = np.exp(-primary)
-    measured: FloatArray = -np.log(intensity + scattered(scatter, 1.0 - intensity))
-    return measured
+    return -np.log(intensity + scattered(scatter, 1.0 - intensity))
 
 
 def without_scatter(scatter: ScatteredRadiation, measured: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -83,8 +82,7 @@ def fit_scatter_and_hardening(
     def misfit(x: FloatArray) -> FloatArray:
         background, attenuation, bend, around, wide = x
         primary = background + attenuation * np.log1p(bend * lengths) / bend
-        difference: FloatArray = (with_scatter(ScatteredRadiation(around, wide, HALO), primary) - measured)[counted]
-        return difference
+        return (with_scatter(ScatteredRadiation(around, wide, HALO), primary) - measured)[counted]
 
     # Bend is spread times attenuation, per mm (`hardening.fit_hardening`).
     through = counted & (lengths > 0.1 * longest_mm)

@@ -64,8 +64,7 @@ def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> S
 
 def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
     # A phantom has no structure of single cells, and loses little with a sound cell next to a hot cell.
-    median = np.median(np.ascontiguousarray(sinogram.T), axis=1)
-    return faulty_cells(sinogram, median, recheck=False, most_faulty=1.0)
+    return faulty_cells(sinogram, np.median(np.ascontiguousarray(sinogram.T), axis=1), recheck=False, most_faulty=1.0)
 
 
 # A view is corrupt when this share of its samples is outside the range of the median view, or when its own range is

@@ -40,5 +40,4 @@ def bytecode_folders() -> set[str]:
 
 
 def _compile(part: str) -> None:
-    command = [sys.executable, "-m", "sawmill_tomography.warm_up", part]
-    subprocess.run(command, check=True)  # noqa: S603 - the product itself
+    subprocess.run([sys.executable, "-m", "sawmill_tomography.warm_up", part], check=True)  # noqa: S603 - the product itself

@@ -45,8 +45,9 @@ def _local(path: Path, time: datetime) -> datetime:
     try:
         return time.astimezone()
     except (OverflowError, ValueError) as error:
-        detail = f"{path.name} was made at {time.isoformat()}, which in UTC is not within the years 1 to 9999"
-        raise refused("calibration", detail) from error
+        raise refused(
+            "calibration", f"{path.name} was made at {time.isoformat()}, which in UTC is not within the years 1 to 9999"
+        ) from error
 
 
 def _drawn(path: Path, result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:

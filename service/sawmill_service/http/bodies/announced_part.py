@@ -69,8 +69,11 @@ def announced_part(headers: Headers) -> AnnouncedPart:
     """Read the headers of a part."""
     offset_bytes = _read(headers, "Upload-Offset", _count_in, "a count of bytes, as in 1048576")
     if offset_bytes is None:
-        detail = "Upload-Offset is missing: it must say where the part begins, and HEAD gives that offset"
-        raise Refused(400, "bad-upload-header", detail)
+        raise Refused(
+            400,
+            "bad-upload-header",
+            "Upload-Offset is missing: it must say where the part begins, and HEAD gives that offset",
+        )
     return AnnouncedPart(
         offset_bytes=offset_bytes,
         part_bytes=int(headers["content-length"]) if "content-length" in headers else None,  # digits, by the gate

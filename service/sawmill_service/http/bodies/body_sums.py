@@ -44,8 +44,11 @@ class BodySums:
         """Refuse a body that was damaged in transit."""
         for name, computed in self._sums.items():
             if not hmac.compare_digest(self._expected[name], computed.digest()):
-                detail = f"the bytes that came have another {name} than Content-Digest says: send them again"
-                raise Refused(400, "digest-mismatch", detail)
+                raise Refused(
+                    400,
+                    "digest-mismatch",
+                    f"the bytes that came have another {name} than Content-Digest says: send them again",
+                )
 
 
 def checked(receive: Receive, headers: Headers) -> Receive:

@@ -40,8 +40,12 @@ class FirstBytes:
         self._seen += piece[: self.NUMBER - len(self._seen)]
         kind = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
         if kind:
-            detail = f"the body is {kind}, not a file of measurements: send the file's bytes alone, as {BYTES}"
-            raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
+            raise Refused(
+                415,
+                "unsupported-media-type",
+                f"the body is {kind}, not a file of measurements: send the file's bytes alone, as {BYTES}",
+                {"Accept": BYTES},
+            )
 
 
 class SentContent:
@@ -81,8 +85,12 @@ class SentContent:
     def end(self) -> None:
         """Refuse a body that was damaged in transit, or by its sender."""
         if self._stripped and self._taken_bytes >= _BYTES_WITH_A_LINE_END:
-            detail = "the body has no end of a line, as curl's -d removes them: send the file by --data-binary @FILE"
-            raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
+            raise Refused(
+                415,
+                "unsupported-media-type",
+                "the body has no end of a line, as curl's -d removes them: send the file by --data-binary @FILE",
+                {"Accept": BYTES},
+            )
         self._sums.check()
         if self._gzip is not None:
             self._gzip.end()
@@ -138,8 +146,11 @@ class Gunzip:
     def _count(self, size: int) -> None:
         self._given += size
         if self._given > _FREE_BYTES + _MOST_RATIO * self._taken:
-            detail = f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is"
-            raise Refused(413, "packed-too-well", detail)
+            raise Refused(
+                413,
+                "packed-too-well",
+                f"the body unpacks to more than {_MOST_RATIO} times its length: send the file as it is",
+            )
 
 
 def empty_body() -> Refused:

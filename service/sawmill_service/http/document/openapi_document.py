@@ -135,8 +135,7 @@ def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
     """Name each schema by its title: pydantic calls a page of scans `Page_Scan_`, and a named literal has no title."""
     names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
     if len(set(names.values())) < len(names):
-        msg = f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}"
-        raise ValueError(msg)
+        raise ValueError(f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}")
     for name, title in names.items():
         schemas[title] = schemas.pop(name)
     refer = {f"#/components/schemas/{name}": f"#/components/schemas/{title}" for name, title in names.items()}

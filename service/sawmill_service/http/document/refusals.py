@@ -80,8 +80,7 @@ def _by_shape(method: str, rule: Rule, operation: dict[str, Any]) -> Iterable[st
 def _status_of(code: str) -> int:
     status = problem_types()[code].status
     if status is None:
-        msg = f"{code} is a failure of jobs, and no answer's"
-        raise KeyError(msg)
+        raise KeyError(f"{code} is a failure of jobs, and no answer's")
     return status
 
 

@@ -92,8 +92,9 @@ class Admission:
             raise Refused(431, "too-many-headers", f"a request may have {_MOST_HEADERS} headers")
         lengths = (len(name) + len(value) for name, value in scope["headers"])
         if len(scope["path"]) + len(scope["query_string"]) + sum(lengths) > _MOST_HEAD_BYTES:
-            detail = f"the path, the query and the headers may have {_MOST_HEAD_BYTES} bytes together"
-            raise Refused(431, "head-too-large", detail)
+            raise Refused(
+                431, "head-too-large", f"the path, the query and the headers may have {_MOST_HEAD_BYTES} bytes together"
+            )
         caller = who(scope)
         self._all.take("looks at health" if no_key(scope) is NoKey.MONITORING else "requests", caller)
         if scope["method"] not in SAFE_METHODS:

@@ -64,8 +64,12 @@ def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
         )
     there = [span for span in spans if span is not None and span.start < size_bytes]
     if not there:
-        detail = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
-        raise Refused(416, "range-beyond-end", detail, {"Content-Range": f"bytes */{size_bytes}"})
+        raise Refused(
+            416,
+            "range-beyond-end",
+            f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end",
+            {"Content-Range": f"bytes */{size_bytes}"},
+        )
     return there
 
 

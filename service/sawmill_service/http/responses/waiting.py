@@ -125,8 +125,7 @@ def is_unfinished(answer: Any) -> bool:  # noqa: ANN401 - a job, or a resource t
 
 
 def _job_id(answer: Any) -> str:  # noqa: ANN401 - the same
-    job_id: str = answer.id if isinstance(answer, Job) else answer.job_id
-    return job_id
+    return answer.id if isinstance(answer, Job) else answer.job_id
 
 
 class WaitOption:

@@ -127,8 +127,7 @@ class Formats:
         if abs(value) >= _LARGEST_IN_FULL:
             return str(format_scientific(value, locale=self._locale))
         pattern = "#,##0" + ("." + "0" * digits if digits else "")
-        written: str = format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
-        return written
+        return format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
 
     def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
         """Write a length, mm."""
@@ -161,8 +160,7 @@ class Formats:
         """Write day and minute in a zone or in this machine's, which the pages' script turns into the browser's."""
         if time is None:
             return self._text.gettext("never")
-        hour = self.hour(time, zone)
-        return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time, zone))
+        return str(get_datetime_format("medium", self._locale)).format(self.hour(time, zone), self.day(time, zone))
 
     def hour(self, time: datetime | str, zone: str | None = None) -> str:
         """Write hour and minute alone, in a time zone or, without one, in this machine's."""
@@ -183,8 +181,7 @@ class Formats:
         if time is None:
             return self._text.gettext("never")
         ago = _local(time) - datetime.now(UTC)
-        written: str = format_timedelta(ago, granularity="second", add_direction=True, locale=self._locale)
-        return written
+        return format_timedelta(ago, granularity="second", add_direction=True, locale=self._locale)
 
     def _with_unit(self, value: float | None, digits: int, unit: str, *, signed: bool) -> str:
         written = self.number(value, digits, signed=signed)

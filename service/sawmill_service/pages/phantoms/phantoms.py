@@ -201,8 +201,7 @@ def _picture_of(phantom: StoredPhantom, phantoms: ThePhantoms) -> PictureShown |
     if phantom.job_id is None:
         return None
     uploaded: PhantomPicture = phantoms.picture(phantom.id)
-    path = phantoms.files.upload(kinds.TRACE_PHANTOM, phantom.id)
-    with path.open("rb") as stream:
+    with phantoms.files.upload(kinds.TRACE_PHANTOM, phantom.id).open("rb") as stream:
         head = stream.read(_PNG_HEAD.size)
     if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):
         return None

@@ -77,8 +77,7 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         remarks=lambda name: packing_remarks(by_name[name]),
         stated_angles=lambda name: _angles_of_cil(file, name, bounds.whole),
     )
-    remarks = (ReadingMessage.MATLAB_AXES(),) if matlab else ()
-    return read_named_arrays(arrays, selection, remarks)
+    return read_named_arrays(arrays, selection, (ReadingMessage.MATLAB_AXES(),) if matlab else ())
 
 
 def _angles_of_cil(file: h5py.File, name: str, bounds: Bounds) -> FileAngles:

@@ -37,8 +37,7 @@ def find(start: Node, path: str, linked: LinkedFiles | None = None) -> Node | No
     if path.startswith("/"):
         here = start.file["/"]
     while pending:
-        name = pending.pop(0)
-        key = _key(name)
+        key = _key(pending.pop(0))
         if not isinstance(here, h5py.Group) or not here.id.links.exists(key):
             return None
         kind = here.id.links.get_info(key).type

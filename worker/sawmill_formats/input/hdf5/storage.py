@@ -121,8 +121,10 @@ def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False)
     filters = _filters(dataset)
     for code, name in filters:
         if code not in FILTERS:
-            sentence = f"{where} is stored with the filter {name} ({code}); repack it with gzip or without"
-            raise UnreadableScan("unsupported-storage", sentence)
+            raise UnreadableScan(
+                "unsupported-storage",
+                f"{where} is stored with the filter {name} ({code}); repack it with gzip or without",
+            )
     packings = [PACKINGS[code] for code, _ in filters if code in PACKINGS]
     if len(packings) > 1:
         raise UnreadableScan("unsupported-storage", f"{where} is packed twice ({', '.join(packings)}); pack it once")

@@ -35,8 +35,7 @@ def read_folder(path: Path, selection: Wanted, bounds: Bounds, _: ExitStack) -> 
         "folder-of-tiffs", files, others, lambda name: (path / name).open("rb"), selection, bounds, rows_missing=False
     )
     subfolders = [ReadingMessage.SUBFOLDERS(folders=len(folders), names=listed(folders))] if folders else []
-    remarks = (*subfolders, *contents.remarks)
-    return replace(contents, remarks=remarks, others=tuple(images))
+    return replace(contents, remarks=(*subfolders, *contents.remarks), others=tuple(images))
 
 
 def folder_parts(path: Path, _: Bounds) -> Iterator[Part]:

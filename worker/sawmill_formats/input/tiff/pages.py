@@ -292,8 +292,7 @@ def _check_page(
             "truncated-file",
             f"{where} has {pieces} of its {math.prod(page.chunked)} strips or tiles; export the file again",
         )
-    pixels = math.prod(page.chunks)
-    if pixels > max(USUAL_TILE_PIXELS, MOST_TILE_PAGES * math.prod(page.shape)):
+    if math.prod(page.chunks) > max(USUAL_TILE_PIXELS, MOST_TILE_PAGES * math.prod(page.shape)):
         raise UnreadableScan(
             "too-large",
             f"{where} has the shape {page.shape} and tiles of {page.chunks}; a tile may have at most {MOST_TILE_PAGES} "

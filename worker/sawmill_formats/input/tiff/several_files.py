@@ -103,8 +103,7 @@ def _checked(what: str, files: Sequence[TiffFile], bounds: Bounds, *, rows_missi
         _check_like(member, (checked or [member])[0], rows_missing=rows_missing)
         checked.append(member)
         before += 4 * math.prod(member.shape)
-    stored = sum(file.stored_bytes for file in files)
-    check_size(what, (before // 4,), 4, stored_bytes=stored, max_bytes=bounds.array)
+    check_size(what, (before // 4,), 4, stored_bytes=sum(file.stored_bytes for file in files), max_bytes=bounds.array)
     return checked
 
 

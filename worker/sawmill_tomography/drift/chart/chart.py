@@ -111,8 +111,7 @@ class DriftChart:
             return _begun(pending) if len(pending) == BASELINE_LOOKS else replace(self, pending=pending)
         if len(pending) < GROUP_LOOKS:
             return replace(self, pending=pending)
-        history = self.history.followed_by(*_group(pending))
-        return replace(self, pending=(), history=history, newest=pending)
+        return replace(self, pending=(), history=self.history.followed_by(*_group(pending)), newest=pending)
 
     def finding(self) -> ChartFinding:
         """Return the result of the complete groups."""

@@ -71,5 +71,4 @@ def _mean(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray]:
 
 def _bounded(apart: FloatArray, precision: FloatArray) -> FloatArray:
     """Return chi-squared of each drift check; an outlier's is bounded."""
-    bounded: FloatArray = np.minimum(squared_length(apart, precision), OUTLYING**2)
-    return bounded
+    return np.minimum(squared_length(apart, precision), OUTLYING**2)

@@ -91,8 +91,7 @@ def pooled_means(change: FloatArray, covariance: FloatArray) -> PooledMeans:
 
 def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
     """Select far drift checks, but never more than half of them: then the distances are what is wrong."""
-    far: NDArray[np.bool_] = (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
-    return far
+    return (distance > OUTLYING) & (distance > np.median(distance, axis=-1, keepdims=True))
 
 
 def stacked(changes: Iterable[DetectorEstimate]) -> tuple[FloatArray, FloatArray]:

@@ -57,13 +57,11 @@ class LookSpread:
         (1 + t / f)^(-(f - 1) / 2), and chi-squared is beyond c with exp(-c / 2).
         """
         freedom = (BELIEVED + self.differences) / SHARED
-        alike: FloatArray = (freedom - 1.0) * np.log1p(distance / freedom)
-        return alike
+        return (freedom - 1.0) * np.log1p(distance / freedom)
 
     @property
     def _estimate(self) -> FloatArray:
-        estimate: FloatArray = (BELIEVED * np.eye(2) + self.squares) / (BELIEVED + self.differences)
-        return estimate
+        return (BELIEVED * np.eye(2) + self.squares) / (BELIEVED + self.differences)
 
 
 def inverse(matrices: FloatArray) -> FloatArray:
@@ -86,10 +84,9 @@ def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
 def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
     """Return x^T P x (...), for vectors (..., 2), matrices (..., 2, 2): chi-squared if P is the inverse covariance."""
     first, second = vectors[..., 0], vectors[..., 1]
-    length: FloatArray = (
+    return (
         precision[..., 0, 0] * first**2 + 2.0 * precision[..., 0, 1] * first * second + precision[..., 1, 1] * second**2
     )
-    return length
 
 
 def sandwich(outer: FloatArray, inner: FloatArray) -> FloatArray:

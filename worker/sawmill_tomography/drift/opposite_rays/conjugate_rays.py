@@ -231,8 +231,7 @@ def fine_minimum(scanner: Scanner, turn: FullTurn, start: SourceFrame, basin: Fl
     """Refine the coarse fit: as fine, and with as many unknowns, as the scan allows."""
     worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
     for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):
-        pairs = Pairs(scanner, turn, basin, blur)
-        solution = pairs.solve(basin, *reach(scanner, start), free=free, corrected=True)
+        solution = Pairs(scanner, turn, basin, blur).solve(basin, *reach(scanner, start), free=free, corrected=True)
         if solution.settled and np.all(np.sqrt(np.diag(solution.covariance)) < worst):
             break
     return solution

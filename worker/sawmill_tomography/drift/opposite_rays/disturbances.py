@@ -330,8 +330,7 @@ class ViewGain:
 
     def removed(self, sinogram: FloatArray) -> FloatArray:
         """Return the sinogram (views, cells) without gain and offset."""
-        corrected: FloatArray = (sinogram - self.offset[:, None]) / self.gain[:, None]
-        return corrected
+        return (sinogram - self.offset[:, None]) / self.gain[:, None]
 
 
 def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool) -> ViewGain | None:

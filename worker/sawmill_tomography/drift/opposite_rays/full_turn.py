@@ -177,5 +177,4 @@ def check_full_turn(sinogram: FloatArray, angles_rad: FloatArray) -> None:
 
 def _gaps_deg(angles_rad: FloatArray) -> FloatArray:
     wrapped = np.sort(np.mod(angles_rad, TAU))
-    gaps: FloatArray = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
-    return gaps
+    return np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))

@@ -153,8 +153,7 @@ class Pairs:
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
         """Transform harmonics (..., orders) to (..., views) over chi."""
-        values: FloatArray = scipy.fft.irfft(harmonics, self._turn.views, overwrite_x=True)
-        return values
+        return scipy.fft.irfft(harmonics, self._turn.views, overwrite_x=True)
 
     def _sides(self, turned: FloatArray, fan: FloatArray) -> FloatArray:
         """Interpolate values (cells, n), and derivatives by gamma, at the pairs' gamma and -gamma, (2, 2, pairs, n)."""

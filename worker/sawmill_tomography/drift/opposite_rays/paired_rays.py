@@ -76,8 +76,7 @@ class PairedRays:
         """Instruments times differences at each chi, (chi, unknowns)."""
         products = self.derivatives.blurred * self.difference
         unknowns, chi = len(self.weights), products.shape[-1]
-        scores: FloatArray = (self.weights.reshape(unknowns, -1) @ products.reshape(-1, chi)).T
-        return scores
+        return (self.weights.reshape(unknowns, -1) @ products.reshape(-1, chi)).T
 
     def gram(self, *, corrected: bool) -> FloatArray:
         """Return the products of instruments and slopes, (unknowns, unknowns).
@@ -110,8 +109,7 @@ class PairedRays:
         for lag in range(1, lags + 1):
             shifted = scores.T @ np.roll(scores, lag, axis=0)
             products += (1.0 - lag / (lags + 1)) * (shifted + shifted.T)
-        covariance: FloatArray = bread @ products @ bread.T
-        return covariance
+        return bread @ products @ bread.T
 
 
 def fan_angles(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -99,8 +99,7 @@ def _sizes(known: list[Run], missed: FloatArray) -> FloatArray:
 
 def _half_waves(length: int) -> FloatArray:
     """Return half waves over a run, (waves, length), which are 0 in the samples before and after it."""
-    waves: FloatArray = np.sin(np.pi * np.outer(np.arange(1, HALF_WAVES + 1), np.arange(1, length + 1)) / (length + 1))
-    return waves
+    return np.sin(np.pi * np.outer(np.arange(1, HALF_WAVES + 1), np.arange(1, length + 1)) / (length + 1))
 
 
 def _seen(

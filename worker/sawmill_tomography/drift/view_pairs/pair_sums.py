@@ -91,8 +91,7 @@ class ScanMotions(NamedTuple):
 
 def _waves(angles_rad: FloatArray, order: int) -> FloatArray:
     """Return cosine and sine, (views, 2)."""
-    waves: FloatArray = np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
-    return waves
+    return np.stack([np.cos(order * angles_rad), np.sin(order * angles_rad)], axis=1)
 
 
 def motion_sizes(residual: FloatArray, known: FloatArray, motions: FloatArray, kinds: tuple[str, ...]) -> MotionSizes:
@@ -117,8 +116,7 @@ def motion_sizes(residual: FloatArray, known: FloatArray, motions: FloatArray, k
     # The first combination is no motion at all.
     weights = PROBABILITIES[levels].prod(axis=1) * np.exp(likelihoods - likelihoods.max())
     weights /= weights.sum()
-    found = bool(likelihoods.max() - likelihoods[0] > FOUND)
-    return MotionSizes(np.sqrt(weights @ shares**2), found)
+    return MotionSizes(np.sqrt(weights @ shares**2), bool(likelihoods.max() - likelihoods[0] > FOUND))
 
 
 # Smallest angle between a pair's line L and the rays through the log, rad: there a weight is 1 / 0.06.

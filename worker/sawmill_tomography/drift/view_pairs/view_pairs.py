@@ -383,15 +383,13 @@ def _fit(
 def _explained(slopes: FloatArray, gains: FloatArray) -> FloatArray:
     """Return orthonormal columns for all that slopes and gains explain."""
     space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
-    explained: FloatArray = space[:, size > RANK * size[0]]
-    return explained
+    return space[:, size > RANK * size[0]]
 
 
 def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
     """Return a matrix that whitens differences with further changes (pairs, changes), of standard deviation 1."""
     space, size, _ = np.linalg.svd(white @ changes, full_matrices=False)
-    whitened: FloatArray = white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
-    return whitened
+    return white + space * (1.0 / np.sqrt(1.0 + size**2) - 1.0) @ (space.T @ white)
 
 
 def _scaled(

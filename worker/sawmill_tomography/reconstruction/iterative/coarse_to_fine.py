@@ -111,8 +111,7 @@ def _descend(objective: Objective, coupling: Floats | None, start: Images, **set
     curvature = InverseCurvature if objective.projector.grid.size % 2 else HalvedInverseCurvature
     if coupling is None or not coupling.any():
         return descend(objective, start, **settings, preconditioner=curvature)
-    coupled = CoupledObjective(objective, coupling)
-    return descend_coupled(coupled, start, **settings, curvature=curvature(objective))
+    return descend_coupled(CoupledObjective(objective, coupling), start, **settings, curvature=curvature(objective))
 
 
 def _with_every_ray(objective: Objective) -> Objective:
@@ -203,8 +202,7 @@ def mean_along_rays(projector: Projector, lines: Images) -> Images:
 
     (slices, views, detector) -> (slices, n, n), in attenuation; 0 where no ray passes.
     """
-    ones = np.ones((projector.grid.size, projector.grid.size), np.float32)
-    lengths = projector.forward(ones)
+    lengths = projector.forward(np.ones((projector.grid.size, projector.grid.size), np.float32))
     crossed = projector.adjoint(np.ones_like(lengths))
     mean = np.divide(lines, lengths, out=np.zeros_like(lines), where=lengths > 0.0)
     image: Images = projector.adjoint(mean)

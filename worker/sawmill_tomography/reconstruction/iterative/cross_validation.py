@@ -110,8 +110,7 @@ class _Fold:
 
     def training(self, objective: Objective) -> Objective:
         """Return the objective of all other data."""
-        left_out = self.rays | self.views[:, None]
-        return replace(objective, weights=np.where(left_out, np.float32(0.0), objective.weights))
+        return replace(objective, weights=np.where(self.rays | self.views[:, None], np.float32(0.0), objective.weights))
 
 
 def _folds(projector: Projector) -> Iterator[_Fold]:
