@@ -181,6 +181,7 @@ class JointFitter:
         self.averaging = prepared.averaging
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.correlation = 0.0
+        self.sets: MotionSets | None = None
         self.rounds = 0
 
     def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
@@ -260,9 +261,12 @@ class JointFitter:
             self.fit(on_step)
 
     def _motion_sets(self) -> MotionSets:
+        """Return the sets of motions at the last step, which are searched once for each step."""
         _, posterior, change, grams, _ = self.last
-        climb = Climb(self.model, self.climb.structured, self.scatter)
-        return MotionSets(FitPoint(climb, grams, posterior, self.groups, change, self.without))
+        if self.sets is None or self.sets.current.sizes is not posterior.sizes:
+            climb = Climb(self.model, self.climb.structured, self.scatter)
+            self.sets = MotionSets(FitPoint(climb, grams, posterior, self.groups, change, self.without))
+        return self.sets
 
     def round(self) -> bool:
         """Let the likeliest groups join or go, and take one step; return whether the fit has ended."""

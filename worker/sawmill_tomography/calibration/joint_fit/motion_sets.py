@@ -68,6 +68,7 @@ class MotionSets:
     def __init__(self, point: FitPoint) -> None:
         self._point, self._climb = point, point.climb
         self._placed: list[Group] = []
+        self._are_suspected = self._suspected()
         self.current = self._with_places()
 
     @property
@@ -122,12 +123,8 @@ class MotionSets:
         groups = [*self._point.groups, *self._placed]
         motions = [group for group in groups if is_motion(group.one)]
         current, climb = self.current, self._climb
-        # What the phantom's outline shows may be a motion.
-        moved = any(is_motion(group.one) or group.one.effect is DEFORMATION for group in current.sizes)
-        if not moved and climb.structured / STRUCTURES <= current.variance:
-            evidences = climb.evidences(current, motions)
-            if all(evidence.max() <= SUSPECTED for evidence in evidences):
-                return [current]
+        if not self._are_suspected:
+            return [current]
         still = current
         for group in motions:
             still = still.resized(group, 0.0)
@@ -153,6 +150,17 @@ class MotionSets:
                 explore(best.resized(group, 0.0), [group])
         return list(found.values())
 
+    def _suspected(self) -> bool:
+        """Return whether something moves, or may: the likeliest slip and jump are among the groups."""
+        here, climb = self._point.posterior, self._climb
+        # What the phantom's outline shows may be a motion.
+        if any(is_motion(group.one) or group.one.effect is DEFORMATION for group in here.sizes):
+            return True
+        motions = [group for group in self._point.groups if is_motion(group.one)]
+        return climb.structured / STRUCTURES > here.variance or any(
+            evidence.max() > SUSPECTED for evidence in climb.evidences(here, motions)
+        )
+
     def _with_places(self) -> Posterior:
         """Return the last posterior next to slips at some views."""
         point, last = self._point, self._point.posterior
@@ -161,7 +169,8 @@ class MotionSets:
         views = places_of_slips(count) if Adjustment.SLIP not in point.without else []
         model = self._climb.model
         known = {one.view for one in slips if one.view is not None}
-        near = {view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count} | {*self._pursued()}
+        near = {view + by for view in known for by in NEAR_VIEWS if 0 < view + by < count}
+        near |= {*self._pursued()} if self._are_suspected else set()
         for view in sorted({*views, *near}) if views else ():
             for effect in (slip_at(view), jump_at(view)):
                 one = Fitted(effect, effect.columns(model), float(len(views) if view in views else count), view)
