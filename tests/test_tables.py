@@ -32,6 +32,7 @@ PARTIAL = {
     "worker/sawmill_store/requests/references.py: _WITHOUT_RESULT": "the other states have a result or will have one",
     "worker/sawmill_store/subjects/outputs.py: _FILES": "jobs of the other kinds write no file",
     "worker/sawmill_store/mill_tables.py: OWN_TABLES": "the rows of other kinds are in the table `asked`",
+    "worker/sawmill_tomography/calibration/joint_fit/groups.py: PRIORS": "the others are no groups of columns",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: LARGEST": "the other terms may have any size",
     "worker/sawmill_tomography/calibration/joint_fit/scan_model.py: SKIN_DEPTHS_MM": "the other terms are no skins",
     "worker/sawmill_tomography/calibration/joint_fit/steps.py: arms": "the other terms do not move the phantom's rim",

@@ -74,7 +74,8 @@ def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_t
         assert psi < 0.1, seed
         assert (found.handedness, found.rotation) == (Handedness.AS_DRAWN, Rotation.AS_GIVEN), seed
         assert found.judgement.verdict == "pass", seed
-        assert found.findings.fit.offset == pytest.approx(3.3477, abs=0.05), seed
+        # The pixels' steps are not fitted: the level takes up to a third of the drawing's precision, in mm of wood.
+        assert found.findings.fit.offset == pytest.approx(3.3477, abs=0.2 / 3.0), seed
 
 
 @pytest.fixture(scope="module")

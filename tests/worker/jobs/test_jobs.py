@@ -86,7 +86,7 @@ def test_saturated_cells_are_the_first_reason(send, ingest, calibrating, sinogra
     arrays = {"projections": counts, "flats": np.full((10, 1, 128), 65_535.0), "angles_deg": np.rad2deg(turn(60))}
     job = calibrating(ingest(send(arrays, data=DataKind.COUNTS, phantom_id="l-shape")))
     result = CalibrationResult.model_validate(run(job))
-    assert (result.verdict, result.coded_reasons[0].code) == ("watch", "cells-saturated")
+    assert (result.verdict, result.coded_reasons[0].code) == ("fail", "cells-saturated")
     # The file that the service prepared has the share of the cells too.
     assert read_scan(job.file, data="line-integrals", source_to_cor_mm=859.46).saturated_share == 1.0
 
