@@ -38,7 +38,6 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     Posterior,
     first_cells_of,
     is_module,
-    is_motion,
 )
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
@@ -282,11 +281,11 @@ class JointFitter:
             grams, free = self._linearised()
             system, tried, used = self._system(grams, free)
         before = list(self.fitted)
-        posterior, groups = self._chosen(system, tried, len(free))
-        change, sizes = posterior.change(), np.zeros(len(system.columns))
+        sizes = np.zeros(len(system.columns))
         for one in (*before, *tried):
             sizes[one.places] = one.sizes
-        change = change - sizes
+        posterior, groups = self._chosen(system, tried, len(free), sizes)
+        change = posterior.change() - sizes
         self._adopt(posterior, tried)
         dropped = [one for one in before if one not in self.fitted]
         self.unneeded |= first_cells_of(dropped) - self.known_modules
@@ -310,12 +309,14 @@ class JointFitter:
         self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
 
-    def _chosen(self, system: System, tried: Sequence[Fitted], free: int) -> tuple[Posterior, list[Group]]:
-        """Return the posterior of the likeliest sizes, from those of the round before: the best change at a time."""
+    def _chosen(
+        self, system: System, tried: Sequence[Fitted], free: int, sizes: FloatArray
+    ) -> tuple[Posterior, list[Group]]:
+        """Return the posterior of the likeliest sizes, from those of the round before: the best change at a time.
+
+        `sizes` (n,): sizes of all columns in the model; 0 for those that are always fitted.
+        """
         groups = [Group.of(one, self.model) for one in (*self.fitted, *tried) if not one.declined]
-        sizes = np.zeros(len(system.columns))
-        for one in (*self.fitted, *tried):
-            sizes[one.places] = one.sizes
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
         noise = max(remaining / max(system.samples - len(everything), 1.0), LEAST_VARIANCE)
@@ -332,9 +333,7 @@ class JointFitter:
         best = climb.to(posterior, groups, most)
         modules = [group for group in groups if is_module(group.one)]
         if most and any(group not in best.sizes for group in modules):
-            still = posterior
-            for group in [one for one in posterior.sizes if is_motion(one.one)]:
-                still = still.resized(group, 0.0)
+            still = posterior.still
             other = climb.to(still, modules, len(modules))
             other = climb.to(other, groups, most) if set(other.sizes) != set(still.sizes) else other
             # As many groups may join both, before they are compared.
@@ -567,7 +566,7 @@ def _shown_but_declined(
     """Yield the effects that the scan shows, and that the user switched off."""
     tester = EffectTester(system, used)
     for one in tried:
-        if one.effect.adjustment in without and (test := tester.tested(one.places)).is_fitted(one.trials):
+        if one.effect.adjustment in without and (test := tester.tested(one.places)).is_far_beyond_chance(one.trials):
             yield one, test
 
 

@@ -230,6 +230,11 @@ class Posterior:
         sizes = {one: before for one, before in self.sizes.items() if one is not group}
         return replace(self, sizes=sizes | {group: size} if size else sizes)
 
+    @property
+    def still(self) -> "Posterior":
+        """The posterior without motions."""
+        return replace(self, sizes={group: size for group, size in self.sizes.items() if not is_motion(group.one)})
+
     def change(self) -> FloatArray:
         """Return the change of all columns from the point, to which groups that are not fitted go back."""
         change = np.zeros(len(self.system.columns))

@@ -125,9 +125,7 @@ class MotionSets:
         current, climb = self.current, self._climb
         if not self._are_suspected:
             return [current]
-        still = current
-        for group in motions:
-            still = still.resized(group, 0.0)
+        still = current.still
         found: dict[frozenset[Group], Posterior] = {}
 
         def explore(start: Posterior, barred: Collection[Group] = ()) -> None:

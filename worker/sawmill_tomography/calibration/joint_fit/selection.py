@@ -1,4 +1,4 @@
-"""The selection of effects that a scan shows: each effect is judged by its own pattern, whatever the residual is."""
+"""Tests of effects next to a fit: each is judged by its own pattern, whatever the residual is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import exceeded_chi_square
 
-# Probability that chance alone shows an effect: below FITTED the effect is fitted, below BEYOND_CHANCE its bias is
-# added to the covariance (benchmarks/mill.py at 3ab7f653).
+# Probability that chance alone shows an effect: below FITTED one that is switched off is reported, and the wood's
+# density varies; below BEYOND_CHANCE effects of wood are looked at (benchmarks/mill.py at 3ab7f653).
 FITTED, BEYOND_CHANCE = 1e-5, 0.01
 # Numbers of blocks of neighbouring views whose scores are compared: errors of a model continue from view to view.
 BLOCKS = (64, 32, 16, 8)
@@ -42,13 +42,9 @@ class EffectTest:
         """The variance against which the effect is significant; 0 where nothing is."""
         return self.power / self.significance if 0.0 < self.significance < np.inf else 0.0
 
-    def is_fitted(self, trials: float = 1.0) -> bool:
+    def is_far_beyond_chance(self, trials: float = 1.0) -> bool:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
-        return self.over_limit(trials) > 1.0
-
-    def over_limit(self, trials: float = 1.0) -> float:
-        """Return the significance over the limit beyond which the effect is fitted; 0 where no unknown is seen."""
-        return self.significance / chance_limit(FITTED / trials, self.degrees) if self.degrees else 0.0
+        return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
 
     def is_beyond_chance(self, trials: float = 1.0) -> bool:
         """Return whether chance alone would hardly show an effect of this size."""
