@@ -207,7 +207,7 @@ class _Run:
         self._started = time.perf_counter()
         self._scan, self._beam = _with_beam_corrected(scan, geometry.beam, options)
         self._geometry, self._options = geometry, options
-        self._scanner = replace(scan.scanner, detector_modules=geometry.scanner.detector_modules)
+        self._scanner = scan.scanner.with_cells_of(geometry.scanner)
         angles = geometry.rotation.apply(scan.angles_rad)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
         self._projector = Projector(FanBeamGeometry(self._scanner, geometry.theta, angles), grid)

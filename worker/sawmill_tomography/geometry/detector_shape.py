@@ -18,6 +18,8 @@ from sawmill_vocabulary import DetectorModule, Scanner, SourceFrame
 
 FloatArray = NDArray[np.float64]
 Length = FloatArray | float
+# Half waves over the detector of the longest wave by which cells lie at unequal distances.
+FIRST_WAVE = 2
 Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
 
 
@@ -54,8 +56,11 @@ def detector_lines(
     frame: SourceFrame,
     *,
     piece_cells: int = 1,
+    waves_mm: Sequence[float] = (),
 ) -> DetectorLines:
     """Return the flat pieces: a module, or on an arc `piece_cells` cells, which touch it at their middle.
+
+    With waves, which shift the cells along the line, each cell is a piece.
 
     The source frame describes the module that holds the detector's middle, or the line that touches the arc there. A
     gap moves a module along the module before, a kink turns it about the end of that module.
@@ -79,12 +84,28 @@ def detector_lines(
     pieces = []
     for number, (first, end) in enumerate(pairwise(borders)):
         u, *_, tilt = line = touching[number]
-        starts = np.arange(first, end, end - first if arc_radius_mm is None else piece_cells)
+        whole = arc_radius_mm is None and not waves_mm
+        starts = np.arange(first, end, end - first if whole else 1 if waves_mm else piece_cells)
         ends = np.append(starts[1:], end)
-        at: FloatArray = np.full(1, u) if arc_radius_mm is None else first_border_mm + 0.5 * pitch_mm * (starts + ends)
-        along, depth, turn = _on_arc(at, arc_radius_mm)
+        at: FloatArray = np.full(1, u) if whole else first_border_mm + 0.5 * pitch_mm * (starts + ends)
+        along, depth, turn = _on_arc(at + waves(waves_mm, starts, cells) if waves_mm else at, arc_radius_mm)
         pieces.append(_lines(starts, ends, frame, at, *_point(line, along, depth), tilt - np.asarray(turn)))
     return DetectorLines(*map(np.concatenate, zip(*pieces, strict=True)))
+
+
+def waves(sizes_mm: Sequence[float], at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return how far some of a detector's cells lie from equal distances, mm."""
+    return np.asarray(sizes_mm) @ wave_shapes(len(sizes_mm), at_cells, cells)
+
+
+def wave_shapes(count: int, at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return the shapes of the first waves at some cells, (count, cells): cosines of two halves over the detector up.
+
+    A constant is u_c, and half a wave hardly differs from another distance of the source.
+    """
+    order = np.arange(FIRST_WAVE, FIRST_WAVE + count)
+    shapes: FloatArray = np.cos(math.pi / cells * np.multiply.outer(order, at_cells + 0.5))
+    return shapes
 
 
 def _on_arc(at: Length, radius_mm: float | None) -> tuple[Length, Length, Length]:
@@ -130,7 +151,13 @@ def lines_of(scanner: Scanner, frame: SourceFrame) -> DetectorLines:
     """Return the flat pieces of a scanner's detector."""
     cells, pitch = scanner.num_detector_pixels, scanner.detector_pitch_mm
     return detector_lines(
-        scanner.detector_modules, scanner.detector_arc_radius_mm, cells, -0.5 * cells * pitch, pitch, frame
+        scanner.detector_modules,
+        scanner.detector_arc_radius_mm,
+        cells,
+        -0.5 * cells * pitch,
+        pitch,
+        frame,
+        waves_mm=scanner.detector_waves_mm,
     )
 
 
