@@ -229,6 +229,7 @@ def rows_of_memory(
         averaged_rows=scan.averaged_rows,
         deviations=part.deviations,
         saturated_share=scan.saturated_share,
+        used_views=np.isin(np.arange(len(scan.line_integrals)), kept),
     )
 
 

@@ -111,6 +111,7 @@ class ScanRows:
     # (views, rows, detector) float32: standard deviations of the requested rows; None if the scan has none.
     deviations: Stack | None = None
     saturated_share: float = 0.0  # share of the detector's cells that are saturated, as far as it is known
+    used_views: NDArray[np.bool_] | None = None  # (all views of the scan,): the views that are used; None: all
 
     def stack(self) -> Stack:
         """Read all requested rows (views, rows, detector); refuse rows that do not fit into the free memory."""
@@ -277,6 +278,7 @@ def rows_of(
         averaged_rows=averaged_rows,
         deviations=scan.deviations_of(selected, used),
         saturated_share=scan.saturated_share,
+        used_views=np.isin(np.arange(all_views), used),
     )
 
 

@@ -34,13 +34,14 @@ __all__ = [
     "SourceFrame",
     "Theta",
     "ThetaBounds",
-    "all_round",
     "angle_difference",
     "bounds_array",
     "cell_borders_mm",
     "cell_centres_mm",
     "rotate",
     "to_vector",
+    "turning",
+    "turns_all_round",
     "view_weights",
     "wrap_angle",
 ]
@@ -107,6 +108,19 @@ class FanViews:
             raise GeometryError(f"in view {view}, from 0, the centre of rotation is not on the detector's side")
         return views
 
+    @classmethod
+    def from_astra(cls, rows: ArrayLike, cells: int) -> "FanViews":
+        """Return the geometry of rows (views, 6) of ASTRA's `fanflat_vec`, in mm; the inverse of `astra_vectors`."""
+        vectors = np.asarray(rows, np.float64)
+        if vectors.ndim != 2 or vectors.shape[1] != 6 or not vectors.size:
+            raise GeometryError(f"rows of fanflat_vec must be (views, 6) numbers, not {vectors.shape}")
+        source, middle, step = (np.stack([-each[:, 1], each[:, 0]], -1) for each in np.split(vectors, 3, axis=1))
+        pitch = np.hypot(*step.T)
+        if np.ptp(pitch) * cells > SAME_MM:
+            raise GeometryError("the cells must have the same width in all views: this list has views of two detectors")
+        even = (np.arange(cells + 1) - 0.5 * cells) * pitch[0]
+        return cls.of(source, middle, step, np.stack([even[:-1], even[1:]], -1))
+
     @property
     def sinogram_shape(self) -> tuple[int, int]:
         """(views, cells)."""
@@ -153,6 +167,23 @@ class FanViews:
         pairs = np.stack([self.borders_mm[::2, 0], self.borders_mm[1::2, 1]], -1)
         return FanViews(self.angles_rad, self.source_mm, self.middle_mm, self.axis, pairs)
 
+    @property
+    def uneven_mm(self) -> float:
+        """Largest distance of the cells' borders from equal distances on the line."""
+        return float(np.abs(self.borders_mm - np.stack([self._even_mm[:-1], self._even_mm[1:]], -1)).max())
+
+    @property
+    def _even_mm(self) -> FloatArray:
+        return np.linspace(self.borders_mm[0, 0], self.borders_mm[-1, 1], len(self.borders_mm) + 1)
+
+    def check_even(self) -> None:
+        """Refuse cells that are not at equal distances on a straight line, for forms that know no others."""
+        if self.uneven_mm > SAME_MM:
+            raise GeometryError(
+                f"the cells are up to {self.uneven_mm:.3g} mm from equal distances on a straight line, on modules or "
+                "an arc, and this form knows no others: export vectors, or the sinogram with --flat"
+            )
+
     def astra_vectors(self) -> FloatArray:
         """Return rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
 
@@ -164,16 +195,37 @@ class FanViews:
         GeometryError
             The cells do not have equal distances on the line, which ASTRA's form cannot hold.
         """
-        low, high = self.borders_mm[0, 0], self.borders_mm[-1, 1]
-        even = np.linspace(low, high, len(self.borders_mm) + 1)
-        off = float(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max())
-        if off > SAME_MM:
-            raise GeometryError(
-                f"the cells are up to {off:.3g} mm from equal distances on a straight line, and this form knows no "
-                "others: reconstruct with sawmill reconstruct, or resample the sinogram"
-            )
+        self.check_even()
+        low, high = self._even_mm[[0, -1]]
         centre, step = self.middle_mm + 0.5 * (low + high) * self.axis, (high - low) / len(self.borders_mm) * self.axis
         return np.concatenate([np.stack([v[:, 1], -v[:, 0]], -1) for v in (self.source_mm, centre, step)], axis=1)
+
+
+def turning(views: FanViews) -> "FanBeamGeometry":
+    """Return the geometry as a turn about one axis, with the source on it: theta has no shift of the source.
+
+    Raises
+    ------
+    GeometryError
+        The views are no such turn to `SAME_MM`, or their cells count clockwise.
+    """
+    if isinstance(views, FanBeamGeometry):
+        return views
+    back = -views.angles_rad
+    source, middle, axis = (np.stack(rotate(back, *each.T), -1) for each in views.vectors())
+    off = max(float(np.abs(each - each[0]).max()) for each in (source, middle, 0.5 * np.ptp(views.borders_mm) * axis))
+    if off > SAME_MM or views.to_line_mm[0] < 0.0:
+        cells = "" if off > SAME_MM else ", with cells that count counter-clockwise"
+        raise GeometryError(
+            f"this needs views that turn about one axis{cells}, and these depart from a turn by {off:.3g} mm: "
+            "reconstruct them by total_variation, cauchy_map or tikhonov"
+        )
+    r, (x, y), (c, s) = -float(source[0, 1]), middle[0], axis[0]
+    borders = views.borders_mm - 0.5 * (views.borders_mm[0, 0] + views.borders_mm[-1, 1])
+    u_c = -x / c + float(borders[0, 0] - views.borders_mm[0, 0])
+    scanner = Scanner(r, len(borders), float(np.ptp(borders)) / len(borders))
+    frame = SourceFrame(0.0, r, r + float(y - x * s / c), float(u_c), math.atan2(s, c))
+    return FanBeamGeometry(scanner, frame.theta(r), views.angles_rad, borders)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -194,6 +246,10 @@ class FanBeamGeometry(FanViews):
     angles_rad : (views,) float64
         View k is at angles_rad[k] beyond the initial angle. Reverse the angles (`Rotation.apply`) for a scanner that
         turns in the opposite sense.
+    source_mm, middle_mm, axis : (views, 2) float64
+        Source, a point of the detector's line, and its axis of unit length.
+    borders_mm : (cells, 2) float64
+        Borders of each cell, along the line from the point.
     """
 
     scanner: Scanner
@@ -227,12 +283,6 @@ class FanBeamGeometry(FanViews):
         """The source frame of theta."""
         return self.theta.source_frame(self.scanner.source_to_cor_mm)
 
-    @property
-    def is_even(self) -> bool:
-        """True if the cells lie at equal distances on the line, as filtered back-projection needs them."""
-        even = cell_borders_mm(self.scanner)
-        return bool(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max() <= SAME_MM)
-
     def at(self, views: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "FanBeamGeometry":
         """Return the geometry of some of the views."""
         return self.with_angles(self.angles_rad[views])
@@ -258,10 +308,10 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
     return weights
 
 
-def all_round(angles_rad: FloatArray) -> bool:
-    """Return whether the views cover a full turn, as `view_weights` requires."""
+def turns_all_round(geometry: FanViews) -> bool:
+    """Return whether the views turn about one axis over a full turn, as filtered back-projection needs them."""
     try:
-        view_weights(angles_rad)
+        view_weights(turning(geometry).angles_rad)
     except GeometryError:
         return False
     return True

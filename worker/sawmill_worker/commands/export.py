@@ -9,8 +9,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.failures import refused
 from sawmill_calibration.result_file import read_calibration
+from sawmill_calibration.view_vectors import write_views
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
@@ -18,15 +18,8 @@ from sawmill_worker.commands.options import ExportTarget
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at the given views for a toolkit; none of them knows a detector of modules."""
+    """Write a calibration's geometry at the given views for a toolkit, or as vectors, which `--geometry` reads."""
     result = read_calibration(calibration)
-    if result.scanner.detector_modules:
-        cells = ", ".join(str(module.first_cell) for module in result.scanner.detector_modules)
-        raise refused(
-            "contradiction",
-            f"the calibration is of a detector of modules, which meet at cell {cells}, and {target} knows one straight "
-            "line of cells: reconstruct with sawmill reconstruct, or calibrate --without modules",
-        )
     turned = result.rotation.apply(np.deg2rad(angles.expand(views)))
     _WRITERS[target](output, FanBeamGeometry(result.scanner, result.theta, turned))
 
@@ -54,6 +47,7 @@ def _write_for_rtk(output: Path, fan: FanBeamGeometry) -> None:
 
 _WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = MappingProxyType(
     {
+        ExportTarget.VECTORS: write_views,
         ExportTarget.ASTRA: _write_for_astra,
         ExportTarget.ODL: _write_for_odl,
         ExportTarget.CIL: _write_for_cil,

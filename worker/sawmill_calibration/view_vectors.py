@@ -1,0 +1,106 @@
+"""Files of geometry: a list of vectors for each view, as our JSON or as rows of ASTRA's `fanflat_vec` (.npy)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from sawmill_calibration.failures import read_json, refused
+from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
+from sawmill_calibration.scans.scan_rows import ScanRows
+from sawmill_contracts.geometry import ScannerConstants, ViewVectors
+from sawmill_tomography.geometry.detector_shape import FlatDetector
+from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, GeometryError, turning
+from sawmill_vocabulary import Handedness, Rotation
+from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedGeometry:
+    """A geometry given by vectors for each view of a scan, without error bars."""
+
+    scanner: ScannerConstants
+    views: FanViews
+    theta: None = None
+    rotation: Rotation = Rotation.AS_GIVEN
+    handedness: Handedness = Handedness.AS_DRAWN
+    beam: BeamCorrection = NOTHING_FOUND
+
+    @classmethod
+    def of(cls, views: FanViews, scan: ScanRows) -> tuple[ScanRows, Self]:
+        """Return the scan with the angles of these views, and the geometry of the views that are used.
+
+        Raises
+        ------
+        JobFailure
+            The geometry is of another number of views than the scan, or of cells.
+        """
+        used = np.ones(scan.angles_rad.size, bool) if scan.used_views is None else scan.used_views
+        wanted = (used.size, scan.scanner.num_detector_pixels)
+        if views.sinogram_shape != wanted:
+            raise refused(
+                "contradiction",
+                f"the geometry is of (views, cells) = {views.sinogram_shape}, and the scan has {wanted}: give one row "
+                "for each view of the scan",
+            )
+        chosen = views.at(used)
+        return replace(scan, angles_rad=chosen.angles_rad), cls(scan.scanner, chosen)
+
+    def turned(self, scan: ScanRows) -> tuple[ScanRows, GivenGeometry]:
+        """Return the scan with cells at equal distances, and the geometry as a turn about one axis.
+
+        Raises
+        ------
+        GeometryError
+            The views do not turn about one axis.
+        """
+        turn = turning(self.views)
+        if turn.uneven_mm > SAME_MM:
+            flat, read = FlatDetector.of(turn.borders_mm, turn.scanner), scan.read
+            scan = replace(scan, read=lambda start, stop: flat.resampled(read(start, stop)))
+        constants = replace(scan.scanner, **vars(turn.scanner))
+        return replace(scan, scanner=constants), GivenGeometry(constants, turn.theta)
+
+
+AnyGeometry = KnownGeometry | ImportedGeometry
+
+
+def read_views(path: str | Path, cells: int | None = None) -> FanViews:
+    """Read a file of geometry.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON that `sawmill export --to vectors` or `write_views` wrote, or .npy with rows (views, 6) of `fanflat_vec`.
+    cells : int, optional
+        Number of the detector's cells, which rows of `fanflat_vec` do not state: None takes them to be of 2.
+
+    Raises
+    ------
+    ValueError
+        `InputError`: the file is no geometry, or it is of another number of cells.
+    """
+    path = Path(path)
+    try:
+        if path.suffix != ".npy":
+            held = read_json(path, ViewVectors, code="geometry", otherwise="no file of geometry")
+            views = FanViews.of(held.source_mm, held.middle_mm, held.axis, held.cell_borders_mm)
+        else:
+            views = FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
+    except (GeometryError, ValueError, EOFError) as error:
+        raise refused("geometry", f"{path.name} is no file of geometry: {error}") from error
+    if cells not in {None, len(views.borders_mm)}:
+        raise refused("contradiction", f"{path.name} is of {len(views.borders_mm)} cells, and the scan has {cells}")
+    return views
+
+
+def write_views(path: str | Path, views: FanViews) -> None:
+    """Write a file of geometry, JSON, which `read_views` and `sawmill reconstruct --geometry` read."""
+    Path(path).write_text(ViewVectors(**vectors_of(views)).model_dump_json() + "\n", encoding="utf-8")
+
+
+def vectors_of(views: FanViews) -> dict[str, Any]:
+    """Return the fields of `ViewVectors`."""
+    arrays = (*views.vectors(), views.borders_mm)
+    return dict(zip(ViewVectors.model_fields, (each.tolist() for each in arrays), strict=True))
