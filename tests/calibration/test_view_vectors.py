@@ -6,6 +6,7 @@ import pytest
 from tests.support.exact_chords import full_turn
 
 import sawmill_calibration as sawmill
+from sawmill_calibration.view_vectors import write_views
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, Scanner, Theta, turning
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import LogModel
@@ -42,7 +43,7 @@ def still():
 @pytest.mark.parametrize("scanner", [MILL, ON_ARC])
 def test_a_file_of_vectors_is_read_as_it_was_written(tmp_path, scanner):
     fan = FanBeamGeometry(scanner, THETA, ANGLES)
-    sawmill.write_views(tmp_path / "views.json", fan)
+    write_views(tmp_path / "views.json", fan)
     read = sawmill.read_views(tmp_path / "views.json")
     for ours, theirs in zip((*read.vectors(), read.borders_mm), (*fan.vectors(), fan.borders_mm), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)

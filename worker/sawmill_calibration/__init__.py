@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
-    from sawmill_calibration.view_vectors import read_views, write_views
+    from sawmill_calibration.view_vectors import read_views
     from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
@@ -45,7 +45,6 @@ __all__ = [
     "reconstruct",
     "simulate_log_scan",
     "simulate_phantom_scan",
-    "write_views",
 ]
 
 # No module here has a public name: its import would hide that name.
@@ -58,7 +57,7 @@ _MODULES = {
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
     "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
-    "sawmill_calibration.view_vectors": ("read_views", "write_views"),
+    "sawmill_calibration.view_vectors": ("read_views",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
     "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
 }

@@ -104,7 +104,7 @@ class Calibration:
         return None if self.result.covariance is None else np.array(self.result.covariance)
 
     def vectors(self, angles_rad: FloatArray) -> FanBeamGeometry:
-        """Return the rays of views at these angles, (views,) rad as the scan counts them; `write_views` saves them."""
+        """Return the rays of views at these angles, (views,) rad as the scan counts them."""
         return FanBeamGeometry(self.scanner, self.theta, self.rotation.apply(np.asarray(angles_rad, np.float64)))
 
     def to_astra(self, angles_rad: FloatArray) -> dict[str, Any]:

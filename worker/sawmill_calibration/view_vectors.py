@@ -29,32 +29,17 @@ class ImportedGeometry:
 
     @classmethod
     def of(cls, views: FanViews, scan: ScanRows) -> tuple[ScanRows, Self]:
-        """Return the scan with the angles of these views, and the geometry of the views that are used.
-
-        Raises
-        ------
-        JobFailure
-            The geometry is of another number of views than the scan, or of cells.
-        """
+        """Return the scan with the angles of these views, and the geometry of the views that are used, or refuse it."""
         used = np.ones(scan.angles_rad.size, bool) if scan.used_views is None else scan.used_views
         wanted = (used.size, scan.scanner.num_detector_pixels)
         if views.sinogram_shape != wanted:
-            raise refused(
-                "contradiction",
-                f"the geometry is of (views, cells) = {views.sinogram_shape}, and the scan has {wanted}: give one row "
-                "for each view of the scan",
-            )
+            of = f"(views, cells) = {views.sinogram_shape}"
+            raise refused("contradiction", f"the geometry is of {of}, and the scan has {wanted}: give all its views")
         chosen = views.at(used)
         return replace(scan, angles_rad=chosen.angles_rad), cls(scan.scanner, chosen)
 
     def turned(self, scan: ScanRows) -> tuple[ScanRows, GivenGeometry]:
-        """Return the scan with cells at equal distances, and the geometry as a turn about one axis.
-
-        Raises
-        ------
-        GeometryError
-            The views do not turn about one axis.
-        """
+        """Return the scan with cells at equal distances, and the geometry as a turn; a GeometryError if it is none."""
         turn = turning(self.views)
         if turn.uneven_mm > SAME_MM:
             flat, read = FlatDetector.of(turn.borders_mm, turn.scanner), scan.read
@@ -72,14 +57,14 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
     Parameters
     ----------
     path : str or Path
-        JSON that `sawmill export --to vectors` or `write_views` wrote, or .npy with rows (views, 6) of `fanflat_vec`.
+        JSON that `sawmill export --to vectors` wrote, or .npy with rows (views, 6) of `fanflat_vec`.
     cells : int, optional
         Number of the detector's cells, which rows of `fanflat_vec` do not state: None takes them to be of 2.
 
     Raises
     ------
     ValueError
-        `InputError`: the file is no geometry, or it is of another number of cells.
+        The file is no geometry.
     """
     path = Path(path)
     try:
@@ -90,8 +75,6 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
             views = FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
     except (GeometryError, ValueError, EOFError) as error:
         raise refused("geometry", f"{path.name} is no file of geometry: {error}") from error
-    if cells not in {None, len(views.borders_mm)}:
-        raise refused("contradiction", f"{path.name} is of {len(views.borders_mm)} cells, and the scan has {cells}")
     return views
 
 

@@ -22,7 +22,7 @@ Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
 
 
 def cell_borders_mm(scanner: Scanner) -> FloatArray:
-    """Return the detector coordinate u of the cells' borders, (cells + 1,) mm."""
+    """Return the coordinate u of the cells' borders on a flat detector, (cells + 1,) mm."""
     n = scanner.num_detector_pixels
     return (np.arange(n + 1, dtype=np.float64) - 0.5 * n) * scanner.detector_pitch_mm
 

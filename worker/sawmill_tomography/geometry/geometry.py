@@ -7,7 +7,7 @@ of rotation (COR) is the origin, angles count counter-clockwise.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,11 +77,11 @@ class FanViews:
     Projector, methods of reconstruction and metal take this type. `FanBeamGeometry` makes it from theta and angles.
     """
 
-    angles_rad: FloatArray  # (views,): angle of the source about the COR, from any zero
-    source_mm: FloatArray  # (views, 2): source, a point of the detector's line, and the line's axis, of unit length
-    middle_mm: FloatArray
-    axis: FloatArray
-    borders_mm: FloatArray  # (cells, 2): borders of each cell, along the line from the point
+    angles_rad: FloatArray = field(metadata={"description": "(views,). Angle of the source about the COR."})
+    source_mm: FloatArray = field(metadata={"description": "(views, 2). Source of each view."})
+    middle_mm: FloatArray = field(metadata={"description": "(views, 2). A point of the detector's line."})
+    axis: FloatArray = field(metadata={"description": "(views, 2). Direction of the line, of length 1."})
+    borders_mm: FloatArray = field(metadata={"description": "(cells, 2). Where rays to cells' borders cross the line."})
 
     @classmethod
     def of(cls, source_mm: ArrayLike, middle_mm: ArrayLike, axis: ArrayLike, borders_mm: ArrayLike) -> "FanViews":
@@ -92,34 +92,32 @@ class FanViews:
         GeometryError
             The arrays do not fit each other, are not finite, or a source lies on the line of its detector.
         """
-        source, middle, line, borders = (
-            np.ascontiguousarray(each, np.float64) for each in (source_mm, middle_mm, axis, borders_mm)
-        )
-        if not (source.shape == middle.shape == line.shape == (len(source), 2) and source.size):
-            raise GeometryError("source, middle and axis of the views must be three lists of (x, y), one for each view")
-        if borders.ndim != 2 or borders.shape[1] != 2 or len(borders) < 2 or (np.diff(borders.ravel()[::2]) <= 0).any():
-            raise GeometryError("the cells' borders must be a list of (low, high), mm, that increase from cell to cell")
+        given = (source_mm, middle_mm, axis, borders_mm)
+        source, middle, line, borders = (np.array(each, np.float64) for each in given)
+        fit = source.shape == middle.shape == line.shape == (len(source), 2) and borders.shape == (len(borders), 2)
+        if not fit or (np.diff(borders, axis=0) <= 0.0).any() or min(source.size, len(borders)) < 2:
+            raise GeometryError("a view needs source, middle and axis (x, y), and each cell borders that increase")
         if not (np.abs(np.concatenate([source, middle, line, borders])) <= LARGEST).all():  # false for nan too
             raise GeometryError(f"the vectors of the views must be numbers of mm between {-LARGEST:g} and {LARGEST:g}")
-        line = line / np.hypot(*line.T)[:, None]
+        line /= np.hypot(*line.T)[:, None]
         views = cls(np.arctan2(source[:, 0], -source[:, 1]), source, middle, line, borders)
-        if not (views.to_line_mm * views.to_cor_mm > 0.0).all():
-            view = int(np.argmin(views.to_line_mm * views.to_cor_mm))
-            raise GeometryError(f"in view {view}, from 0, the centre of rotation is not on the detector's side")
+        behind = np.flatnonzero(~(np.prod(views.depths_mm, axis=0) > 0.0))
+        if behind.size:
+            raise GeometryError(f"in view {behind[0]}, from 0, the centre of rotation is not on the detector's side")
         return views
 
     @classmethod
     def from_astra(cls, rows: ArrayLike, cells: int) -> "FanViews":
         """Return the geometry of rows (views, 6) of ASTRA's `fanflat_vec`, in mm; the inverse of `astra_vectors`."""
         vectors = np.asarray(rows, np.float64)
-        if vectors.ndim != 2 or vectors.shape[1] != 6 or not vectors.size:
+        if vectors.ndim != 2 or vectors.shape[1] != 6:
             raise GeometryError(f"rows of fanflat_vec must be (views, 6) numbers, not {vectors.shape}")
         source, middle, step = (np.stack([-each[:, 1], each[:, 0]], -1) for each in np.split(vectors, 3, axis=1))
         pitch = np.hypot(*step.T)
         if np.ptp(pitch) * cells > SAME_MM:
             raise GeometryError("the cells must have the same width in all views: this list has views of two detectors")
-        even = (np.arange(cells + 1) - 0.5 * cells) * pitch[0]
-        return cls.of(source, middle, step, np.stack([even[:-1], even[1:]], -1))
+        even = (np.arange(cells)[:, None] + np.array([0.0, 1.0]) - 0.5 * cells) * pitch[0]
+        return cls.of(source, middle, step, even)
 
     @property
     def sinogram_shape(self) -> tuple[int, int]:
@@ -127,25 +125,20 @@ class FanViews:
         return self.angles_rad.size, len(self.borders_mm)
 
     @property
-    def to_line_mm(self) -> FloatArray:
-        """Distance of each view's source from the line of the detector, (views,); negative for cells read backwards."""
-        return _cross(self.axis, self.middle_mm - self.source_mm)
-
-    @property
-    def to_cor_mm(self) -> FloatArray:
-        """Distance of the COR from each view's source along the normal of the detector, (views,), signed alike."""
-        return _cross(self.axis, -self.source_mm)
+    def depths_mm(self) -> tuple[FloatArray, FloatArray]:
+        """Distances of line and COR from each source along the normal, (views,); negative for cells read backwards."""
+        return _cross(self.axis, self.middle_mm - self.source_mm), _cross(self.axis, -self.source_mm)
 
     @property
     def clear_mm(self) -> float:
         """Radius of the disc around the COR within which nothing reaches a source, along the detector's normal."""
-        return float(np.abs(self.to_cor_mm).min())
+        return float(np.abs(self.depths_mm[1]).min())
 
     @property
     def cell_at_cor_mm(self) -> float:
         """Width of a cell at the centre of rotation."""
-        widths = np.diff(self.borders_mm, axis=1)
-        return float(np.median(widths) / np.mean(self.to_line_mm / self.to_cor_mm))
+        to_line, to_cor = self.depths_mm
+        return float(np.median(np.diff(self.borders_mm, axis=1)) / np.mean(to_line / to_cor))
 
     def from_cor_mm(self, u_mm: FloatArray) -> FloatArray:
         """Return the distance from the COR at which the rays to coordinates u (n,) pass, (views, n)."""
@@ -170,18 +163,15 @@ class FanViews:
     @property
     def uneven_mm(self) -> float:
         """Largest distance of the cells' borders from equal distances on the line."""
-        return float(np.abs(self.borders_mm - np.stack([self._even_mm[:-1], self._even_mm[1:]], -1)).max())
-
-    @property
-    def _even_mm(self) -> FloatArray:
-        return np.linspace(self.borders_mm[0, 0], self.borders_mm[-1, 1], len(self.borders_mm) + 1)
+        even = np.linspace(self.borders_mm[0, 0], self.borders_mm[-1, 1], len(self.borders_mm) + 1)
+        return float(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max())
 
     def check_even(self) -> None:
         """Refuse cells that are not at equal distances on a straight line, for forms that know no others."""
         if self.uneven_mm > SAME_MM:
             raise GeometryError(
-                f"the cells are up to {self.uneven_mm:.3g} mm from equal distances on a straight line, on modules or "
-                "an arc, and this form knows no others: export vectors, or the sinogram with --flat"
+                f"the cells are up to {self.uneven_mm:.3g} mm from equal distances on a straight line, and only the "
+                "form vectors holds modules and arcs: export --to vectors, or calibrate --without modules"
             )
 
     def astra_vectors(self) -> FloatArray:
@@ -189,14 +179,9 @@ class FanViews:
 
         ASTRA's image has y up its rows and x along its columns, so image[i, j] with x along i is given to ASTRA
         unchanged when (x, y) is turned into (y, -x): rows run downwards in ASTRA's y.
-
-        Raises
-        ------
-        GeometryError
-            The cells do not have equal distances on the line, which ASTRA's form cannot hold.
         """
         self.check_even()
-        low, high = self._even_mm[[0, -1]]
+        low, high = self.borders_mm[0, 0], self.borders_mm[-1, 1]
         centre, step = self.middle_mm + 0.5 * (low + high) * self.axis, (high - low) / len(self.borders_mm) * self.axis
         return np.concatenate([np.stack([v[:, 1], -v[:, 0]], -1) for v in (self.source_mm, centre, step)], axis=1)
 
@@ -214,11 +199,10 @@ def turning(views: FanViews) -> "FanBeamGeometry":
     back = -views.angles_rad
     source, middle, axis = (np.stack(rotate(back, *each.T), -1) for each in views.vectors())
     off = max(float(np.abs(each - each[0]).max()) for each in (source, middle, 0.5 * np.ptp(views.borders_mm) * axis))
-    if off > SAME_MM or views.to_line_mm[0] < 0.0:
-        cells = "" if off > SAME_MM else ", with cells that count counter-clockwise"
+    if off > SAME_MM or views.depths_mm[0][0] < 0.0:
         raise GeometryError(
-            f"this needs views that turn about one axis{cells}, and these depart from a turn by {off:.3g} mm: "
-            "reconstruct them by total_variation, cauchy_map or tikhonov"
+            "this needs views that turn about one axis, and cells that count counter-clockwise; these depart from a "
+            f"turn by {off:.3g} mm: reconstruct them by total_variation, cauchy_map or tikhonov"
         )
     r, (x, y), (c, s) = -float(source[0, 1]), middle[0], axis[0]
     borders = views.borders_mm - 0.5 * (views.borders_mm[0, 0] + views.borders_mm[-1, 1])
@@ -246,10 +230,6 @@ class FanBeamGeometry(FanViews):
     angles_rad : (views,) float64
         View k is at angles_rad[k] beyond the initial angle. Reverse the angles (`Rotation.apply`) for a scanner that
         turns in the opposite sense.
-    source_mm, middle_mm, axis : (views, 2) float64
-        Source, a point of the detector's line, and its axis of unit length.
-    borders_mm : (cells, 2) float64
-        Borders of each cell, along the line from the point.
     """
 
     scanner: Scanner
@@ -275,8 +255,7 @@ class FanBeamGeometry(FanViews):
         middle = rotate(phi, -theta.detector_shift_mm, theta.detector_to_cor_mm)
         axis = rotate(phi, *(np.array([1.0, theta.detector_tilt]) / math.hypot(1.0, theta.detector_tilt)))
         super().__init__(angles, np.stack(source, -1), np.stack(middle, -1), np.stack(axis, -1), borders_mm)
-        for name, held in (("scanner", scanner), ("theta", theta)):
-            object.__setattr__(self, name, held)
+        vars(self).update(scanner=scanner, theta=theta)
 
     @property
     def frame(self) -> SourceFrame:

@@ -59,20 +59,8 @@ class DetectorCells:
         lines = detector_lines(
             self.modules, arc, self.count, self.first_border_mm, self.width_mm, frame, piece_cells=cells
         )
-        one = np.ones(len(lines.first))
-        return np.column_stack(
-            [
-                lines.first,
-                lines.end,
-                frame.psi_rad * one,
-                frame.source_distance_mm * one,
-                lines.sdd_mm,
-                lines.cor_column_mm,
-                lines.tilt_rad,
-                lines.sdd_slopes,
-                lines.column_slopes,
-            ]
-        )
+        of_all = np.broadcast_to([frame.psi_rad, frame.source_distance_mm], (len(lines.first), 2))
+        return np.column_stack([lines.first, lines.end, of_all, *lines[2:]])
 
 
 def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
