@@ -105,7 +105,7 @@ class Calibration:
 
     def vectors(self, angles_rad: FloatArray) -> FanBeamGeometry:
         """Return the rays of views at these angles, (views,) rad as the scan counts them."""
-        return FanBeamGeometry(self.scanner, self.theta, self.rotation.apply(np.asarray(angles_rad, np.float64)))
+        return FanBeamGeometry(self.result.scanner, self.theta, self.rotation.apply(np.asarray(angles_rad, np.float64)))
 
     def to_astra(self, angles_rad: FloatArray) -> dict[str, Any]:
         """Return ASTRA's projection geometry, `fanflat_vec` in mm; refuse a detector of modules or on an arc."""

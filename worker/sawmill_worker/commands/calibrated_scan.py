@@ -13,7 +13,6 @@ from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner
 from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, read_views
-from sawmill_formats.input.angles import AngleList
 from sawmill_vocabulary import ProgressCallback
 from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource, VectorSource
 
@@ -28,9 +27,7 @@ def open_with_geometry(
 ) -> Iterator[tuple[ScanRows, AnyGeometry]]:
     """Open a scan with a theta, with vectors, or with a calibration of the same scanner, whose constants must agree."""
     if isinstance(geometry, VectorSource):
-        views = read_views(geometry.path)
-        r_s = float(np.hypot(*views.source_mm.T).mean())
-        scan = replace(scan, angles=AngleList(tuple(np.rad2deg(views.angles_rad).tolist())))
+        r_s = float(np.hypot(*read_views(geometry.path).source_mm.T).mean())
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
             yield ImportedGeometry.of(read_views(geometry.path, used.scanner.num_detector_pixels), used)
         return

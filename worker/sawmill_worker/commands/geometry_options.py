@@ -136,6 +136,6 @@ GeometryFlag = typer.Option(
     metavar="VECTORS",
     exists=True,
     dir_okay=False,
-    help="A file of vectors for each view of the scan, which then needs no angles: JSON of export --to vectors, or "
-    "rows of ASTRA's fanflat_vec, mm (.npy).",
+    help="A file of vectors for each view of the scan, which replace its angles: JSON of export --to vectors, or rows "
+    "of ASTRA's fanflat_vec, mm (.npy).",
 )
