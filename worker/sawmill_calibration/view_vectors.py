@@ -1,17 +1,18 @@
 """Files of geometry: a list of vectors for each view, as our JSON or as rows of ASTRA's `fanflat_vec` (.npy)."""
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from sawmill_calibration.failures import read_json, refused
+from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.scan_rows import ScanRows
-from sawmill_contracts.geometry import ScannerConstants, ViewVectors
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_tomography.geometry.detector_shape import FlatDetector
-from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, GeometryError, turning
+from sawmill_tomography.geometry.geometry import SAME_MM, FanViews, turning
 from sawmill_vocabulary import Handedness, Rotation
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection
 
@@ -49,6 +50,7 @@ class ImportedGeometry:
 
 
 AnyGeometry = KnownGeometry | ImportedGeometry
+NAMES = ("source_mm", "middle_mm", "axis", "cell_borders_mm")
 
 
 def read_views(path: str | Path, cells: int | None = None) -> FanViews:
@@ -68,22 +70,14 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
     """
     path = Path(path)
     try:
-        if path.suffix != ".npy":
-            held = read_json(path, ViewVectors, code="geometry", otherwise="no file of geometry")
-            views = FanViews.of(held.source_mm, held.middle_mm, held.axis, held.cell_borders_mm)
-        else:
-            views = FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
-    except (GeometryError, ValueError, EOFError) as error:
+        if path.suffix == ".npy":
+            return FanViews.from_astra(np.load(path, allow_pickle=False), cells or 2)
+        held = json.loads(path.read_bytes())
+        return FanViews.of(*(held[name] for name in NAMES))
+    except (ValueError, TypeError, KeyError, EOFError, RecursionError) as error:
         raise refused("geometry", f"{path.name} is no file of geometry: {error}") from error
-    return views
-
-
-def write_views(path: str | Path, views: FanViews) -> None:
-    """Write a file of geometry, JSON, which `read_views` and `sawmill reconstruct --geometry` read."""
-    Path(path).write_text(ViewVectors(**vectors_of(views)).model_dump_json() + "\n", encoding="utf-8")
 
 
 def vectors_of(views: FanViews) -> dict[str, Any]:
-    """Return the fields of `ViewVectors`."""
-    arrays = (*views.vectors(), views.borders_mm)
-    return dict(zip(ViewVectors.model_fields, (each.tolist() for each in arrays), strict=True))
+    """Return the content of a file of geometry, JSON, which `read_views` reads."""
+    return dict(zip(NAMES, (each.tolist() for each in (*views.vectors(), views.borders_mm)), strict=True))

@@ -56,17 +56,6 @@ class ScannerConstants(Scanner):
     )
 
 
-class ViewVectors(Contract):
-    """The geometry of each view of a scan, and the place of each cell: a file of geometry, in mm."""
-
-    source_mm: list[tuple[float, float]] = Field(description="Source (x, y) of each view.", min_length=1)
-    middle_mm: list[tuple[float, float]] = Field(description="A point (x, y) of the detector's line in each view.")
-    axis: list[tuple[float, float]] = Field(description="Direction (x, y) of the line in each view.")
-    cell_borders_mm: list[tuple[float, float]] = Field(
-        description="Where the rays to the two borders of each cell cross the line, from the point along the direction."
-    )
-
-
 # Bounds of the vocabulary's fields, for types with tighter bounds.
 _BOUNDS = {one.name: one.metadata for one in fields(ThetaBounds)}
 _THETA = {one.name: one.metadata for one in fields(Theta)}

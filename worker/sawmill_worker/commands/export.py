@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from sawmill_calibration.result_file import read_calibration
-from sawmill_calibration.view_vectors import write_views
+from sawmill_calibration.view_vectors import vectors_of
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_tomography.geometry.export import RtkGeometry, cil_arguments, odl_arguments, rtk_geometry
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
@@ -43,7 +43,7 @@ def _write_for_rtk(output: Path, fan: FanBeamGeometry) -> None:
 
 _WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = MappingProxyType(
     {
-        ExportTarget.VECTORS: write_views,
+        ExportTarget.VECTORS: lambda output, fan: _json(output, vectors_of(fan)),
         ExportTarget.ASTRA: _write_for_astra,
         ExportTarget.ODL: lambda output, fan: _json(output, odl_arguments(fan)),
         ExportTarget.CIL: lambda output, fan: _json(output, cil_arguments(fan)),
