@@ -424,7 +424,9 @@ class ReconstructionResult(Contract):
         "percentile, so that metal does not darken the wood.",
         examples=[[0.0, 0.031]],
     )
-    theta: Theta = Field(description="Geometry of the reconstruction.")
+    theta: Theta | None = Field(
+        description="Geometry of the reconstruction. Null: each view has a geometry of its own, from a file."
+    )
     rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     handedness: Handedness = Field(
         description="Handedness, from which end the phantom was seen; recorded with the geometry.",

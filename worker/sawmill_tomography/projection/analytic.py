@@ -66,20 +66,8 @@ class DetectorCells:
             piece_cells=cells,
             waves_mm=self.waves_mm,
         )
-        one = np.ones(len(lines.first))
-        return np.column_stack(
-            [
-                lines.first,
-                lines.end,
-                frame.psi_rad * one,
-                frame.source_distance_mm * one,
-                lines.sdd_mm,
-                lines.cor_column_mm,
-                lines.tilt_rad,
-                lines.sdd_slopes,
-                lines.column_slopes,
-            ]
-        )
+        of_all = np.broadcast_to([frame.psi_rad, frame.source_distance_mm], (len(lines.first), 2))
+        return np.column_stack([lines.first, lines.end, of_all, *lines[2:]])
 
 
 def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
