@@ -131,11 +131,16 @@ async def check_query(request: Request) -> None:
     for name in query:
         values = query.getlist(name)
         if name not in types:
-            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, types)}"))
+            errors.append(unknown((name,), values, types))
         elif len(values) > 1 and not _is_list(types[name]):
             errors.append(repeated((ProblemPlace.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
+
+
+def unknown(place: Sequence[str], values: list[Any], names: Iterable[str]) -> Mapping[str, object]:
+    """Make the error of a name, the last of its place in the query, that is none of the known ones."""
+    return _refused((ProblemPlace.QUERY, *place), values, f"is not a known field{near_name(place[-1], names)}")
 
 
 def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
