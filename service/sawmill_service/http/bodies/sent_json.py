@@ -7,7 +7,6 @@ import json
 import reprlib
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from fastapi import Request
@@ -18,7 +17,7 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, GetCoreSchemaHandler, TypeAdapter
 from pydantic_core import CoreSchema, core_schema, from_json, to_json
 
-from sawmill_platform.contracts.base import BYTE_ORDER_MARK, read_strictly
+from sawmill_platform.contracts.base import BYTE_ORDER_MARK, near_name, read_strictly
 from sawmill_platform.contracts.given import hidden_characters
 from sawmill_service.http.problems import STATED, ProblemPlace
 
@@ -157,12 +156,6 @@ def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
 
 def _is_list(annotation: object) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
-
-
-def near_name(name: str, names: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
-    near = get_close_matches(name, sorted(names), n=1)
-    return f": {near[0]!r} is" if near else ""
 
 
 def repeated(place: Sequence[int | str], values: list[Any]) -> Mapping[str, object]:
