@@ -76,7 +76,7 @@ def replace_retention(
 
     Objects beyond the rules are removed at once, in small batches, and others later when they are.
     """
-    return tagged(response, retention.replace(ask, check=precondition.check))
+    return tagged(response, retention.replace(ask, check=precondition))
 
 
 class Typed(NamedTuple):

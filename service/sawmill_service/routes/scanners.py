@@ -133,7 +133,7 @@ def replace_scanner(
     response: Response,
 ) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""
-    return tagged(response, scanners.update(scanner_id, spec, check=precondition.check))
+    return tagged(response, scanners.update(scanner_id, spec, check=precondition))
 
 
 @router.delete(

@@ -68,7 +68,7 @@ def replace_schedule(
     response: Response,
 ) -> Schedule:
     """Replace a schedule. Due times are counted from now, unless one is overdue and `cron` and `time_zone` stay."""
-    return tagged(response, schedules.update(schedule_id, spec, check=precondition.check))
+    return tagged(response, schedules.update(schedule_id, spec, check=precondition))
 
 
 @router.delete(

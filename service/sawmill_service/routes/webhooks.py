@@ -94,7 +94,7 @@ def replace_webhook(
 ) -> Webhook:
     """Replace a webhook; its secret stays. If it is enabled, waiting events are sent at once, also if it was paused."""
     _check(ask, settings)
-    return tagged(response, webhooks.update(webhook_id, ask, check=precondition.check))
+    return tagged(response, webhooks.update(webhook_id, ask, check=precondition))
 
 
 @router.delete(

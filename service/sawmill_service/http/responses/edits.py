@@ -12,6 +12,7 @@ from sawmill_contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_contracts.schedules import Schedule, ScheduleSpec
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.webhooks import Webhook
+from sawmill_platform.database.paging import Check
 from sawmill_service.http.document.refusals import Responses, refuses
 from sawmill_service.http.responses.conditional import check_conditions
 
@@ -36,28 +37,25 @@ REPLACED: Responses = TAGGED | refuses("precondition-failed")
 """Answer of a route that replaces a resource."""
 
 
-class Precondition:
-    """The condition of a `PUT`: the resource is still the one that the client has read."""
+def precondition(
+    if_match: Annotated[
+        str | None,
+        Header(
+            max_length=1000,
+            description="The `ETag` that was read: 412 if the resource was replaced since. Default: replace it anyway.",
+        ),
+    ] = None,
+) -> Check[Contract]:
+    """Return a function that refuses the request (412) if the stored resource is not the one that was read."""
+    headers = Headers({} if if_match is None else {"If-Match": if_match})
 
-    def __init__(
-        self,
-        if_match: Annotated[
-            str | None,
-            Header(
-                max_length=1000,
-                description="The `ETag` that was read: 412 if somebody has replaced the resource since. Default: "
-                "replace it whatever it is.",
-            ),
-        ] = None,
-    ) -> None:
-        self._headers = Headers({} if if_match is None else {"If-Match": if_match})
+    def check(resource: Contract) -> None:
+        check_conditions(headers, _tag_of(resource))
 
-    def check(self, resource: Contract) -> None:
-        """Refuse the request (412) if the stored resource is not the one that the client has read."""
-        check_conditions(self._headers, _tag_of(resource))
+    return check
 
 
-ThePrecondition = Annotated[Precondition, Depends()]
+ThePrecondition = Annotated[Check[Contract], Depends(precondition)]
 
 
 def tagged(response: Response, resource: Resource) -> Resource:
