@@ -73,12 +73,6 @@ class Alarm(Contract):
     )
 
 
-class AlarmList(Contract):
-    """The alarms that are open."""
-
-    alarms: list[Alarm] = Field(description="Open alarms by scanner; closed ones are among the events.")
-
-
 class NextStepAnswer(Contract):
     """The next step with a scanner or with one of its calibrations, the same that the pages and the report show."""
 
