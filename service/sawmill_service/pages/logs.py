@@ -20,6 +20,7 @@ from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.job_words import stages
 from sawmill_service.pages.lists import TheFilter
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
@@ -94,6 +95,7 @@ def _log_page(
         method_of=method_of,
         color_maps=COLOR_MAPS,
         name_of=partial(name_of, page),
+        stages=stages(page),
     )
 
 

@@ -23,6 +23,7 @@ from sawmill_service.http.responses.answers import file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import ThePage, local_path
+from sawmill_service.pages.frame.stored_words import BY_HAND
 from sawmill_service.pages.lists import check_zone
 
 STATIC = Path(__file__).parent.parent / "static"
@@ -112,7 +113,7 @@ def _next_at(now: datetime, hour: str) -> datetime:
 def _reason(typed: dict[str, str]) -> str:
     """Return the reason that was chosen, else the one that was typed."""
     text = typed.get("chosen") or typed.get("reason", "")
-    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_REASON] or "by hand on a page"
+    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_REASON] or BY_HAND
 
 
 def _back(typed: dict[str, str]) -> RedirectResponse:

@@ -36,10 +36,10 @@ from sawmill_service.pages.calibrate.calibrate_words import (
     WizardAddress,
     changes_of,
     parameters_of,
-    stages,
 )
 from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.job_words import stages
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod

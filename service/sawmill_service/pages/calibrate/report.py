@@ -5,6 +5,8 @@ first report: a service at rest does not hold them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 from zoneinfo import ZoneInfo
 
@@ -22,8 +24,9 @@ from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
 from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.languages import Language, known_zone
+from sawmill_service.pages.frame.languages import Language, known_zone, texts
 from sawmill_service.pages.frame.page_frame import formats_of
+from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with
 from sawmill_store.store import Store
@@ -46,7 +49,10 @@ def report(
     from sawmill_calibration.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    about, reader = _about(store, calibration), formats_of(language).reader
+    about, reader = (
+        _about(store, calibration, partial(stored_words, translate=texts(language).gettext)),
+        formats_of(language).reader,
+    )
 
     def draw() -> Response:
         with DRAWING:
@@ -56,7 +62,7 @@ def report(
     return Drawn(request, FIGURE_BYTES, draw)
 
 
-def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
+def _about(store: Store, calibration: CalibrationSucceeded, words: Callable[[str], str]) -> "About":
     from sawmill_calibration.pictures.report_numbers import moment
     from sawmill_calibration.pictures.report_page import About
 
@@ -72,10 +78,10 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         tolerances=scanner.tolerances,
-        asked_by=_asked_by(store.jobs, calibration),
+        asked_by=words(_asked_by(store.jobs, calibration) or ""),
         active=scanner.active_calibration_id == calibration.id,
         activated="" if activation is None else moment(activation.at.astimezone(zone)),
-        activated_why="" if activation is None else activation.why or "",
+        activated_why="" if activation is None else words(activation.why or ""),
         step=step_with(store, calibration),
         back=f"/scanners/{scanner.id}",
     )

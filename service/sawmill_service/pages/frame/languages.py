@@ -116,6 +116,7 @@ class Formats:
             "day": self.day,
             "axis": self.axis,
             "age": self.age,
+            "significant": self.significant,
             "iso": iso,
             "known_zone": known_zone,
         }
@@ -128,6 +129,10 @@ class Formats:
             return str(format_scientific(value, locale=self._locale))
         pattern = "#,##0" + ("." + "0" * digits if digits else "")
         return format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
+
+    def significant(self, value: float, digits: int) -> str:
+        """Write a number with this number of significant digits, a very small or large one with its exponent."""
+        return self.reader.localised(f"{value:.{digits}g}")
 
     def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
         """Write a length, mm."""

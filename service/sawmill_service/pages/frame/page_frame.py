@@ -1,7 +1,10 @@
 """Common part of all pages: the language and the colours of a browser, the caller, the header and the templates."""
 
+import gettext
 import re
+from collections.abc import Mapping
 from functools import cache, partial
+from types import MappingProxyType
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
@@ -9,7 +12,10 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment
 
 from sawmill_calibration.pictures.templating import templates_of
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.errors import NotFound
+from sawmill_platform.jobs.job_store import Jobs
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.route_rules import NoKey, Router
@@ -23,6 +29,7 @@ from sawmill_service.pages.frame.languages import (
     preferred_language,
     texts,
 )
+from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.pages.frame.verdicts import shown_questions
 from sawmill_vocabulary.messages import Reason
 
@@ -59,6 +66,7 @@ class PageFrame:
             .render(
                 caller=self.caller,
                 may=self.may,
+                failure_of=self._failure_of,
                 language=self.language,
                 languages=LANGUAGES,
                 theme=self._theme(),
@@ -73,6 +81,14 @@ class PageFrame:
     def may(self, scope: str) -> bool:
         """Return whether the caller may do what needs a scope, as `activate`."""
         return self.caller.scope.covers(Scope(scope))
+
+    def _failure_of(self, job_id: str) -> Failure | None:
+        """Return why a job failed; None where it did not, or its row was removed."""
+        jobs: Jobs = self._request.app.state.store.jobs
+        try:
+            return jobs.get(job_id).failure
+        except NotFound:
+            return None
 
     def _theme(self) -> str:
         chosen = self._request.cookies.get(THEME_COOKIE, "")
@@ -102,10 +118,18 @@ def templates(language: str = ENGLISH) -> Environment:
     text, formats = texts(language), formats_of(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
+    environment.filters["stored"] = partial(_stored, text)
     environment.globals["failures"] = {code: kind for code, kind in problem_types().items() if kind.failure}
     environment.globals["verdict_questions"] = shown_questions(text, formats)
     environment.globals["in_words"] = partial(Reason.in_words, reader=formats.reader)
     return environment
+
+
+def _stored(
+    text: gettext.NullTranslations, stored: str | None, labels: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return a text of a row in the reader's language; empty without one."""
+    return stored_words(stored, text.gettext, lambda name: labels.get(name, name)) if stored else ""
 
 
 NAVIGATION = (
