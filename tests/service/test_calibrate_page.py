@@ -23,8 +23,12 @@ from sawmill_platform.contracts.keys import KeyAsk, Scope
 from sawmill_platform.workers.settings import Retries
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
+from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import refuse_unfound
+from sawmill_tomography.phantoms.built_in import BUILT_IN
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.geometry import Scanner
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
 
@@ -239,6 +243,25 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
     asked_again = seeded.get(again)
     assert re.search(r'value="l-shape" required checked', asked_again.text)
     assert 'name="angles_deg" required value="0:30"' in asked_again.text
+
+
+def test_another_phantom_in_the_scan_is_named_first_with_a_button_that_calibrates_with_it(
+    seeded, store, worker, started, woken
+):
+    worker.finish_scan()
+    scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    with pytest.raises(CalibrationError) as refusal:
+        refuse_unfound(scanner, BUILT_IN["l-shape"], None, 1.0, lambda: "rectangle-with-hole")
+    failed(store, refusal.value.code, str(refusal.value))
+    page = seeded.get(started)
+    said = shown(page)
+    hint = said.index("This looks like the phantom “Rectangle with hole”.")
+    assert hint < said.index("The scan has only 12 views. Scan a full turn with at least 120.") < said.index("Details")
+    values = dict(re.findall(r'<input type="hidden" name="(scan_id|phantom_id)" value="([^"]*)">', page.text))
+    again = seeded.post("/calibrate", data=values).headers["Location"]
+    calibration = store.calibrations.get(again.rpartition("=")[2])
+    assert (calibration.phantom_id, calibration.scan_id) == ("rectangle-with-hole", values["scan_id"])
+    assert woken[-1] == calibration.job_id
 
 
 def test_a_result_shows_what_it_is_worth_and_is_accepted_by_whoever_may(seeded, store, worker, started):

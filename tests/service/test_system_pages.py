@@ -47,7 +47,10 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     text = text_of(seeded.get("/jobs").text)
     assert "1 job runs, 2 wait." in text
     now = text[text.index(" Now ") :]
-    assert re.search(r"Now Plan of a calibration Runs 42 % search , about 1 minute left Asked for by the service", now)
+    assert re.search(
+        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Asked for by the service",
+        now,
+    )
     assert re.search(r"The queue Plan of a calibration Next in line .* After 1 other ", now)
     assert re.search(r"Ended, those asked for last first .*Drift check Done", now)
 
