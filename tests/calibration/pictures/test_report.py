@@ -174,7 +174,7 @@ def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
     text = page(answer(comparison=MOVED, reasons=[MOVED["reason"]]), About(active=False))[0].text
     assert "! Out of tolerance" not in text
     assert "✕ Out of tolerance Something has moved: 2.00 mm, and 0.50 mm is allowed." in text
-    assert "If the scanner was changed on purpose, accept this calibration. [Scan again]" in text
+    assert "If the scanner was changed on purpose, accept the newest calibration. [Scan again]" in text
     assert "✕ Out of tolerance." in text
     assert "first angle +0.000°" in text
 
