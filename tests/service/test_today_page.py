@@ -317,8 +317,29 @@ def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seede
     assert (condition_of(store, store.scanners.get("example")).state.alarms) == ()
     assert f'data-changes-at="{until:%Y-%m-%dT%H:%M}' in seeded.get("/").text
     wrong = seeded.post("/operator/acknowledge/example/scanner-quiet", data={"until": "noon"})
-    assert wrong.json()["detail"] == "until must be a time such as 14:00, not 'noon'"
+    assert wrong.json()["detail"] == "until must be a time such as 2026-03-16T14:00, not 'noon'"
     assert "Acknowledged" in seeded.get("/scanners/example/history?kind=alarm").text
+
+
+def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_red(seeded, store, checked):
+    assert seeded.post("/operator/acknowledge/example").json()["code"] == "scanner-not-red"
+    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    asked = {"until": "2026-01-01T00:00", "zone": "Europe/Helsinki", "reason": "Laakeri vaihdetaan"}
+    assert seeded.post("/operator/acknowledge/example", data=asked).json()["code"] == "acknowledgement-ended"
+    assert seeded.post("/operator/acknowledge/example", data=asked | {"until": "2099-01-01T00:00"}).status_code == 422
+    until = (store.now() + timedelta(days=2)).astimezone(ZoneInfo("Europe/Helsinki"))
+    seeded.post("/operator/acknowledge/example", data=asked | {"until": f"{until:%Y-%m-%dT%H:%M}"})
+    assert headline(seeded) == "0 fine, 1 needs you, 1 red and known"
+    for page in ("/", "/?kiosk", "/scanners/example"):
+        html = seeded.get(page).text
+        assert re.search(r"<strong>Known until .*, by .+: Laakeri vaihdetaan</strong>", html), page
+        assert 'class="badge bad"' in html, page
+    assert "Acknowledge the red" not in seeded.get("/scanners/example").text
+    assert 'sawmill_scanner_red_known{scanner="example"} 1.0' in seeded.get("/metrics").text
+    assert "Laakeri vaihdetaan" in seeded.get("/scanners/example/history?kind=alarm").text
+    checked(ray_change_mm=0.9, within_tolerance=False, reason="the COR moved on")
+    assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
+    assert "Acknowledge the red" in seeded.get("/scanners/example").text
 
 
 def test_limits_are_set_on_the_scanner_s_page_and_every_alarm_of_one_is_on_the_first_page(seeded, store, later):

@@ -26,6 +26,15 @@ class Acknowledgement(Contract):
     reason: Name = Field(description="Reason.", examples=["maintenance"])
 
 
+class KnownRed(Acknowledgement):
+    """Notice that a person took of a red scanner: it stays red, and asks for nothing until the end."""
+
+    results: frozenset[str] = Field(
+        description="Ids of the calibrations and drift checks that showed it red; another one is not covered.",
+        examples=[["example"]],
+    )
+
+
 class Alarm(Contract):
     """An overdue scan or measurement, or a drift of a scanner; the alarm closes by itself when its cause has gone."""
 

@@ -31,4 +31,10 @@ ALARM_OPENED = EventKind.register(
 ALARM_ACKNOWLEDGED = EventKind.register(
     "alarm-acknowledged", "a person took notice of an open alarm, `until` a time", is_decision=True, topic="alarm"
 )
+RED_ACKNOWLEDGED = EventKind.register(
+    "red-acknowledged",
+    "a person knows why the scanner is red, `until` a time: the `results` that showed it are named",
+    is_decision=True,
+    topic="alarm",
+)
 ALARM_CLOSED = EventKind.register("alarm-closed", topic="alarm")

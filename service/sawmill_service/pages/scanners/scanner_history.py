@@ -52,6 +52,7 @@ EVENT_WORDS = {
     mill_events.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
     mill_events.CALIBRATION_DISCARDED: Word("idle", marked("Discarded")),
     mill_events.ALARM_ACKNOWLEDGED: Word("idle", marked("Acknowledged")),
+    mill_events.RED_ACKNOWLEDGED: Word("idle", marked("Acknowledged")),
     mill_events.ALARM_OPENED: Word("bad", marked("Begun")),
     mill_events.ALARM_CLOSED: Word("good", marked("Ended")),
     mill_events.SCANNER_CREATED: Word("idle", marked("Added")),
