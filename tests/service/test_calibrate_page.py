@@ -366,7 +366,7 @@ def test_any_two_calibrations_are_compared_with_their_error_bars(seeded, pair):
     assert re.findall(r'<option value="(\w+)" selected', newest.text)[:2] == list(pair)
     moved = row(newest, "Centre of rotation on the detector (u_c)")
     # 1.96 times the root of 2 times 0.1 mm squared.
-    assert moved.endswith("-209.100 mm -208.700 mm +0.400 mm 0.277 mm Changed")
+    assert moved.endswith("-209.100 mm -208.700 mm +0.400 mm 0.277 mm Has changed")
     assert row(newest, "Source to detector (SDD)").endswith("0.277 mm The same")
     other_way = seeded.get(f"{PAGE}?first={pair[1]}&second={pair[0]}")
     assert "-0.400 mm" in row(other_way, "Centre of rotation on the detector (u_c)")

@@ -63,7 +63,7 @@ EVENT_WORDS = {
     mill_events.SCHEDULE_MISSED: Word("watch", marked("Missed")),
     mill_events.SCAN_REFUSED: Word("bad", marked("Refused")),
 }
-_VERDICTS = {
+VERDICTS = {
     "pass": Word("good", marked("Passed")),
     "watch": Word("watch", marked("Watch")),
     "fail": Word("bad", marked("Not usable")),
@@ -157,4 +157,4 @@ def word_of(entry: HistoryEntry) -> Word:
     measured = entry.measured
     if measured is None:
         return EVENT_WORDS.get(entry.what) or Word("idle", entry.what)
-    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]
+    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else VERDICTS[measured.verdict]

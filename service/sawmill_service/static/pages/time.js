@@ -1,6 +1,7 @@
 // Times of the server become those of the browser's time zone, and ages stay true while a page is open.
 const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
 const moment = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+const second = new Intl.DateTimeFormat(language, { dateStyle: "short", timeStyle: "medium" });
 const ago = new Intl.RelativeTimeFormat(language, { numeric: "auto" });
 const UNITS = [["year", 31_557_600], ["month", 2_629_800], ["week", 604_800], ["day", 86_400], ["hour", 3600], ["minute", 60]];
 
@@ -19,7 +20,9 @@ export function showTimes(root = document) {
   }
   // An option of a list holds text alone.
   for (const option of root.querySelectorAll("option[data-moment]")) {
-    option.textContent = `${option.dataset.before} ${moment.format(new Date(option.dataset.moment))}`;
+    const { before, after } = option.dataset;
+    const written = ("seconds" in option.dataset ? second : moment).format(new Date(option.dataset.moment));
+    option.textContent = `${before ? `${before} ` : ""}${written}${after ?? ""}`;
   }
 }
 
