@@ -161,13 +161,13 @@ def test_without_a_scanner_the_page_leads_to_the_first_in_three_steps(client):
     assert re.findall(r'href="([^"]+)"', steps) == ["/scanners/new", "/phantoms", "/calibrate"]
 
 
-def test_of_many_scanners_those_that_need_nobody_are_folded_and_they_take_no_more_questions_than_few(seeded, store):
+def test_of_many_scanners_equal_states_are_one_tile_and_they_take_no_more_questions_than_few(seeded, store):
     spec = store.scanners.get("example")
     for number in range(6):
         store.scanners.create(ScannerSpec(name=f"Line {number}", constants=spec.constants))
-    shown, folded = seeded.get("/").text.split('<details id="folded">')
-    assert (shown.count('<li class="scanner'), folded.count('<li class="scanner')) == (7, 1)
-    assert "Fine (1)" in folded
+    shown, grey, fine = seeded.get("/").text.split('<details class="folded"')
+    assert [part.count('<li class="scanner') for part in (shown, grey, fine)] == [0, 7, 1]
+    assert ("Without a calibration: 7" in grey, "Fine: 1" in fine) == (True, True)
     assert "1 fine, 7 need you" in shown
 
     def statements() -> int:

@@ -2,6 +2,7 @@
 
 from sawmill_platform.contracts.event_kinds import EventKind
 
+TIME_ZONE_SET = EventKind.register("time-zone-set", "a person set the time zone of the mill", is_decision=True)
 SCANNER_CREATED = EventKind.register("scanner-created", is_decision=True, topic="settings")
 SCANNER_CHANGED = EventKind.register("scanner-changed", is_decision=True, topic="settings")
 SCANNER_DELETED = EventKind.register("scanner-deleted", is_decision=True)

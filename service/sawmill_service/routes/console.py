@@ -16,7 +16,7 @@ from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheFiles, TheStore
+from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheCaller, TheFiles, TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import file
@@ -104,6 +104,17 @@ def acknowledge_red(scanner_id: Identifier, store: TheStore, typed: TheForm) -> 
 def acknowledge(scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
     """Acknowledge an alarm until a time of the reader's clock, or until the end of the shift where none is given."""
     alarms.acknowledge(scanner_id, what, _until(typed), _reason(typed))
+    return _back(typed)
+
+
+@router.post("/operator/time-zone", needs=Scope.ACTIVATE)
+def set_time_zone(store: TheStore, caller: TheCaller, typed: TheForm) -> RedirectResponse:
+    """Set the time zone of the mill: the first one by a browser, another one by an administrator."""
+    first, time_zone = bool(typed.get("first")), check_zone(typed.get("time_zone", "").strip()[:64])
+    if not first:
+        caller.check(Scope.ADMIN)
+    if time_zone:
+        store.mill_zone.set(time_zone, first=first)
     return _back(typed)
 
 

@@ -24,6 +24,7 @@ from sawmill_service.pages.frame.languages import (
     ENGLISH,
     LANGUAGES,
     Formats,
+    known_zone,
     locale_of,
     marked,
     preferred_language,
@@ -31,6 +32,7 @@ from sawmill_service.pages.frame.languages import (
 )
 from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.pages.frame.verdicts import shown_questions
+from sawmill_store.store import Store
 from sawmill_vocabulary.messages import Reason
 
 LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"
@@ -40,14 +42,15 @@ THEMES = ("auto", "light", "dark")
 class PageFrame:
     """Page that answers one request, in the browser's language."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: Request, zone: str | None = None) -> None:
         self._request = request
+        self.zone = zone  # time zone of the mill; None: nobody has set it, or the store is not asked
         self.caller: Caller = getattr(request.state, "caller", ANYBODY)
         self.language = preferred_language(
             request.cookies.get(LANGUAGE_COOKIE, ""), request.headers.get("accept-language", "")
         )
         self.text = texts(self.language)
-        self.formats = formats_of(self.language)
+        self.formats = formats_of(self.language, zone)
 
     def answer(
         self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
@@ -61,7 +64,7 @@ class PageFrame:
     def render(self, template: str, **values: object) -> str:
         """Return the text of a template, for a page or a part of one."""
         return (
-            templates(self.language)
+            templates(self.language, self.zone)
             .get_template(f"pages/{template}")
             .render(
                 caller=self.caller,
@@ -69,6 +72,7 @@ class PageFrame:
                 failure_of=self._failure_of,
                 language=self.language,
                 languages=LANGUAGES,
+                zone=self.zone,
                 theme=self._theme(),
                 themes=THEMES,
                 navigation=() if self.caller is ANYBODY else NAVIGATION,
@@ -102,20 +106,26 @@ class PageFrame:
             cookie.give(answer, self._request.scope, secret, lasting=True)
 
 
-ThePage = Annotated[PageFrame, Depends()]
+def _frame(request: Request) -> PageFrame:
+    store: Store = request.app.state.store
+    zone = store.mill_zone.get()
+    return PageFrame(request, None if zone is None else known_zone(zone))
+
+
+ThePage = Annotated[PageFrame, Depends(_frame)]
 
 
 @cache
-def formats_of(language: str) -> Formats:
-    """Return the formats of numbers and times in a language."""
-    return Formats(locale_of(language), texts(language))
+def formats_of(language: str, zone: str | None = None) -> Formats:
+    """Return the formats of numbers and times in a language and a time zone; None: this machine's."""
+    return Formats(locale_of(language), texts(language), zone)
 
 
 @cache
-def templates(language: str = ENGLISH) -> Environment:
-    """Return the templates in a language."""
+def templates(language: str = ENGLISH, zone: str | None = None) -> Environment:
+    """Return the templates in a language and a time zone."""
     environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
-    text, formats = texts(language), formats_of(language)
+    text, formats = texts(language), formats_of(language, zone)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
     environment.filters["stored"] = partial(_stored, text)

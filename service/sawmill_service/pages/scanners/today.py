@@ -28,8 +28,10 @@ from sawmill_store.examples import is_example, remove_examples
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# From this number of scanners on, rows are compact and those of fine scanners are folded.
+# From this number of scanners on, rows are compact, and one tile stands for those of equal states.
 COMPACT_FROM = 8
+# Most tiles below one another on a wall.
+LONGEST_COLUMN = 9
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # Events that no row of a scanner shows.
 _NOT_SHOWN = {
@@ -73,9 +75,10 @@ class ScannerLine:
         return not self.example and self.condition.step.needs_somebody and self.condition.known is None
 
     @property
-    def is_folded(self) -> bool:
-        """Whether it is fine, so that many of its kind are folded; a known red stays in sight."""
-        return not self.needs_somebody and self.condition.known is None
+    def group(self) -> str:
+        """List of a board of many scanners: `fine`, `grey` (without a calibration), or `scanners`, each with a row."""
+        tone = "" if self.example else self.condition.step.tone
+        return {"good": "fine", "idle": "grey"}.get(tone, "scanners")
 
     @property
     def rank(self) -> tuple[bool, int, float, list[str | int]]:
@@ -110,15 +113,24 @@ class Board:
         """Whether rows must be small, because there are many scanners."""
         return len(self.rows) >= COMPACT_FROM
 
-    @property
-    def folded(self) -> Sequence[ScannerLine]:
-        """Rows of the scanners that are fine, where there are many."""
-        return [row for row in self.rows if self.compact and row.is_folded]
+    def group(self, name: str) -> Sequence[ScannerLine]:
+        """Return the rows of a group of equal states, which one tile stands for where there are many scanners."""
+        return [row for row in self.rows if self.compact and row.group == name]
 
     @property
     def shown(self) -> Sequence[ScannerLine]:
         """Rows that are in sight at once."""
-        return [row for row in self.rows if not (self.compact and row.is_folded)]
+        return self.group("scanners") if self.compact else self.rows
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles on a wall."""
+        return max(len(self.shown) + bool(self.group("fine")) + bool(self.group("grey")), 1)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of tiles on a wall, so that none is longer than can be read."""
+        return -(-self.tiles // LONGEST_COLUMN)
 
 
 def _is_kiosk(kiosk: Annotated[str | None, Query(max_length=10)] = None) -> bool:
@@ -165,7 +177,7 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     needy = [row.condition.step.tone for row in rows if row.needs_somebody]
     red, others = needy.count("bad"), len(needy) - needy.count("bad")
     known = [row.condition.known for row in rows if row.condition.known is not None]
-    fine = sum(not row.example and row.is_folded for row in rows)
+    fine = sum(row.group == "fine" for row in rows)
     ends = [notice.until for notice in known] + [
         alarm.acknowledged.until
         for row in rows
