@@ -33,6 +33,6 @@ class MillZone:
 
 
 def _newest(session: Session) -> str | None:
-    decisions = select(EventRow.detail).where(EventRow.what == mill_events.TIME_ZONE_SET)
+    decisions = select(EventRow.detail).where(EventRow.type == mill_events.TIME_ZONE_SET)
     detail = session.scalar(decisions.order_by(EventRow.number.desc()).limit(1))
     return None if detail is None else str(detail["time_zone"])

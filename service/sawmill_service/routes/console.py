@@ -100,10 +100,10 @@ def acknowledge_red(scanner_id: Identifier, store: TheStore, typed: TheForm) -> 
     return _back(typed)
 
 
-@router.post("/operator/acknowledge/{scanner_id}/{what}", needs=Scope.ACTIVATE)
-def acknowledge(scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
+@router.post("/operator/acknowledge/{scanner_id}/{kind}", needs=Scope.ACTIVATE)
+def acknowledge(scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
     """Acknowledge an alarm until a time of the reader's clock, or until the end of the shift where none is given."""
-    alarms.acknowledge(scanner_id, what, _until(typed), _reason(typed))
+    alarms.acknowledge(scanner_id, kind, _until(typed), _reason(typed))
     return _back(typed)
 
 

@@ -75,7 +75,7 @@ class _Localised(Formatter):
         return self._reader.localised(self._inner.get_offset())
 
 
-def localise(figure: FigureBase, reader: Reader) -> None:
+def localise(figure: Figure, reader: Reader) -> None:
     """Write the numbers at all axes of a figure with the decimal mark of the reader's language."""
     for ax in figure.get_axes() if reader is not ENGLISH else ():
         for axis in (ax.xaxis, ax.yaxis):
