@@ -102,7 +102,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(ingested, c
     assert arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
     assert_shows_the_l(arrays.phantom_image, arrays.phantom_field_mm)
     assert "log_after" not in record.arrays
-    with Image.open(io.BytesIO(overlay_png(result, arrays))) as picture:
+    with Image.open(io.BytesIO(overlay_png(arrays))) as picture:
         assert min(picture.size) > 300
 
 
