@@ -31,7 +31,7 @@ from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
-from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation import ring_tv, total_variation
 from sawmill_vocabulary import ReconstructionMethod
 
 FIELD_MM, DETECTOR_MM = GRID.field_mm, SCANNER.num_detector_pixels * SCANNER.detector_pitch_mm
@@ -40,6 +40,7 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
     ReconstructionMethod.FBP: fbp,
     ReconstructionMethod.TIKHONOV: tikhonov,
     ReconstructionMethod.TOTAL_VARIATION: total_variation,
+    ReconstructionMethod.RING_TV: ring_tv,
     ReconstructionMethod.CAUCHY_MAP: cauchy_map,
 }
 # Seed of the logs and their noise.

@@ -344,7 +344,7 @@ class _FittedSolver:
                 self._projector,
                 lines,
                 numbers=numbers[shown],
-                others_stay=not self._method.is_open,
+                others_stay=not self._method.is_open or self._task.options.weight is not None,
                 noise=noise,
                 on_progress=phases.of("couple"),
             )

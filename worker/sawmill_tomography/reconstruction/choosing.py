@@ -14,7 +14,7 @@ from sawmill_tomography.reconstruction.cauchy_map import CauchyMap
 from sawmill_tomography.reconstruction.fbp import FilteredBackProjection
 from sawmill_tomography.reconstruction.method import FittedMethod, Method
 from sawmill_tomography.reconstruction.tikhonov import Tikhonov
-from sawmill_tomography.reconstruction.total_variation import TotalVariation
+from sawmill_tomography.reconstruction.total_variation import RingTotalVariation, TotalVariation
 from sawmill_tomography.sinograms.noise import estimated_noise
 from sawmill_vocabulary import Preference, ReconstructionMethod
 
@@ -189,5 +189,6 @@ METHODS: Mapping[ReconstructionMethod, type[Method]] = MappingProxyType(
         ReconstructionMethod.TIKHONOV: Tikhonov,
         ReconstructionMethod.CAUCHY_MAP: CauchyMap,
         ReconstructionMethod.TOTAL_VARIATION: TotalVariation,
+        ReconstructionMethod.RING_TV: RingTotalVariation,
     }
 )
