@@ -79,7 +79,7 @@ class Line:
         """Measure jobs finished a second, from the first end to the last awaited one, by the events' own times."""
         begun = self.store.events.newest_number()
         ended = select(func.count(), func.min(EventRow.at), func.max(EventRow.at))
-        ended = ended.where(EventRow.number > begun, EventRow.what == event_kinds.SUCCEEDED)
+        ended = ended.where(EventRow.number > begun, EventRow.type == event_kinds.SUCCEEDED)
         self.fill(length)
         deadline, wanted = time.monotonic() + WINDOW_S, min(jobs, length)
         while True:

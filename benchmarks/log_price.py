@@ -18,7 +18,7 @@ from waiting_job import do_waiting_job
 
 from sawmill_contracts import kinds
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.settings import StorageSettings
@@ -103,5 +103,5 @@ def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
 
 
 def _reconstructed(store: Store, scan_id: str, method: ReconstructionMethod, rows: int) -> tuple[str, float]:
-    ask = ReconstructionAsk(scan_id=scan_id, theta=TRUE_THETA, method=method, rows=f"0:{rows}")
+    ask = ReconstructionRequest(scan_id=scan_id, theta=TRUE_THETA, method=method, rows=f"0:{rows}")
     return store.reconstructions.accept(ask).id, do_waiting_job(store, kinds.RECONSTRUCT).processor_s

@@ -162,7 +162,7 @@ def job(job_id: str, subject_id: str, kind: JobKind, at: datetime) -> dict[str, 
         "kind": kind,
         "state": JobState.SUCCEEDED,
         "subject_id": subject_id,
-        "priority": Priority.WAITED_FOR,
+        "priority": Priority.INTERACTIVE,
         "short": True,
         "attempt": 1,
         "beats": 0,
@@ -178,7 +178,7 @@ def events(of: dict[str, Any], scanner_id: str) -> list[dict[str, Any]]:
     """Return a job's events: it was queued, and it succeeded."""
     about = {"scanner_id": scanner_id, "subject": declaration_of(of["kind"]).noun, "subject_id": of["subject_id"]}
     both = ((of["created_at"], event_kinds.QUEUED), (of["finished_at"], event_kinds.SUCCEEDED))
-    return [about | {"at": at, "what": what, "job_id": of["id"]} for at, what in both]
+    return [about | {"at": at, "type": what, "job_id": of["id"]} for at, what in both]
 
 
 class Measured(NamedTuple):

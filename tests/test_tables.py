@@ -13,7 +13,7 @@ import jinja2
 
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
+from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventType
 from sawmill_platform.contracts.jobs import JobKind, RegisteredWord
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_service.pages.scanners import scanner_form
@@ -145,7 +145,7 @@ def test_every_table_has_a_row_for_each_member():
 def test_every_event_of_a_scanner_s_history_has_its_word():
     jobs = [declaration_of(kind).noun for kind in JobKind.all() if declaration_of(kind).topic]
     shown = {(event, noun) for event in JOB_ENDS for noun in jobs}
-    shown |= {(event, event.split("-")[0]) for event in EventKind.all() if event.topic}
+    shown |= {(event, event.split("-")[0]) for event in EventType.all() if event.topic}
     without = {event for event, _ in shown} - EVENT_WORDS.keys() - {event_kinds.SUCCEEDED}  # which shows a verdict
     assert not without, "add them to EVENT_WORDS in service/sawmill_service/pages/scanners/scanner_history.py"
     unknown = {noun for event, noun in shown if not event.startswith("alarm-")} - SUBJECTS.keys()

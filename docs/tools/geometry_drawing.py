@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
+from sawmill_tomography.geometry.detector_shape import cell_points
 from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     FloatArray,
@@ -30,7 +31,6 @@ from sawmill_tomography.geometry.geometry import (
     cell_borders_mm,
     rotate,
 )
-from sawmill_tomography.geometry.modules import cell_points
 from sawmill_tomography.geometry.ray_error import chord_points, ray_error
 
 FOLDER = Path(__file__).parents[1] / "pictures"

@@ -17,10 +17,10 @@ from pathlib import Path
 from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command import examples
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
@@ -154,15 +154,17 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
     scan_id = _uploaded(store, scans.scanner_id, content, clock.now.date(), phantom=phantom)
     clock.now += timedelta(minutes=1)
     if not phantom:
-        store.drifts.accept(DriftAsk(scan_id=scan_id))
+        store.drifts.accept(DriftRequest(scan_id=scan_id))
         do_waiting_job(store, kinds.DRIFT)
         return
-    asked = store.calibrations.accept(CalibrationAsk(scan_id=scan_id))
+    asked = store.calibrations.accept(CalibrationRequest(scan_id=scan_id))
     do_waiting_job(store, kinds.CALIBRATE)
     if first:
         store.calibrations.activate(asked.id, "the first calibration")
     if shown:
-        store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}"))
+        store.reconstructions.accept(
+            ReconstructionRequest(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}")
+        )
         do_waiting_job(store, kinds.RECONSTRUCT)
 
 

@@ -17,25 +17,25 @@ import numpy as np
 from sawmill_calibration_client import Client
 from sawmill_calibration_client.api.calibrations import (
     activate_calibration,
-    ask_calibration,
+    create_calibration,
     get_calibration,
     get_calibration_step,
     get_report,
 )
-from sawmill_calibration_client.api.drifts import ask_drift, get_drift
-from sawmill_calibration_client.api.reconstructions import ask_reconstruction, get_reconstruction, get_slice
+from sawmill_calibration_client.api.drifts import create_drift, get_drift
+from sawmill_calibration_client.api.reconstructions import create_reconstruction, get_reconstruction, get_slice
 from sawmill_calibration_client.api.scanners import create_scanner
 from sawmill_calibration_client.api.scans import upload_scan
 from sawmill_calibration_client.api.uploads import create_upload, get_upload, send_part
 from sawmill_calibration_client.models import (
-    CalibrationAsk,
+    CalibrationRequest,
     DataKind,
-    DriftAsk,
+    DriftRequest,
     Problem,
-    ReconstructionAsk,
-    ScannerAsk,
+    ReconstructionRequest,
     ScannerConstants,
-    UploadAsk,
+    ScannerRequest,
+    UploadRequest,
     UploadState,
 )
 from sawmill_calibration_client.types import File
@@ -73,13 +73,13 @@ def once(operation, **values):
 
 # 1. Describe the scanner
 constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
-scanner = once(create_scanner, body=ScannerAsk(name="Line 2", constants=constants))
+scanner = once(create_scanner, body=ScannerRequest(name="Line 2", constants=constants))
 
 
 # 2. Send the scan
 def send(file, part_bytes=2**24):
     """Return the id of an upload that holds the whole file."""
-    upload = once(create_upload, body=UploadAsk(size_bytes=file.stat().st_size, name=file.name))
+    upload = once(create_upload, body=UploadRequest(size_bytes=file.stat().st_size, name=file.name))
     with file.open("rb") as stream:
         while upload.state is UploadState.RECEIVING:
             stream.seek(upload.offset_bytes)
@@ -113,7 +113,7 @@ scan = once(
 )
 
 # 3. Ask for a calibration
-calibration = once(ask_calibration, body=CalibrationAsk(scan_id=scan.id, activate=False))
+calibration = once(create_calibration, body=CalibrationRequest(scan_id=scan.id, activate=False))
 
 
 # 4. Wait
@@ -139,7 +139,7 @@ Path("report.png").write_bytes(again(get_report, calibration.id).payload.read())
 once(activate_calibration, calibration_id=calibration.id)
 
 # 7. Reconstruct the log
-log = once(ask_reconstruction, body=ReconstructionAsk(scan_id=scan.id, rows="3:6"))
+log = once(create_reconstruction, body=ReconstructionRequest(scan_id=scan.id, rows="3:6"))
 log = ended(get_reconstruction, log.id)
 Path("slice.png").write_bytes(again(get_slice, log.id, 0).payload.read())
 
@@ -186,7 +186,7 @@ mean_scan = once(
     averaged_rows=line_integrals.shape[1],
     angles_deg=",".join(map(str, angles_deg)),
 )
-drift = ended(get_drift, once(ask_drift, body=DriftAsk(scan_id=mean_scan.id)).id)
+drift = ended(get_drift, once(create_drift, body=DriftRequest(scan_id=mean_scan.id)).id)
 print(f"drift: {drift.result.reason}")
 
 
@@ -201,7 +201,7 @@ def events(after=0):
                 response.raise_for_status()
                 for line in response.iter_lines():
                     event = json.loads(line.removeprefix("data: ")) if line.startswith("data: ") else {}
-                    if "what" in event:
+                    if "type" in event:
                         after = event["number"]
                         yield event
         except httpx.TransportError:
@@ -210,6 +210,6 @@ def events(after=0):
 
 
 for event in events():
-    print(event["number"], event["subject"], event["what"])
-    if event["subject_id"] == drift.id and event["what"] == "succeeded":
+    print(event["number"], event["subject"], event["type"])
+    if event["subject_id"] == drift.id and event["type"] == "succeeded":
         break

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sawmill_command.data_option import Data, storage_settings
-from sawmill_platform.contracts.keys import Key, KeyAsk, NewKey, Scope
+from sawmill_platform.contracts.keys import Key, KeyRequest, NewKey, Scope
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import print_json, say
 
@@ -73,7 +73,7 @@ def create(
     from sawmill_worker.commands.from_contract import wrong_use
 
     with wrong_use():
-        ask = KeyAsk(name=name, scope=scope, expires_at=expires, display=display)
+        ask = KeyRequest(name=name, scope=scope, expires_at=expires, display=display)
     with opened(data) as store:
         made = store.keys.create(ask)
         _show(made, as_json=as_json)

@@ -11,20 +11,20 @@ from typing import Any
 
 import structlog
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.declared_kinds import asked_kinds
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.kinds import Ask
 from sawmill_contracts.phantoms import PhantomDrawing
-from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.plans import PlanRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
@@ -68,9 +68,11 @@ def seed_examples(store: Store) -> None:
     _seed_scans(store.scans)
     _seed_inspections(store.inspections)
     _seed_uploads(store.uploads)
-    _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
-    log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
-    sparse = ReconstructionAsk(
+    _ask_once(store.calibrations, CalibrationRequest(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
+    log = ReconstructionRequest(
+        scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}"
+    )
+    sparse = ReconstructionRequest(
         scan_id=EXAMPLE,
         calibration_id=EXAMPLE,
         rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + 1}",
@@ -80,8 +82,8 @@ def seed_examples(store: Store) -> None:
     )
     _ask_once(store.reconstructions, log)
     _ask_once(store.reconstructions, sparse, SPARSE)
-    _ask_once(store.drifts, DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE))
-    _ask_once(store.plans, PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20), given={"phantom_id": L_SHAPE})
+    _ask_once(store.drifts, DriftRequest(scan_id=EXAMPLE, calibration_id=EXAMPLE))
+    _ask_once(store.plans, PlanRequest(scanner_id=EXAMPLE, theta=THETA, views=20), given={"phantom_id": L_SHAPE})
     # Any other kind is requested with the request body of the console's example.
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
@@ -142,4 +144,4 @@ def _seed_uploads(uploads: Uploads) -> None:
     """Declare two uploads that wait for their first part."""
     for identifier in (EXAMPLE, SPARE):
         with suppress(Conflict):  # the upload waits already
-            uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
+            uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)

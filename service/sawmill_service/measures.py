@@ -38,7 +38,7 @@ OUTCOMES = (
     event_kinds.FAILED,
     event_kinds.CANCELLED,
     event_kinds.LOST,
-    event_kinds.PUT_OFF,
+    event_kinds.POSTPONED,
     event_kinds.GIVEN_BACK,
 )
 
@@ -141,7 +141,7 @@ def _jobs(tally: Tally) -> Iterator[Metric]:
 def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
     text = f"Attempts that ended, by outcome: {', '.join(OUTCOMES)}."
     outcomes = CounterMetricFamily("sawmill_attempts", text, labels=["kind", "outcome"])
-    by_outcome = _summed(fates, lambda fate: (fate.kind, fate.what))
+    by_outcome = _summed(fates, lambda fate: (fate.kind, fate.type))
     for kind in JobKind.all():
         for what in OUTCOMES:
             outcomes.add_metric([kind, what], by_outcome[kind, what].number)
@@ -162,7 +162,7 @@ def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
 
 def _failures(fates: Mapping[Fate, Amount]) -> Metric:
     """Count failures; defects are 0 before the first one, because Prometheus sees no increase in a new series."""
-    failed = {fate: amount for fate, amount in fates.items() if fate.what is event_kinds.FAILED}
+    failed = {fate: amount for fate, amount in fates.items() if fate.type is event_kinds.FAILED}
     numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind.all() for code in sorted(DEFECTS)}
     for key, amount in _summed(failed, lambda fate: (fate.kind, _fault(fate), counted_as(fate.code))).items():
         numbers[key] = amount.number
@@ -178,7 +178,7 @@ def _fault(fate: Fate) -> str:
 
 
 def _durations(fates: Mapping[Fate, Amount]) -> Metric:
-    succeeded = {fate: amount for fate, amount in fates.items() if fate.what is event_kinds.SUCCEEDED}
+    succeeded = {fate: amount for fate, amount in fates.items() if fate.type is event_kinds.SUCCEEDED}
     numbers = _summed(succeeded, lambda fate: (fate.kind, fate.duration))
     seconds = _summed(succeeded, lambda fate: fate.kind)
     ends = [*(f"{end_s:g}" for end_s in DURATIONS_S), "+Inf"]

@@ -10,10 +10,10 @@ from pydantic import ValidationError
 from sawmill_contracts.retention import (
     LONGEST_DAYS,
     Retention,
-    RetentionAsk,
     RetentionKind,
     RetentionPreview,
     RetentionQuery,
+    RetentionRequest,
     RetentionRules,
 )
 from sawmill_platform.contracts.keys import Scope
@@ -68,7 +68,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], retention: TheR
     openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
     responses=refuses("retention-unconfirmed"),
 )
-def replace_retention(ask: Sent[RetentionAsk], retention: TheRetention) -> Retention:
+def replace_retention(ask: Sent[RetentionRequest], retention: TheRetention) -> Retention:
     """Put rules into force from now on, unless they remove more at once than `remove_at_most`.
 
     Objects beyond the rules are removed at once, in small batches, and others later when they are.
@@ -113,7 +113,7 @@ def confirm(page: ThePage, retention: TheRetention, sent: TheForm) -> HTMLRespon
     rules = typed.rules()
     try:
         confirmed = {"remove_at_most": sent.get("remove_at_most", 0)}
-        retention.replace(RetentionAsk.model_validate(rules.model_dump() | confirmed))
+        retention.replace(RetentionRequest.model_validate(rules.model_dump() | confirmed))
     except (Conflict, ValidationError):
         return _answer(page, retention, status=409, typed=typed, preview=retention.preview(rules), changed=True)
     return RedirectResponse(PAGE, status_code=303)

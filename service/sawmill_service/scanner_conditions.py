@@ -64,7 +64,7 @@ class ScannerCondition:
             last_check=_checked(self.drift),
             seen=_checked(self.seen),
             scanned=self.scanned,
-            alarms=tuple(alarm.what for alarm in self.alarms if alarm.what not in self.acknowledged),
+            alarms=tuple(alarm.kind for alarm in self.alarms if alarm.kind not in self.acknowledged),
             red=_calibrated(self.red),
         )
 
@@ -145,7 +145,7 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
             alarms=tuple(mine),
-            acknowledged=frozenset(alarm.what for alarm in mine if is_acknowledged(alarm, now)),
+            acknowledged=frozenset(alarm.kind for alarm in mine if is_acknowledged(alarm, now)),
             discarded_at=of.discarded_at,
         )
 

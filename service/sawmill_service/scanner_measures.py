@@ -26,7 +26,7 @@ _FURTHER_LABELS = {
     "ray_error_millimeters": "calibration",
     "ray_error_upper_95_millimeters": "calibration",
     "movement_millimeters": "seen_by",
-    "alarm": "what",
+    "alarm": "kind",
 }
 Value = tuple[str, str | None, float]
 
@@ -44,7 +44,7 @@ def scanner_measures(
     for condition in conditions:
         for name, further, value in _values(condition, now):
             families[name].add_metric([condition.scanner.id, *filter(None, [further])], value)
-    opened = {(alarm.scanner_id, alarm.what) for alarm in alarms}
+    opened = {(alarm.scanner_id, alarm.kind) for alarm in alarms}
     of_conditions = {(condition.scanner.id, what) for condition in conditions for what in AlarmKind}
     for scanner_id, what in sorted(opened | of_conditions):
         families["alarm"].add_metric([scanner_id, what], int((scanner_id, what) in opened))

@@ -18,7 +18,7 @@ from sawmill_calibration.phantom_drawings import traced_drawing
 from sawmill_calibration.scans.scan_rows import chosen_rows, chosen_views
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_contracts.phantoms import PhantomAsk
+from sawmill_contracts.phantoms import PhantomRequest
 from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_formats.errors import UnreadableScan
@@ -177,7 +177,7 @@ def some_drawing(draw):
         corners = [(x, y), (x + width, y), (x + 0.3 * width, y + height), (x, y + height)]
         disc = {"kind": "disc", "center_mm": (x, y), "radius_mm": width, "density": density}
         shapes.append(draw.choice([disc, {"kind": "polygon", "vertices_mm": corners, "density": density}]))
-    return PhantomAsk(name="p", shapes=shapes)
+    return PhantomRequest(name="p", shapes=shapes)
 
 
 def some_scanner(draw):

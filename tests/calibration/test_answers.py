@@ -154,15 +154,15 @@ def wide_stack():
 
 def test_the_rows_of_a_log_are_the_second_witness(wide_stack):
     found = sawmill.calibrate(wide_stack, "l-shape", rows="0:2", log_rows="2:4").result
-    assert (found.rows, found.second_witness.log_rows, found.second_witness.taken) == ((0, 2), (2, 4), "both")
+    assert (found.rows, found.log_check.log_rows, found.log_check.used) == ((0, 2), (2, 4), "both")
     alone = sawmill.calibrate(wide_stack.select(rows="0:2"), "l-shape").result
-    assert alone.second_witness is None
+    assert alone.log_check is None
 
 
 def test_rows_of_a_log_count_within_the_scan(wide_stack):
     part = replace(wide_stack, rows=(10, 14))
     found = sawmill.calibrate(part, "l-shape", rows="0:2", log_rows="2:4").result
-    assert (found.rows, found.second_witness.log_rows) == ((10, 12), (12, 14))
+    assert (found.rows, found.log_check.log_rows) == ((10, 12), (12, 14))
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_a_baseline_is_of_earlier_answers_or_their_files(calibration, tmp_path):
     absolute, since = sawmill.drift(logs[3], calibration), None
     for third in (earlier[2], tmp_path / "third.json", str(tmp_path / "third.json")):
         since = sawmill.drift(logs[3], calibration, baseline=[*earlier[:2], third])
-        assert (since.result.reference, since.result.baseline.looks) == ("baseline", 3)
+        assert (since.result.reference, since.result.baseline.checks) == ("baseline", 3)
         assert since.ray_change_mm < 0.5 * absolute.ray_change_mm
     assert "since 3 first logs" in since._repr_html_()
     refusals = {

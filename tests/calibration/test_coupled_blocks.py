@@ -9,7 +9,7 @@ from reconstruction_inputs import reconstruction_input
 
 from sawmill_calibration.reconstruction import block_solvers
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
-from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionAsked, ReconstructionOptions
+from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionRequest, StoredReconstructionOptions
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.simulate import simulate_rows
@@ -126,8 +126,8 @@ def test_a_number_may_come_as_a_text_or_as_itself(value, number):
 
 def test_what_was_asked_before_slices_were_coupled_is_read_as_it_was_answered():
     asked = {"scan_id": "example", "method": "total_variation"}
-    assert ReconstructionAsked.model_validate(asked).coupling == "none"
-    assert ReconstructionAsk.model_validate(asked).coupling == "auto"
+    assert StoredReconstructionOptions.model_validate(asked).coupling == "none"
+    assert ReconstructionRequest.model_validate(asked).coupling == "auto"
 
 
 @pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "fbp"])

@@ -106,9 +106,9 @@ def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations)
     assert with_loss.result.rows == (0, BOARD)
     assert with_loss.result.views == VIEWS
     assert with_loss.verdict == without.verdict, with_loss.result.reasons
-    by_board = [found.result.second_witness.phantom.cor_column_mm for found in calibrations]
+    by_board = [found.result.log_check.phantom.cor_column_mm for found in calibrations]
     # The two share two thirds of their samples and more.
-    deviation = with_loss.result.second_witness.phantom_standard_deviation.cor_column_mm
+    deviation = with_loss.result.log_check.phantom_standard_deviation.cor_column_mm
     assert abs(by_board[1] - by_board[0]) < deviation
     bounds = [one.predicted_ray_error_mm.upper_95 for one in (without, with_loss)]
     # Up to a third fewer samples: noise makes the bound up to 1.22 times as large.

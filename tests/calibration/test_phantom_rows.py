@@ -15,7 +15,7 @@ from sawmill_calibration.calibration.second_witness import with_second_witness, 
 from sawmill_command.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomAsk, PhantomDrawing
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomRequest
 from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.geometry.geometry import TAU, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error
@@ -75,7 +75,7 @@ def test_the_log_beside_the_phantom_is_heard_in_views_six_degrees_apart(stack, c
     )
     witness = witness_of(combined, after)
     # At 60 views the average of rays within a cell shifts the phantom's and the log's answers apart by two deviations.
-    assert (witness.agreement in {"agree", "strained"}, witness.taken, witness.log_jump_mm) == (True, "both", None)
+    assert (witness.agreement in {"agree", "strained"}, witness.used, witness.log_jump_mm) == (True, "both", None)
     assert witness.log_rows[0] > PHANTOM_ROWS
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
     assert abs(witness.log.cor_column_mm - true.cor_column_mm) < 3.0 * witness.log_standard_deviation.cor_column_mm
@@ -174,12 +174,12 @@ def test_steps_are_told_once_a_second_and_rounds_at_once():
 
 
 BOARD = {"kind": "polygon", "vertices_mm": [(-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)]}
-ACROSS = {"what": "x", "measured_mm": 200.0, "standard_uncertainty_mm": 0.2, "moisture_percent": 12.0}
-ALONG = {"what": "y", "measured_mm": 300.0, "standard_uncertainty_mm": 0.06, "instrument": "caliper 12"}
+ACROSS = {"dimension": "x", "measured_mm": 200.0, "standard_uncertainty_mm": 0.2, "moisture_percent": 12.0}
+ALONG = {"dimension": "y", "measured_mm": 300.0, "standard_uncertainty_mm": 0.06, "instrument": "caliper 12"}
 
 
 def drawing(*measurements, **stated):
-    return PhantomAsk(name="our board", shapes=[BOARD], measurements=list(measurements), **stated)
+    return PhantomRequest(name="our board", shapes=[BOARD], measurements=list(measurements), **stated)
 
 
 def reasons(*measurements, today="2021-06-01"):
@@ -216,4 +216,4 @@ def test_a_drawing_that_is_not_as_measured_is_a_reason():
     (found,) = reasons(ALONG | {"measured_mm": 300.19})
     assert "drawn 300.00 mm along y, and was measured as 300.19 mm" in found
     # A length that is no extent of the drawing is not compared with one.
-    assert reasons(ALONG | {"what": "the notch", "measured_mm": 40.0}) == []
+    assert reasons(ALONG | {"dimension": "the notch", "measured_mm": 40.0}) == []

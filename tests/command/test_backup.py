@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.files.file_store import LAST_BACKUP
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.sole_service import sole_service
@@ -19,7 +19,7 @@ def data(empty_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     (tmp_path / "disk").mkdir()
     data = Path(shutil.copytree(empty_data, tmp_path / "data"))
     with closing(Store(StorageSettings(data_folder=data))) as store:
-        store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+        store.keys.create(KeyRequest(name="line 2", scope=Scope.SUBMIT))
     return data
 
 

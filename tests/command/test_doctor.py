@@ -20,7 +20,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.backups.taking import Newest
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.errors import StorageMisconfigured
 from sawmill_platform.files.file_store import LAST_BACKUP, RESTORING
 from sawmill_platform.settings import StorageSettings
@@ -314,7 +314,7 @@ def test_beyond_loopback_without_a_key(found, run, data, monkeypatch):
     monkeypatch.setenv("SAWMILL_PUBLIC_URL", "https://calibration.mill.example")
     assert "sawmill key create" in found("keys")["cure"]
     store = Store(StorageSettings(data_folder=data))
-    store.keys.create(KeyAsk(name="mill", scope=Scope.ADMIN))
+    store.keys.create(KeyRequest(name="mill", scope=Scope.ADMIN))
     store.close()
     run("doctor", "--data", data)
 

@@ -93,7 +93,7 @@ def test_a_baseline_of_earlier_answers_is_the_zero_of_the_change(run, failure, l
         path.write_text(json.dumps(still | {"input_sha256": f"{number:064}"}))
     given = [word for path in answers for word in ("--baseline", path)]
     reported = json.loads(run("drift", log_scans / "still.h5", *flags, *given).stdout)
-    assert (reported["reference"], reported["baseline"]["looks"], reported["moved"]) == ("baseline", 3, False)
+    assert (reported["reference"], reported["baseline"]["checks"], reported["moved"]) == ("baseline", 3, False)
     assert reported["baseline"]["change"]["cor_column_mm"] == pytest.approx(0.0, abs=1e-6)
     assert reported["baseline"]["last_at"] == still["at"]
     assert 0.0 < reported["baseline"]["age_hours"] < 1.0

@@ -11,14 +11,14 @@ from jsonschema import Draft202012Validator
 from pydantic import TypeAdapter, ValidationError
 from results import THETA
 
-from sawmill_contracts.phantoms import PhantomAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.phantoms import PhantomRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.row_ranges import STEPPED_ROWS, SteppedRows
-from sawmill_contracts.schedules import ScheduleAsk
+from sawmill_contracts.schedules import ScheduleRequest
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Name
 from sawmill_platform.contracts.given import hidden_characters
-from sawmill_platform.contracts.keys import KeyAsk
+from sawmill_platform.contracts.keys import KeyRequest
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
 DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
@@ -65,33 +65,33 @@ def test_every_format_character_of_unicode_is_refused_in_a_text():
 @pytest.mark.parametrize(
     ("contract", "given"),
     [
-        (ReconstructionAsk, {}),
-        (ReconstructionAsk, {"alpha": 4.0}),
-        (ReconstructionAsk, {"alpha": 4.0, "method": "tikhonov"}),
-        (ReconstructionAsk, {"alpha": 1e-10, "method": "tikhonov"}),
-        (ReconstructionAsk, {"alpha": None, "non_negative": True}),
-        (ReconstructionAsk, {"alpha": 4.0, "method": "tikhonov", "alpha_rule": "gcv"}),
-        (ReconstructionAsk, {"filter": "hamming"}),
-        (ReconstructionAsk, {"filter": "hamming", "method": "cauchy_map"}),
-        (ReconstructionAsk, {"non_negative": False, "method": "cauchy_map"}),
-        (ReconstructionAsk, {"preset": "paper", "method": "cauchy_map", "sigma": None}),
-        (ReconstructionAsk, {"preset": "paper", "method": "cauchy_map", "sigma": 0.1}),
-        (ReconstructionAsk, {"theta": THETA}),
-        (ReconstructionAsk, {"theta": THETA, "calibration_id": "example"}),
-        (ReconstructionAsk, {"theta": None, "calibration_id": "example"}),
-        (ReconstructionAsk, {"theta": THETA, "rotation": "reversed"}),
-        (ReconstructionAsk, {"rotation": "reversed"}),
-        (ReconstructionAsk, {"field_mm": 1e-3}),
-        (KeyAsk, {"name": "wall", "scope": "read", "display": True}),
-        (KeyAsk, {"name": "wall", "scope": "admin", "display": True}),
-        (PhantomAsk, DISC),
-        (PhantomAsk, DISC | {"follows": "a"}),
-        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6"}),
-        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "kind": "check-drift"}),
-        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "on_pass": "activate"}),
-        (ScheduleAsk, {"scanner_id": "example", "cron": "0 5 * * *", "kind": "check-drift", "on_pass": "activate"}),
+        (ReconstructionRequest, {}),
+        (ReconstructionRequest, {"alpha": 4.0}),
+        (ReconstructionRequest, {"alpha": 4.0, "method": "tikhonov"}),
+        (ReconstructionRequest, {"alpha": 1e-10, "method": "tikhonov"}),
+        (ReconstructionRequest, {"alpha": None, "non_negative": True}),
+        (ReconstructionRequest, {"alpha": 4.0, "method": "tikhonov", "alpha_rule": "gcv"}),
+        (ReconstructionRequest, {"filter": "hamming"}),
+        (ReconstructionRequest, {"filter": "hamming", "method": "cauchy_map"}),
+        (ReconstructionRequest, {"non_negative": False, "method": "cauchy_map"}),
+        (ReconstructionRequest, {"preset": "paper", "method": "cauchy_map", "sigma": None}),
+        (ReconstructionRequest, {"preset": "paper", "method": "cauchy_map", "sigma": 0.1}),
+        (ReconstructionRequest, {"theta": THETA}),
+        (ReconstructionRequest, {"theta": THETA, "calibration_id": "example"}),
+        (ReconstructionRequest, {"theta": None, "calibration_id": "example"}),
+        (ReconstructionRequest, {"theta": THETA, "rotation": "reversed"}),
+        (ReconstructionRequest, {"rotation": "reversed"}),
+        (ReconstructionRequest, {"field_mm": 1e-3}),
+        (KeyRequest, {"name": "wall", "scope": "read", "display": True}),
+        (KeyRequest, {"name": "wall", "scope": "admin", "display": True}),
+        (PhantomRequest, DISC),
+        (PhantomRequest, DISC | {"follows": "a"}),
+        (ScheduleRequest, {"scanner_id": "example", "cron": "30 5 * * 1-6"}),
+        (ScheduleRequest, {"scanner_id": "example", "cron": "30 5 * * 1-6", "kind": "check-drift"}),
+        (ScheduleRequest, {"scanner_id": "example", "cron": "30 5 * * 1-6", "on_pass": "activate"}),
+        (ScheduleRequest, {"scanner_id": "example", "cron": "0 5 * * *", "kind": "check-drift", "on_pass": "activate"}),
     ],
 )
 def test_the_schema_takes_what_the_contract_takes(contract, given):
-    whole = ({"scan_id": "example"} if contract is ReconstructionAsk else {}) | given
+    whole = ({"scan_id": "example"} if contract is ReconstructionRequest else {}) | given
     assert Draft202012Validator(contract.model_json_schema()).is_valid(whole) is taken(contract, whole)

@@ -41,12 +41,12 @@ from sawmill_calibration_client.api.phantoms import create_phantom, get_drawing,
 from sawmill_calibration_client.api.reconstructions import get_mosaic, get_side_array, get_side_view, get_slice_array
 from sawmill_calibration_client.api.scans import get_sinogram, list_scans
 from sawmill_calibration_client.api.schedules import create_schedule
-from sawmill_calibration_client.models import DriftOptions, PhantomAsk, Polygon, ScheduleAsk, ScheduleKind
+from sawmill_calibration_client.models import DriftOptions, PhantomRequest, Polygon, ScheduleRequest, ScheduleKind
 
 for array in (get_side_array.sync(log.id, client=api), get_slice_array.sync(log.id, 0, client=api)):
     assert array.payload.read(6) == b"\\x93NUMPY"
 corners = [[-100.1, 51.5], [-0.1, 51.5], [-0.1, -150.0], [100.1, -150.0], [100.1, 150.9], [-100.1, 150.9]]
-phantom = once(create_phantom, body=PhantomAsk(name="our L", shapes=[Polygon(kind="polygon", vertices_mm=corners)]))
+phantom = once(create_phantom, body=PhantomRequest(name="our L", shapes=[Polygon(kind="polygon", vertices_mm=corners)]))
 assert b"</svg>" in get_drawing.sync(phantom.id, client=api).payload.read()
 pictures = [
     *(ask.sync(calibration.id, client=api) for ask in (get_log_after, get_log_before, get_overlay)),
@@ -64,10 +64,10 @@ page = list_scans.sync(client=api, scanner_id=scanner.id, limit=1)
 rest = list_scans.sync(client=api, scanner_id=scanner.id, limit=1, after=page.next_)
 assert [item.id for item in (*page.items, *rest.items)] == [mean_scan.id, scan.id]
 daily = {"cron": "30 5 * * 1-6", "time_zone": "Europe/Helsinki", "drift_options": DriftOptions(rows="0:8")}
-checks = ScheduleAsk(scanner_id=scanner.id, kind=ScheduleKind.CHECK_DRIFT, **daily)
+checks = ScheduleRequest(scanner_id=scanner.id, kind=ScheduleKind.CHECK_DRIFT, **daily)
 made = once(create_schedule, body=checks)
 assert (made.kind, made.time_zone, made.drift_options.rows) == (checks.kind, checks.time_zone, "0:8")
-refused = ask_calibration.sync(client=api, body=CalibrationAsk(scan_id="no-such-scan"))
+refused = create_calibration.sync(client=api, body=CalibrationRequest(scan_id="no-such-scan"))
 assert (refused.status, refused.code, refused.detail) == (404, "scan-not-found", "there is no scan 'no-such-scan'")
 """
 

@@ -11,7 +11,7 @@ from tests.faults.planted import DEFECTS, ROOT
 from tests.faults.trials import ENGINES, FAULTS, Plan, conduct_all
 from tests.faults.work import Accepted, Asker, Work
 
-from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.plans import PlanRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
@@ -51,7 +51,7 @@ def audit(store):
 @pytest.fixture
 def plan(store):
     store.scanners.create(ScannerSpec(name="line", constants=vars(work.SCANNER)), scanner_id="line")
-    ask = PlanAsk(scanner_id="line", theta=vars(work.THETA))
+    ask = PlanRequest(scanner_id="line", theta=vars(work.THETA))
     return store.plans.accept(ask, given={"phantom_id": "l-shape"})
 
 

@@ -26,9 +26,9 @@ def after(facts, now, opened=()):
     alarms = dict(opened)
     for what, alarm in alarm_changes(facts, alarms, now):
         if what == "alarm-opened":
-            alarms[alarm.what] = alarm
+            alarms[alarm.kind] = alarm
         else:
-            assert alarms.pop(alarm.what) == alarm
+            assert alarms.pop(alarm.kind) == alarm
     return alarms
 
 

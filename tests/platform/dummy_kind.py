@@ -141,7 +141,7 @@ def supervise(folder: Path) -> None:
     runner = Runner(store, execution, threading.Event(), attempts=attempts)
     states = [runner.run_next(), runner.run_next()]
     runner.close()
-    events = [event.what for event in store.events.following(0)]
+    events = [event.type for event in store.events.following(0)]
     store.close()
     (folder / "backups").mkdir()
     taken = take_backup(settings, folder / "backups", lambda _: None, named=SUMS.named_folders)
@@ -150,7 +150,7 @@ def supervise(folder: Path) -> None:
     store.prepare(may_begin=False)
     with store.database.read() as session:
         answers = {row.id: [row.answer, row.reason] for row in session.query(SumRow)}
-    assert [event.what for event in store.events.following(0)] == [*events, "restored"]
+    assert [event.type for event in store.events.following(0)] == [*events, "restored"]
     assert store.leftovers(grace_s=1.0).remove_some() == store.lost_files() == []
     ours = sorted({name.split(".")[0] for name in sys.modules if name.startswith("sawmill_")})
     print(json.dumps({"states": states, "answers": answers, "events": events, "packages": ours}))

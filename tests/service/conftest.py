@@ -21,13 +21,13 @@ from plain_logs import log_plainly
 from postgres_server import PostgresDatabases
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomDrawing
-from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.plans import PlanRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
@@ -37,9 +37,9 @@ from sawmill_formats.output.calibration_file import write_calibration as write_c
 from sawmill_formats.output.scan_writer import write_scan as write_scan_file
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
-from sawmill_platform.contracts.uploads import UploadAsk
-from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.keys import KeyRequest, NewKey, Scope
+from sawmill_platform.contracts.uploads import UploadRequest
+from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.files.verified_results import compute_digest
 from sawmill_platform.jobs.job_store import Claim
@@ -87,7 +87,7 @@ class Client:
 
     def bring(self, scope: Scope, *, name: str = "visitor", **changes: Any) -> NewKey:
         """Make a key, and bring it from now on."""
-        key = self.app.state.store.keys.create(KeyAsk(name=name, scope=scope, **changes))
+        key = self.app.state.store.keys.create(KeyRequest(name=name, scope=scope, **changes))
         self.headers["Authorization"] = f"Bearer {key.secret}"
         return key
 
@@ -211,7 +211,7 @@ def seeded(client: Client) -> Client:
 @pytest.fixture
 def _another_is_active(store: Store, worker: "FakeWorker") -> None:
     """A second calibration is active: to activate `example` is to go back."""
-    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="another")
+    store.calibrations.accept(CalibrationRequest(scan_id="example"), identifier="another")
     worker.finish_calibration()
     store.calibrations.activate("another", "by hand")
 
@@ -219,7 +219,7 @@ def _another_is_active(store: Store, worker: "FakeWorker") -> None:
 @pytest.fixture
 def newer(store: Store, worker: "FakeWorker") -> str:
     """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
-    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer").id
+    identifier = store.calibrations.accept(CalibrationRequest(scan_id="example"), identifier="newer").id
     worker.finish_calibration()
     return identifier
 
@@ -286,28 +286,30 @@ def seed(store: Store, worker: FakeWorker) -> None:
     for scan_id in ("example", "example-spare"):
         store.scans.accept(scan, store.files.receive([b"original"], max_bytes=100), scan_id=scan_id)
         worker.finish_scan()
-    store.calibrations.accept(CalibrationAsk(scan_id="example", activate=True), identifier="example")
+    store.calibrations.accept(CalibrationRequest(scan_id="example", activate=True), identifier="example")
     worker.finish_calibration()
-    dense = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.FBP)
+    dense = ReconstructionRequest(scan_id="example", method=ReconstructionMethod.FBP)
     store.reconstructions.accept(dense, identifier="example")
     worker.finish_reconstruction()
-    sparse = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.TIKHONOV)
+    sparse = ReconstructionRequest(scan_id="example", method=ReconstructionMethod.TIKHONOV)
     store.reconstructions.accept(sparse, identifier="example-sparse")
     worker.finish_sparse_reconstruction()
-    store.plans.accept(PlanAsk(scanner_id="example", views=20), identifier="example", given={"phantom_id": "l-shape"})
+    store.plans.accept(
+        PlanRequest(scanner_id="example", views=20), identifier="example", given={"phantom_id": "l-shape"}
+    )
     worker.finish_plan()
-    store.drifts.accept(DriftAsk(scan_id="example"), identifier="example")
+    store.drifts.accept(DriftRequest(scan_id="example"), identifier="example")
     worker.finish_drift()
     for inspection_id in ("example", "example-spare"):
         received = store.files.receive([b"original"], max_bytes=100)
         store.inspections.accept_file(InspectionOptions(), received, identifier=inspection_id)
         worker.finish_inspection()
     for upload_id in ("example", "example-spare"):
-        store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
+        store.uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
     for schedule_id in ("example", "example-spare"):
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     for webhook_id in ("example", "example-spare"):
-        store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
+        store.webhooks.create(WebhookRequest(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
     done = {"kind": kinds.CALIBRATE, "state": JobState.SUCCEEDED, "subject_id": "example"}
     with store.database.write() as session:
         session.add(JobRow(id="example", created_at=store.database.now(), **done))

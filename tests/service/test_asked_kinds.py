@@ -11,7 +11,7 @@ from PIL import Image
 from results import THETA
 
 from sawmill_contracts import kinds
-from sawmill_contracts.reconstructions import ReconstructionAsked
+from sawmill_contracts.reconstructions import StoredReconstructionOptions
 from sawmill_platform.errors import NotFound
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_store.mill_files import MillFiles
@@ -288,5 +288,5 @@ def test_a_reconstruction_that_an_earlier_version_accepted_is_listed(seeded, sto
         ({"theta": THETA | {"detector_shift_mm": 1e300}}, "should be less than or equal to 100000, not 1e+300"),
     ):
         assert words in seeded.post("/v1/reconstructions", json=EXAMPLE | asked).json()["detail"]
-        kept = store.reconstructions.accept(ReconstructionAsked(**EXAMPLE, **asked))
+        kept = store.reconstructions.accept(StoredReconstructionOptions(**EXAMPLE, **asked))
         assert asked.items() <= seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"].items()

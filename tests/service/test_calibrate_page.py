@@ -11,15 +11,15 @@ from page_text import absent
 from results import FRAME, SCANNER_FORM, calibration_result, comparison
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import PhantomPicture
 from sawmill_contracts.reasons import CodedReason
-from sawmill_contracts.scanners import ScannerAsk
+from sawmill_contracts.scanners import ScannerRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.workers.settings import Retries
 from sawmill_service.app import create_app
 from sawmill_store.store import Store
@@ -29,8 +29,8 @@ from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
-ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}
-DATASET = {"what": "array", "flag": "--dataset", "field": "dataset", "why": "it holds two"}
+ANGLES = {"name": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}
+DATASET = {"name": "array", "flag": "--dataset", "field": "dataset", "why": "it holds two"}
 
 
 @pytest.fixture
@@ -109,7 +109,7 @@ def test_scanners_that_do_not_fit_are_disabled_with_the_reason_and_never_chosen(
     spare = store.scanners.get("example")
     for name, cells, pitch in [("Line 10", 16, 1.1), ("Line 2", 16, 1.1), ("Line 1", 16, 2.5), ("Line 3", 32, 1.1)]:
         constants = replace(spare.constants, num_detector_pixels=cells, detector_pitch_mm=pitch)
-        store.scanners.create(ScannerAsk(name=name, constants=constants))
+        store.scanners.create(ScannerRequest(name=name, constants=constants))
     reading = {"shape": {"views": 12, "rows": 4, "detector": 16}, "detector_pitch_mm": 1.1}
     chosen = next(each.id for each in store.scanners.page().items if each.name == "Line 3")
     page = seeded.get(f"/calibrate?scanner={chosen}&inspection={inspect(reading=reading)}")
@@ -214,7 +214,7 @@ def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
     refusal = {"kind": "input", "code": "phantom-not-found", "detail": "as an earlier version called it"}
     page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
     assert "cannot be read as a scan" in shown(page)
-    assert "There is none with this id" not in shown(page)
+    assert "Nothing has this id" not in shown(page)
     assert "Choose another file" in shown(page)
 
 
@@ -244,7 +244,9 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
 def test_a_result_shows_what_it_is_worth_and_is_accepted_by_whoever_may(seeded, store, worker, started):
     worker.finish_scan()
     worker.finish_calibration(comparison=None)
-    keys = {scope: store.keys.create(KeyAsk(name=scope, scope=scope)).secret for scope in (Scope.READ, Scope.SUBMIT)}
+    keys = {
+        scope: store.keys.create(KeyRequest(name=scope, scope=scope)).secret for scope in (Scope.READ, Scope.SUBMIT)
+    }
     asked = {scope: {"Authorization": f"Bearer {secret}"} for scope, secret in keys.items()}
     page = seeded.get(started, headers=asked[Scope.SUBMIT])
     assert "Accepting needs a key of the scope activate" in shown(page)
@@ -307,7 +309,7 @@ def test_the_report_names_scanner_phantom_user_and_the_mill_s_times_and_stays_wi
 
 
 def test_a_newer_calibration_s_report_says_who_asked_and_there_is_none_before(seeded, store, worker, report):
-    made = store.keys.create(KeyAsk(name="scanner of line 2", scope=Scope.SUBMIT))
+    made = store.keys.create(KeyRequest(name="scanner of line 2", scope=Scope.SUBMIT))
     headers = {"Authorization": f"Bearer {made.secret}"}
     asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}, headers=headers).json()["id"]
     worker.finish_calibration(verdict="watch", rays_verdict="watch", reasons=["the <log> moved"])
@@ -328,7 +330,7 @@ def pair(store, worker) -> tuple[str, str]:
     """Two calibrations with error bars; the second has moved by 0.4 mm on the detector."""
     made = []
     for column_mm in (FRAME["cor_column_mm"], FRAME["cor_column_mm"] + 0.4):
-        made.append(store.calibrations.accept(CalibrationAsk(scan_id="example")).id)
+        made.append(store.calibrations.accept(CalibrationRequest(scan_id="example")).id)
         spreads = calibration_result()["standard_deviation"]
         worker.finish_calibration(source_frame=FRAME | {"cor_column_mm": column_mm}, standard_deviation=spreads)
     return tuple(made)

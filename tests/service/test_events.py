@@ -12,7 +12,7 @@ from asgi import asynchronous, blocks, scope_of
 from machine_faults import database_away
 
 from sawmill_platform.contracts.events import Event
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.ledger.event_reader import EventReader
 from sawmill_platform.ledger.events import Events
@@ -113,7 +113,7 @@ def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops
     assert (first["event"], first["retry"], happened(heard)) == ("alive", "1000", ["queued", "started", "succeeded"])
     assert [int(block["id"]) for block in heard] == [int(first["id"]) + step for step in (1, 2, 3)]
     seen = heard[-1]["data"]
-    assert (seen["number"], seen["what"]) == (int(heard[-1]["id"]), "succeeded")
+    assert (seen["number"], seen["type"]) == (int(heard[-1]["id"]), "succeeded")
     assert (seen["scanner_id"], seen["subject"]) == ("example", "calibration")
     assert store.calibrations.get(seen["subject_id"]).state == "succeeded"
     assert (last["event"], last["id"], last["retry"]) == ("closing", heard[-1]["id"], "1000")
@@ -261,7 +261,7 @@ def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(stor
 @pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
 def test_a_stream_ends_with_its_key(seeded, store, follow):
     seeded.app.state.stream_times = StreamTimes(access_s=0.02)
-    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
+    key = store.keys.create(KeyRequest(name="tablet", scope=Scope.READ))
     bearer = {"Authorization": f"Bearer {key.secret}"}
     assert follow(lambda: store.keys.revoke(key.id), **bearer)[-1]["event"] == "closing"
     assert seeded.get("/v1/events", headers=bearer).status_code == 401
@@ -313,7 +313,7 @@ def test_a_client_that_leaves_while_events_wait_for_it_is_no_failure(seeded, wat
 
 
 def test_the_feed_tells_a_key_to_read_what_happened_and_not_who_did_it(seeded, store):
-    reader, chief = (store.keys.create(KeyAsk(name=name, scope=Scope(name))) for name in ("read", "admin"))
+    reader, chief = (store.keys.create(KeyRequest(name=name, scope=Scope(name))) for name in ("read", "admin"))
     seeded.app = create_app(ServiceSettings(public_url="https://calibration.mill.example"), store, print)
     seeded.headers = {"Authorization": f"Bearer {chief.secret}"}
     seeded.delete("/v1/schedules/example")
@@ -326,9 +326,9 @@ def test_the_feed_tells_a_key_to_read_what_happened_and_not_who_did_it(seeded, s
     job = seeded.get("/v1/calibrations/example").json()["job_id"]
     published = seeded.get(f"/v1/jobs/{job}/history").json()["events"]
     published += [event.model_dump(mode="json") for event in store.events.following(0)]
-    assert "schedule-deleted" in {event["what"] for event in published}
+    assert "schedule-deleted" in {event["type"] for event in published}
     assert {name for event in published for name in event} == {
-        *("number", "at", "what", "scanner_id", "subject", "subject_id", "job_id", "attempt", "worker", "detail")
+        *("number", "at", "type", "scanner_id", "subject", "subject_id", "job_id", "attempt", "worker", "detail")
     }
     secrets = {decided.request_id, decided.address}
     assert not [event for event in published for each in secrets if each in json.dumps(event)]

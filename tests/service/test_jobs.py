@@ -72,15 +72,15 @@ def test_what_can_wait_says_so_and_comes_after_those_who_wait(seeded, store):
     ask = {"scan_id": "example"}
     night, day = (seeded.post(f"/v1/calibrations{query}", json=ask).json() for query in ("?priority=batch", ""))
     jobs = [seeded.get(f"/v1/jobs/{asked['job_id']}").json() for asked in (night, day)]
-    assert [(job["priority"], job["queue_position"]) for job in jobs] == [("batch", 1), ("waited-for", 0)]
+    assert [(job["priority"], job["queue_position"]) for job in jobs] == [("batch", 1), ("interactive", 0)]
     # A result that somebody waits for brings forward what it needs.
     needs_it = {"scan_id": "example", "calibration_id": night["id"]}
     assert seeded.post("/v1/reconstructions?priority=batch", json=needs_it).status_code == 202
     assert store.jobs.get(night["job_id"]).priority is Priority.BATCH
     assert seeded.post("/v1/reconstructions", json=needs_it).status_code == 202
-    assert store.jobs.get(night["job_id"]).priority is Priority.WAITED_FOR
+    assert store.jobs.get(night["job_id"]).priority is Priority.INTERACTIVE
     refused = seeded.post("/v1/calibrations?priority=now", json=ask)
-    assert (refused.status_code, "'waited-for', 'batch' or 'background'" in refused.text) == (422, True)
+    assert (refused.status_code, "'interactive', 'batch' or 'background'" in refused.text) == (422, True)
     query = {"scanner_id": "example", "data": "counts", "priority": "batch"}
     scan = seeded.post("/v1/scans", params=query, content=b"scan").json()
     picture = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9&priority=background", content=b"png").json()
@@ -204,7 +204,7 @@ def test_a_stream_begins_with_the_time_to_come_back_and_its_ids_are_numbers_of_e
     threading.Timer(0.3, worker.finish_calibration).start()
     heard = blocks(listen())
     events = [event for event in store.events.following(0) if event.job_id == job_id]
-    assert [event.what for event in events[:3]] == ["queued", "started", "succeeded"]
+    assert [event.type for event in events[:3]] == ["queued", "started", "succeeded"]
     queued, started, ended = [event.number for event in events[:3]]
     assert (numbers, heard[0]["event"], heard[0]["id"], heard[0]["retry"]) == ([queued], "job", str(queued), "1000")
     assert {block["id"] for block in heard[1:-1]} <= {str(queued), str(started)}

@@ -17,10 +17,10 @@ from page_text import absent, text_of
 from pydantic import SecretStr, ValidationError
 from results import SCANNER_SPEC as SPEC
 
-from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.plans import PlanRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.keys import KeyAsk, NewKey, Scope
+from sawmill_platform.contracts.keys import KeyRequest, NewKey, Scope
 from sawmill_service import dependencies
 from sawmill_service.access import check_scope
 from sawmill_service.app import create_app
@@ -86,7 +86,7 @@ def test_another_sites_page_may_read_and_change_nothing_and_every_answer_is_prot
             "nosniff",
             "same-origin",
         )
-    for path in ("/v1/keys", "/v1/keys/own", "/v1/audit", "/v1/audit.jsonl", "/v1/jobs", "/v1/nothing"):
+    for path in ("/v1/keys", "/v1/keys/current", "/v1/audit", "/v1/audit.jsonl", "/v1/jobs", "/v1/nothing"):
         assert "no-store" in client.get(path).headers["Cache-Control"]
     assert client.get("/static/console.js").headers["Cache-Control"] == "no-cache"
 
@@ -265,8 +265,8 @@ def test_streams_and_waits_are_bounded_all_are_told_the_end_and_leave_their_plac
 
 def test_a_display_finds_a_stream_when_other_keys_have_taken_theirs(limited, store):
     client = limited(max_streams=4, event_poll_s=0.01)
-    keys = [store.keys.create(KeyAsk(name=name, scope=Scope.READ)) for name in ("first", "second")]
-    display = store.keys.create(KeyAsk(name="wall", scope=Scope.READ, display=True))
+    keys = [store.keys.create(KeyRequest(name=name, scope=Scope.READ)) for name in ("first", "second")]
+    display = store.keys.create(KeyRequest(name="wall", scope=Scope.READ, display=True))
 
     async def story() -> None:
         async with asynchronous(client.app) as http:
@@ -308,7 +308,7 @@ def bounded(store, settings, **limits):
 def full(seeded, store, settings):
     """The client of a service whose one place is taken."""
     seeded.app, again = bounded(store, settings, **{"": 1})
-    store.plans.accept(PlanAsk(**plan(0)), given={"phantom_id": "l-shape"})
+    store.plans.accept(PlanRequest(**plan(0)), given={"phantom_id": "l-shape"})
     yield seeded
     again.close()
 
@@ -326,7 +326,7 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
     """Through one event loop and two services on one database, as behind a proxy; two keys, and all together."""
     settings = ServiceSettings()
     apps = [bounded(each_store, settings, **{"": IN_ALL, "_per_key": OF_A_KEY}) for _ in range(2)]
-    keys = [each_store.keys.create(KeyAsk(name=f"line {number}", scope=Scope.SUBMIT)) for number in range(2)]
+    keys = [each_store.keys.create(KeyRequest(name=f"line {number}", scope=Scope.SUBMIT)) for number in range(2)]
 
     # Of files: an ask for anything else locks what it refers to, and so keeps others waiting by accident.
     async def ask(app, key, number):
@@ -352,7 +352,7 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
 
 
 WITH_FILE = ("inspect_file", "upload_phantom_picture", "upload_scan")
-ASKING = ("ask_calibration", "ask_drift", "ask_plan", "ask_reconstruction", *WITH_FILE)
+ASKING = ("create_calibration", "create_drift", "create_plan", "create_reconstruction", *WITH_FILE)
 
 
 def test_each_way_to_ask_for_a_job_is_refused_and_nothing_is_made(full, store):
@@ -401,7 +401,7 @@ def test_whoever_watches_sees_how_full_it_is(full, store, settings):
     text = text_of(full.get("/system").text)
     assert "Jobs that wait Full Now 1 of 1 allowed" in text
     assert "Whoever asks for more is refused until jobs have been done." in text
-    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+    key = store.keys.create(KeyRequest(name="line 2", scope=Scope.SUBMIT))
     full.app, again = bounded(store, settings, **{"": 10, "_per_key": 2})
     full.post(PLANS, json=plan(1), headers={"Authorization": f"Bearer {key.secret}"})
     assert "sawmill_queued_jobs_of_a_key 1.0" in full.get("/metrics").text

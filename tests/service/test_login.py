@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.keys.sessions import hash_of_link
 from sawmill_service.access import LOGIN
@@ -38,7 +38,7 @@ def browser(seeded, store):
 
 
 def key_of(store, scope, **changes):
-    return store.keys.create(KeyAsk(name=f"Anna <{scope}>", scope=scope, **changes))
+    return store.keys.create(KeyRequest(name=f"Anna <{scope}>", scope=scope, **changes))
 
 
 def log_in(browser, secret, **fields):
@@ -73,7 +73,7 @@ def test_a_key_opens_a_session_in_a_cookie_that_scripts_cannot_read(browser):
         assert TOKEN not in answer.headers["Set-Cookie"]
         page = browser.get("/")
         assert (page.status_code, page.headers["Cache-Control"]) == (200, "no-store")
-        assert browser.get("/v1/keys/own").json()["scope"] == "admin"
+        assert browser.get("/v1/keys/current").json()["scope"] == "admin"
 
 
 def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store):
@@ -84,9 +84,9 @@ def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store):
         assert answer.headers["Set-Cookie"].endswith("HttpOnly; Path=/; SameSite=lax; Secure")
         # A plain cookie, which another host of the domain or plain HTTP can set, opens nothing there.
         forged = answer.headers["Set-Cookie"].replace(SECURE_NAME, NAME)
-        assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
+        assert browser.get(f"{there}/v1/keys/current", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
         good = answer.headers["Set-Cookie"].partition(";")[0]
-        assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": good}).status_code == 200
+        assert browser.get(f"{there}/v1/keys/current", headers={"Cookie": good}).status_code == 200
 
 
 def test_a_wrong_key_has_its_sentence_and_too_many_of_an_address_are_refused(browser, store):
@@ -98,7 +98,7 @@ def test_a_wrong_key_has_its_sentence_and_too_many_of_an_address_are_refused(bro
         assert not answer.headers["WWW-Authenticate"].startswith("Basic")
     assert event_kinds.LOGGED_IN not in {entry.action for entry in store.audit.all()}
     browser.app = create_app(ServiceSettings(token=TOKEN, failed_login_rate_limit="2/minute"), store, print)
-    good = store.keys.create(KeyAsk(name="line 2", scope=Scope.READ))
+    good = store.keys.create(KeyRequest(name="line 2", scope=Scope.READ))
     assert log_in(browser, "sawmill_wrong").status_code == 401
     wrong = {"Authorization": "Bearer sawmill_wrong_too"}
     assert browser.get("/v1/scanners", headers=wrong).status_code == 401
@@ -223,7 +223,7 @@ def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(br
     before = session_of(browser)
     log_in(browser, key_of(store, Scope.READ).secret)
     assert session_of(browser) != before
-    assert (store.sessions.find(before), browser.get("/v1/keys/own").json()["scope"]) == (None, "read")
+    assert (store.sessions.find(before), browser.get("/v1/keys/current").json()["scope"]) == (None, "read")
 
 
 def test_a_display_s_link_is_printed_as_a_code_logs_one_in_once_and_no_other_secret_is_a_link(browser, store):
@@ -238,7 +238,7 @@ def test_a_display_s_link_is_printed_as_a_code_logs_one_in_once_and_no_other_sec
     assert again.status_code == 401
     assert "This link was used already" in again.text
     browser.headers["Cookie"] = answer.headers["Set-Cookie"].partition(";")[0]
-    assert browser.get("/v1/keys/own").json()["key_id"] == key.id
+    assert browser.get("/v1/keys/current").json()["key_id"] == key.id
     store.keys.revoke(key.id)
     assert browser.get("/?kiosk").headers["Location"] == "/login?next=%2F%3Fkiosk&ended=true"
     key = key_of(store, Scope.READ, display=True)

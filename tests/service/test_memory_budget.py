@@ -16,9 +16,9 @@ from live_service import Offline, serving
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_service.app import create_app
 from sawmill_service.http.limits.memory_budget import MemoryBudget, Reservation, return_freed_memory
 from sawmill_service.http.responses.drawn import Drawn
@@ -159,7 +159,7 @@ def test_no_answer_takes_more_memory_than_it_reserves(seeded, store, settings, w
     scan = ScanSpec(scanner_id="example", data=DataKind.LINE_INTEGRALS)
     store.scans.accept(scan, store.files.receive([b"original"], max_bytes=100), scan_id="large")
     worker.finish_scan(noise[0][:, np.newaxis])
-    asked = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.TIKHONOV)
+    asked = ReconstructionRequest(scan_id="example", method=ReconstructionMethod.TIKHONOV)
     store.reconstructions.accept(asked, identifier="large")
     worker.finish_sparse_reconstruction(noise)
     store.reconstructions.accept(asked, identifier="high")
@@ -215,10 +215,10 @@ async def status_of(app, path: str) -> int:
 def test_forty_large_slices_fit_into_1_gb_and_keep_nobody_waiting(seeded, store, worker, tmp_path):  # noqa: ARG001
     """Forty of 4096 x 4096 pixels at once for one key, and meanwhile one for another; `seeded` makes the scan."""
     noise = np.random.default_rng(3).normal(1.5, 0.3, (1, 4096, 4096)).astype(np.float32)
-    asked = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.FBP)
+    asked = ReconstructionRequest(scan_id="example", method=ReconstructionMethod.FBP)
     store.reconstructions.accept(asked, identifier="large")
     worker.finish_reconstruction(noise)
-    many, other = (store.keys.create(KeyAsk(name=name, scope=Scope.READ)).secret for name in ("many", "other"))
+    many, other = (store.keys.create(KeyRequest(name=name, scope=Scope.READ)).secret for name in ("many", "other"))
     store.close()
     statuses, answered = list[int](), list[str]()
 

@@ -21,8 +21,8 @@ from machine_faults import database_away
 from missing_parts import skip_without
 from prometheus_client.parser import text_string_to_metric_families
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_service.app import create_app
 from sawmill_service.measures import Measures
@@ -100,14 +100,14 @@ def test_failures_are_counted_by_code_and_the_new_count_adds_up_to_the_old_one(s
 
 
 def test_movement_and_a_calibration_that_failed_turn_the_scanner_red(store, worker, scrape):
-    store.drifts.accept(DriftAsk(scan_id="example"))
+    store.drifts.accept(DriftRequest(scan_id="example"))
     worker.finish_drift(within_tolerance=False, ray_change_mm=0.7, reason="the detector moved")
     assert scrape("sawmill_scanner_in_tolerance", scanner="example") == 0
     assert scrape("sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
     unseen, wrong = partial(fail, store, "phantom-not-seen"), {"verdict": "fail", "predicted_ray_error_mm": None}
     good, bad = worker.finish_calibration, partial(worker.finish_calibration, **wrong)
     for end, failed in ((unseen, 1), (good, 0), (bad, 1)):
-        store.calibrations.accept(CalibrationAsk(scan_id="example"))
+        store.calibrations.accept(CalibrationRequest(scan_id="example"))
         end()
         assert scrape("sawmill_scanner_calibration_failed", scanner="example") == failed
         assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02

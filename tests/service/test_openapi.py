@@ -14,12 +14,12 @@ from documented import check_documented
 from example_requests import add_what_is_decided, with_file
 from jsonschema import Draft202012Validator
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_platform.contracts.base import out_of_use
 from sawmill_platform.contracts.events import Event
-from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.keys import KeyRequest, Scope
+from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_service.app import create_app
@@ -69,7 +69,7 @@ def everything(document):
 def kinds(schema):
     """The types that a value may have, those of an array's items too."""
     for each in (schema, *schema.get("anyOf", []), *schema.get("prefixItems", [])):
-        yield each.get("type")
+        yield from [each.get("type")] if isinstance(each.get("type"), str) else each.get("type", [])
     if isinstance(schema.get("items"), dict):
         yield from kinds(schema["items"])
 
@@ -125,6 +125,15 @@ def parts(document, place=""):
 
 def test_linters_and_generators_find_what_they_look_for_and_webhooks_get_what_is_described(document):
     assert (document["servers"], document["info"]["license"]["identifier"]) == ([{"url": "/"}], "Apache-2.0")
+    assert document["info"]["contact"]["name"]
+    assert document["paths"]["/v1/uploads/{upload_id}"]["head"]["operationId"] == "head_upload"
+    tags = {tag for _, part in parts(document) for tag in part.get("tags", []) if isinstance(tag, str)}
+    assert tags == {tag["name"] for tag in document["tags"]}
+    assert len({re.sub("[^a-z]", "", tag.lower()) for tag in tags}) == len(tags)
+    wrapped = [part for _, part in parts(document) if {"type": "null"} in part.get("anyOf", [])]
+    assert all("$ref" in part["anyOf"][0] for part in wrapped)
+    titled = [place for place, part in parts(document["components"]["schemas"]) if isinstance(part.get("title"), str)]
+    assert [place for place in titled if place.count("/") > 1 and "/example" not in place] == []
     pairs = [part for _, part in parts(document) if "prefixItems" in part]
     assert [pair for pair in pairs if {pair["items"]["type"]} != {item["type"] for item in pair["prefixItems"]}] == []
     assert [pair for pair in pairs if pair["maxItems"] != len(pair["prefixItems"])] == []
@@ -136,7 +145,7 @@ def test_linters_and_generators_find_what_they_look_for_and_webhooks_get_what_is
         required = [parameter["required"] for parameter in operation.get("parameters", []) if "required" in parameter]
         assert required == sorted(required, reverse=True)
     message = document["webhooks"]["event"]["post"]["requestBody"]["content"]["application/json"]["schema"]
-    event = Event(number=42, at=datetime.now(UTC), what="alarm-opened", group_id="example", detail={"what": "drift"})
+    event = Event(number=42, at=datetime.now(UTC), type="alarm-opened", group_id="example", detail={"kind": "drift"})
     validator = Draft202012Validator(message | {"components": document["components"]})
     validator.validate(json.loads(body_of_event(event)))
     assert not validator.is_valid(event.model_dump(mode="json"))
@@ -168,7 +177,7 @@ def check_head(client, path, options, got):
 def test_the_committed_example_requests_work_and_head_is_wherever_get_is(seeded, store, asked):
     add_what_is_decided(store)
     # A fresh data folder holds no key, one that nobody has would guard nothing, and no webhook, nor allows it one.
-    key = store.keys.create(KeyAsk(name="example", scope=Scope.READ))
+    key = store.keys.create(KeyRequest(name="example", scope=Scope.READ))
     for example in EXAMPLES[asked]:
         path, options = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}"), options_of(seeded, example)
         answer = seeded.request(example["method"], path, **options)
@@ -208,17 +217,22 @@ FOLLOWED_BY = {
     "cancel_job": ("cancelled", "calibration"),
     "inspect_file": ("queued", "inspection"),
     "measure_phantom": ("phantom-created", "phantom"),
-    "name_reconstruction": ("reconstruction-renamed", "reconstruction"),
+    "rename_reconstruction": ("reconstruction-renamed", "reconstruction"),
     "send_part": ("upload-complete", "upload"),
 }
 DONE = {"create": "created", "delete": "deleted", "discard": "discarded", "replace": "changed", "revoke": "revoked"}
 DONE |= {"rotate": "rotated", "test": "tested"}
 
 
+ASKED = {f"create_{declared.noun}" for declared in asked_kinds()}
+
+
 def followed_by(operation_id: str) -> tuple[str, str]:
     """The event, and what it is of."""
     verb, _, noun = operation_id.partition("_")
-    return FOLLOWED_BY.get(operation_id) or (("queued", noun) if verb == "ask" else (f"{noun}-{DONE[verb]}", noun))
+    return FOLLOWED_BY.get(operation_id) or (
+        ("queued", noun) if operation_id in ASKED else (f"{noun}-{DONE[verb]}", noun)
+    )
 
 
 @pytest.fixture(params=["store", pytest.param("postgresql_store", marks=pytest.mark.nightly)])
@@ -244,15 +258,15 @@ def test_every_request_that_changes_something_is_followed_by_an_event(changing, 
         (each for each in EVERY if each["method"] not in READ_ALONE), key=lambda each: each["method"] == "DELETE"
     )
     add_what_is_decided(store)
-    another = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    another = store.calibrations.accept(CalibrationRequest(scan_id="example")).id
     replace(worker, store=store).finish_calibration()
     store.calibrations.activate(another, "by hand")
     content = changing.get("/examples/phantom-scan.npz").content
     # Where the examples of a fresh data folder change nothing: no key, a job that has ended, a part that is not all.
     own = {
-        "/v1/keys/example": f"/v1/keys/{store.keys.create(KeyAsk(name='example', scope=Scope.READ)).id}",
-        "/v1/jobs/example": f"/v1/jobs/{store.calibrations.accept(CalibrationAsk(scan_id='example')).job_id}",
-        "/v1/uploads/example": f"/v1/uploads/{store.uploads.create(UploadAsk(size_bytes=len(content)), QUOTA).id}",
+        "/v1/keys/example": f"/v1/keys/{store.keys.create(KeyRequest(name='example', scope=Scope.READ)).id}",
+        "/v1/jobs/example": f"/v1/jobs/{store.calibrations.accept(CalibrationRequest(scan_id='example')).job_id}",
+        "/v1/uploads/example": f"/v1/uploads/{store.uploads.create(UploadRequest(size_bytes=len(content)), QUOTA).id}",
     }
     for example in examples:
         number = store.events.newest_number()
@@ -260,13 +274,13 @@ def test_every_request_that_changes_something_is_followed_by_an_event(changing, 
         path = example["path"].replace(start, own.get(start, start))
         answer = changing.request(example["method"], path, **options_of(changing, example))
         assert answer.status_code < 300, (path, answer.text)
-        happened = [(event.what, event.subject) for event in store.events.following(number)]
+        happened = [(event.type, event.subject) for event in store.events.following(number)]
         assert followed_by(example["operation_id"]) in happened, (path, happened)
     upload_id = own["/v1/uploads/example"].rpartition("/")[2]
     number = store.events.newest_number()
     made = changing.post(f"/v1/inspections?upload_id={upload_id}").json()
     used = store.events.following(number)[-1]
-    assert (used.what, used.subject_id) == ("upload-used", upload_id)
+    assert (used.type, used.subject_id) == ("upload-used", upload_id)
     assert used.detail == {"used_by": f"/v1/inspections/{made['id']}"}
 
 
@@ -275,7 +289,7 @@ def test_an_event_of_a_key_has_its_id_alone(seeded, store):
     made = seeded.post("/v1/keys", json={"name": "line 2", "scope": "admin"}).json()
     [event] = store.events.following(number)
     assert event.model_dump(exclude_none=True, exclude={"number", "at"}) == {
-        "what": "key-created",
+        "type": "key-created",
         "subject": "key",
         "subject_id": made["id"],
     }

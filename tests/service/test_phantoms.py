@@ -89,7 +89,7 @@ BOW = polygon((-50, -50), (50, 50), (50, -60), (-50, 50))
 
 
 def test_a_phantom_measured_anew_is_another_one_that_follows_it_and_no_day_to_come_is_taken(client):
-    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
+    length = {"dimension": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
     made = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]})
     assert made.status_code == 201
     newer = client.get(made.headers["Location"]).json()
@@ -115,7 +115,7 @@ def drawn(store, *measurements: SizeMeasurement) -> str:
 def measured(days_ago: int, expires_in_days: int | None, axis: str = "x") -> SizeMeasurement:
     today = date.today()  # noqa: DTZ011 - as people count days
     return SizeMeasurement(
-        what=axis,
+        dimension=axis,
         measured_mm=100.0,
         standard_uncertainty_mm=0.1,
         instrument="caliper 12",
@@ -133,7 +133,7 @@ def test_the_list_says_how_well_each_size_is_known(client, store):
         (measured(-1, 200), "Measured", "Measured on "),
         (measured(3, None), "Measured", "Measured 3 days ago by caliper 12, with no day on which to repeat it."),
     ):
-        drawn(store, *([measurement, measurement.model_copy(update={"what": "y"})] if measurement else []))
+        drawn(store, *([measurement, measurement.model_copy(update={"dimension": "y"})] if measurement else []))
         text = text_of(client.get("/phantoms").text)
         first = text[text.index("&lt;round&gt;") :]
         assert first.startswith(f"&lt;round&gt; {word} 100.0 \N{MULTIPLICATION SIGN} 100.0 mm Size known to")
@@ -146,7 +146,7 @@ def test_a_phantom_measured_anew_takes_the_place_of_the_old_one_and_a_side_that_
     shown = text_of(client.get(f"/phantoms/{drawn(store, measured(0, 200, 'y'))}").text)
     assert "Measured along y only" in shown
     assert "Measured today by caliper 12, along y only: along x it is as it was drawn. Measure that side too." in shown
-    before, length = drawn(store), {"what": "x", "measured_mm": 99.0, "standard_uncertainty_mm": 0.05}
+    before, length = drawn(store), {"dimension": "x", "measured_mm": 99.0, "standard_uncertainty_mm": 0.05}
     newer = client.post(f"/v1/phantoms/{before}/measurements", json={"measurements": [length]}).json()["id"]
     listed = client.get("/phantoms").text
     assert f"/phantoms/{newer}" in listed
@@ -200,7 +200,7 @@ def test_a_plan_is_held_against_tolerances_and_a_built_in_phantom_stays_offered_
     assert "is built in and stays" in text_of(refused.text.replace("&#39;", "'"))
     assert seeded.post("/phantoms/example-spare/delete").headers["Location"] == "/phantoms"
     assert seeded.get("/phantoms/example-spare").status_code == 404
-    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
+    length = {"dimension": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
     newer = seeded.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]}).json()["id"]
     listed, asked = seeded.get("/phantoms").text, seeded.get("/calibrate?scan=example").text
     for phantom_id in ("l-shape", newer):

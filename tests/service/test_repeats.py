@@ -11,8 +11,8 @@ from asgi import asynchronous, refusal
 from results import SCANNER_SPEC as SCANNER
 
 from sawmill_contracts import kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.keys import KeyRequest, Scope
+from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.database.tables import RepeatRow
 from sawmill_platform.files.upload_stream import AsSent
 from sawmill_platform.keys.repeats import Repeats
@@ -22,7 +22,7 @@ from sawmill_service.http.bodies.sent_content import SentContent
 
 ASK = {"scan_id": "example", "seed": 4}
 DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
-LENGTH = {"what": "x", "measured_mm": 200.1, "standard_uncertainty_mm": 0.05, "measured_on": "2026-01-02"}
+LENGTH = {"dimension": "x", "measured_mm": 200.1, "standard_uncertainty_mm": 0.05, "measured_on": "2026-01-02"}
 REQUESTS = {
     "/v1/calibrations": {"json": ASK},
     "/v1/calibrations/example/activate": {},
@@ -101,7 +101,7 @@ def test_the_key_of_another_request_is_refused_and_that_of_another_caller_is_ano
     seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
     ids = set()
     for name in ("one", "other"):
-        secret = store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret
+        secret = store.keys.create(KeyRequest(name=name, scope=Scope.SUBMIT)).secret
         headers = named("once") | {"Authorization": f"Bearer {secret}"}
         answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
         ids |= set(answers)
@@ -183,7 +183,7 @@ def each_store(request):
 
 
 def complete_upload(store):
-    upload = store.uploads.create(UploadAsk(size_bytes=len(CONTENT)), UploadQuota(9, 2**30, 2**30))
+    upload = store.uploads.create(UploadRequest(size_bytes=len(CONTENT)), UploadQuota(9, 2**30, 2**30))
     part = store.uploads.begin_part(upload.id, 0)
     part.take(AsSent(), CONTENT, commits=False)
     part.finish(AsSent())

@@ -10,7 +10,7 @@ from page_text import absent
 from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import KnownBaseline
 from sawmill_contracts.measurements import MeasurementKind, Movement
 from sawmill_contracts.scanner_drift import DriftFinding, PooledDrift
@@ -19,10 +19,10 @@ from sawmill_service.pages.charts import DRIFT, MOST_MARKS, Span, days_of, drift
 from sawmill_store.mill_tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
-LOOKS = {"looks": 50, "outliers": 0, "first_at": NOW - timedelta(days=9), "last_at": NOW - timedelta(days=9)}
+LOOKS = {"checks": 50, "outliers": 0, "first_at": NOW - timedelta(days=9), "last_at": NOW - timedelta(days=9)}
 OFFSETS = {"cor_column_offset_mm": 0.1, "tilt_offset_rad": 0.0, "covariance": [[1e-4, 0.0], [0.0, 1e-8]]}
 BASELINE = KnownBaseline(method="view-pairs", **LOOKS, **OFFSETS)
-POOLED = {"pooled_looks": 50, "pooled_cor_column_mm": -209.0}
+POOLED = {"pooled_checks": 50, "pooled_cor_column_mm": -209.0}
 TILT = {"tilt_change_deg": 0.0, "tilt_standard_deviation_deg": 0.01}
 
 
@@ -63,7 +63,7 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
     baseline = {"baseline": BASELINE, "baseline_cor_column_mm": -209.05, "baseline_tilt_deg": None}
     tilt = {"pooled_tilt_deg": -4.7, "pooled_tilt_standard_deviation_deg": 0.01}
     spread = {"pooled_cor_column_standard_deviation_mm": 0.02}
-    together = PooledDrift(looks=60, finding=finding, alarm=finding, **of, **baseline, **POOLED, **spread, **tilt)
+    together = PooledDrift(checks=60, finding=finding, alarm=finding, **of, **baseline, **POOLED, **spread, **tilt)
     span = Span.until(NOW, 30)
     chart = drift_chart(seen, [], span=span, tolerance_mm=0.5, total=len(seen), together=[together])
     rays, cor, tilt = chart.panels
@@ -247,7 +247,7 @@ def test_a_schedule_s_times_and_outcomes_lead_where_they_can(seeded, store):
     page = seeded.get("/scanners/example-spare").text
     assert "Every day at 05:30, Mars/Olympus" in page
     assert re.search(r">[^<>]*05:30[^<>]*</time> <span class=\"soft\">\(UTC\)</span>", page)
-    running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    running = store.calibrations.accept(CalibrationRequest(scan_id="example")).id
     with store.database.write() as session:
         for minute, calibration_id in enumerate(("example", running, None)):
             due_at = NOW.replace(minute=minute)

@@ -164,7 +164,7 @@ def test_it_is_listed_newest_first_and_narrowed(seeded):
     key = seeded.bring(Scope.ACTIVATE, name="Maija")
     seeded.post("/v1/calibrations/example/activate", json={"reason": "checked"})
     items = seeded.get(PATH).json()["items"]
-    assert [f"{each['kind']} {each['what']}" for each in items] == [
+    assert [f"{each['kind']} {each['type']}" for each in items] == [
         *("activation calibration-rolled-back", "activation calibration-activated", "calibration succeeded"),
         *("schedule schedule-created", "schedule schedule-created", "drift-check succeeded"),
         *("activation calibration-activated", "calibration succeeded", "settings scanner-created"),
@@ -206,7 +206,7 @@ def test_the_file_has_every_entry_the_columns_of_the_contract_and_no_formula(see
     assert [line["kind"] for line in only] == ["drift-check"]
     assert seeded.get("/v1/scanners/nobody/history.csv").json()["code"] == "scanner-not-found"
     fields = {*HistoryEntry.model_fields, *Measurement.model_fields, "gain_per_mm"} - {"measured", "gain", "scanner_id"}
-    assert (sorted(COLUMNS), COLUMNS[:4]) == (sorted(fields), ("number", "at", "kind", "what"))
+    assert (sorted(COLUMNS), COLUMNS[:4]) == (sorted(fields), ("number", "at", "kind", "type"))
 
 
 def test_the_file_is_written_while_it_is_read_and_what_is_unknown_or_deleted_has_no_link(store, seeded):
@@ -221,7 +221,7 @@ def test_the_file_is_written_while_it_is_read_and_what_is_unknown_or_deleted_has
     assert next(parts).count("\r\n") == len(entries)
     entry = store.history.page("example").items[0]
     with store.database.write() as session:
-        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "what": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
+        later = {"at": entry.at, "topic": HistoryKind.SETTINGS, "type": event_kinds.CLOCK_STEPPED, "subject": "scanner"}
         session.add(EventRow(group_id="example", subject_id="example", **later))
     assert "clock-stepped" in seeded.get(PAGE).text
     with store.database.write() as session:
@@ -250,7 +250,7 @@ def test_a_trend_has_error_bars_lines_and_open_alarms():
         HistoryMark(days[1], HistoryKind.ACTIVATION, mill_events.CALIBRATION_ACTIVATED, "one", None),
         HistoryMark(days[2], HistoryKind.ALARM, mill_events.ALARM_OPENED, of, no_scan),
     ]
-    opened = [Alarm(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
+    opened = [Alarm(scanner_id="example", kind=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
     chart = trend_chart([movement(4), *checks, wide], marks, opened, Span.until(NOW, 10), 4)
     cor, tilt, sdd, residual, gain = chart.panels
     bars = [tuple(map(float, bar)) for bar in re.findall(r"M([\d.]+) ([\d.]+)V([\d.]+)", cor.bars)]
@@ -276,7 +276,7 @@ def test_a_year_is_a_small_page_and_few_queries(seeded, store):
     ]
     kinds = {calibration: ("calibration", "calibration"), drift: ("drift-check", "drift")}
     entries = [
-        {"group_id": "example", "at": one["at"], "topic": kinds[one["kind"]][0], "what": event_kinds.SUCCEEDED}
+        {"group_id": "example", "at": one["at"], "topic": kinds[one["kind"]][0], "type": event_kinds.SUCCEEDED}
         | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"]}
         for one in measured
     ]

@@ -6,8 +6,8 @@ from datetime import timedelta
 
 from page_text import absent
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.database.paging import new_id
 from sawmill_store.mill_tables import ReconstructionRow, ScanRow
@@ -131,13 +131,13 @@ def test_a_scan_says_what_it_lacks_and_is_deleted_after_a_question_unless_it_is_
     answer = seeded.post(f"/scans/{scan.id}/reconstruct", data={"method": "fbp"})
     assert answer.status_code == 409
     assert "no active calibration" in words(answer)
-    running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    running = store.calibrations.accept(CalibrationRequest(scan_id="example")).id
     page = seeded.get("/scans/example").text
     assert f'href="/calibrate?calibration={running}"' in page
     assert 'href="/calibrations/example/report?language=en"' in page
     page = seeded.get("/scans/example-spare")
     assert re.search(r"<details>.*?<summary>Delete this scan.*?Yes, delete it", page.text, re.DOTALL)
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example-spare"))
+    log = store.reconstructions.accept(ReconstructionRequest(scan_id="example-spare"))
     refused = seeded.post("/scans/example-spare/delete")
     assert refused.status_code == 409
     assert log.job_id in words(refused)
@@ -148,7 +148,7 @@ def test_a_scan_says_what_it_lacks_and_is_deleted_after_a_question_unless_it_is_
 
 
 def test_a_log_is_renamed_on_its_page_and_a_list_of_logs_shows_state_method_and_size(seeded, store):
-    waiting = store.reconstructions.accept(ReconstructionAsk(scan_id="example", method="cauchy_map"))
+    waiting = store.reconstructions.accept(ReconstructionRequest(scan_id="example", method="cauchy_map"))
     answer = seeded.get("/logs")
     shown = words(answer)
     assert titles(answer)[0] == waiting.id
@@ -207,7 +207,7 @@ def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, s
 
 
 def test_a_log_that_failed_or_whose_file_or_scan_is_gone_is_still_described(seeded, store):
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
+    log = store.reconstructions.accept(ReconstructionRequest(scan_id="example"))
     store.jobs.request_cancel(log.job_id)
     answer = seeded.get(f"/logs/{log.id}")
     assert "It was cancelled before it was done." in words(answer)

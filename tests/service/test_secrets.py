@@ -152,7 +152,7 @@ def test_each_request_is_one_line(seeded, log_lines):
     asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}, headers={"X-Request-Id": "mine"})
     seeded.request("BREW", "/nowhere")
     happened, line, other = log_lines()
-    assert (happened["event"], happened["what"], happened["request_id"]) == ("event", "queued", "mine")
+    assert (happened["event"], happened["type"], happened["request_id"]) == ("event", "queued", "mine")
     expected = {"event": "request", "level": "info", "timestamp": "", "request_id": "mine", "seconds": 0, "status": 202}
     expected |= {"method": "POST", "route": "/v1/calibrations", "bytes": len(asked.content)}
     assert {**line, "seconds": 0, "timestamp": ""} == expected | {"job_id": asked.json()["job_id"]}

@@ -10,11 +10,11 @@ from page_text import absent, text_of
 from sqlalchemy import event, insert
 
 from sawmill_contracts import kinds
-from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.plans import PlanRequest
 from sawmill_contracts.retention import RetentionKind
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
 from sawmill_service.pages.system.system import ACTIONS
@@ -28,7 +28,7 @@ DECK = 10_000
 
 def asked(store) -> str:
     """A plan's job."""
-    return store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
+    return store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
 def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ended_in_their_order(seeded, store, worker):
@@ -113,7 +113,7 @@ def test_a_service_in_order_says_so_and_a_worker_is_shown_with_its_job(seeded, s
     assert "not used: workers look into the database" in text
     assert "This machine's clock agrees with the service's time." in text.replace("&#39;", "'")
     assert absent(text, "sawmill-calibration", "SAWMILL_MAX_UPLOAD_BYTES 97.7 KiB") == []
-    store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
+    store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"})
     worker.claim()
     assert "test Plan of a calibration" in text_of(seeded.get("/system").text)
 
@@ -133,7 +133,7 @@ def test_a_disk_that_fills_is_seen_before_it_is_full_and_redis_that_is_away_name
 
 
 def test_an_administrator_alone_sees_keys_audit_and_rules_and_nobody_secrets(client, store):
-    key = store.keys.create(KeyAsk(name="scanner <2>", scope=Scope.SUBMIT))
+    key = store.keys.create(KeyRequest(name="scanner <2>", scope=Scope.SUBMIT))
     page = client.get("/system").text
     assert key.secret not in page
     assert "scanner &lt;2&gt; Good submit: may also upload and ask for work" in text_of(page)
@@ -218,6 +218,6 @@ def test_the_page_shows_first_and_changes_what_was_confirmed_alone(seeded, store
 
 def test_every_kind_and_every_action_of_the_audit_has_words():
     assert set(KINDS) == set(RetentionKind)
-    decisions = {kind for kind in EventKind.all() if kind.is_decision}
+    decisions = {kind for kind in EventType.all() if kind.is_decision}
     assert not (decisions - ACTIONS.keys()), "add them to ACTIONS in service/sawmill_service/pages/system/system.py"
     assert not ACTIONS.keys() - decisions, "no audit keeps these: remove them from ACTIONS"

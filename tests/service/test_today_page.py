@@ -9,8 +9,8 @@ from page_text import absent
 from results import SCANNER_FORM, comparison
 from sqlalchemy import event
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
@@ -54,7 +54,7 @@ def scanned(store, worker):
         spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
         store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10), scan_id="spare")
         worker.finish_scan()
-        store.calibrations.accept(CalibrationAsk(scan_id="spare", **ask))
+        store.calibrations.accept(CalibrationRequest(scan_id="spare", **ask))
 
     return add
 
@@ -247,7 +247,7 @@ def test_movement_is_a_bar_to_its_tolerance(seeded, checked):
 @pytest.mark.parametrize("fails", [True, False])
 def test_what_a_check_saw_holds_until_another_one_sees(seeded, store, worker, checked, fails):
     checked(ray_change_mm=0.62, within_tolerance=False, reason="the COR moved")
-    store.drifts.accept(DriftAsk(scan_id="example"))
+    store.drifts.accept(DriftRequest(scan_id="example"))
     if fails:
         store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-log", detail="no log in the scan"))
     else:
@@ -285,7 +285,7 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     assert seeded.get("/v1/alarms").json() == {"alarms": []}
     ((_, opened),) = later.alarms.check()
     (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["alarms"]
-    assert (alarm["what"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
+    assert (alarm["kind"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
     assert datetime.fromisoformat(alarm["since"]) == opened.since
     assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
     sentence = "It has sent no scan for longer than is allowed."
@@ -293,12 +293,12 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     assert sentence in seeded.get("/").text
     finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
     assert "Se ei ole lähettänyt skannauksia sallitussa ajassa" in finnish
-    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in seeded.get("/metrics").text
+    assert 'sawmill_scanner_alarm{kind="scanner-quiet",scanner="example"} 1.0' in seeded.get("/metrics").text
     known = store.scanners.get("example")
     store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits()}))
     store.alarms.check()
     assert sentence not in seeded.get("/scanners/example").text
-    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 0.0' in seeded.get("/metrics").text
+    assert 'sawmill_scanner_alarm{kind="scanner-quiet",scanner="example"} 0.0' in seeded.get("/metrics").text
 
 
 def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seeded, store, later):
@@ -344,5 +344,5 @@ def test_alarms_beyond_the_scanners_that_metrics_show_are_counted(seeded, store,
         for _ in range(SHOWN_SCANNERS):
             store.scanners.create(spare)
     scraped = seeded.get("/metrics").text
-    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in scraped
+    assert 'sawmill_scanner_alarm{kind="scanner-quiet",scanner="example"} 1.0' in scraped
     assert 'sawmill_scanner_calibration_failed{scanner="example"}' not in scraped

@@ -69,7 +69,7 @@ def test_a_data_folder_of_0_1_0_is_answered_served_filled_from_and_worked_on(cli
     assert [each["tilt_change_deg"] for each in rows] == pytest.approx(changes)
     assert [each["tilt_deg"] for each in rows] == pytest.approx(tilts)
     history = get(client, "/v1/scanners/example/history/entries").json()["items"]
-    assert [f"{each['what']} {each['subject_id']}" for each in history] == [
+    assert [f"{each['type']} {each['subject_id']}" for each in history] == [
         *("cancelled cancelled", "calibration-rolled-back example", "failed failed", "calibration-activated second"),
         *("succeeded second", "succeeded example", "calibration-activated example", "succeeded example"),
     ]

@@ -18,8 +18,8 @@ from documented import check_documented
 from results import SCANNER_SPEC as SCANNER
 from write_lock import write_lock
 
-from sawmill_contracts.plans import PlanAsk
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_contracts.plans import PlanRequest
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.files.upload_stream import STEP_BYTES
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_service.app import create_app
@@ -72,7 +72,7 @@ def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store):
     [({"disk_reserve_bytes": 2**62}, 507, "storage-full"), ({"max_queued_jobs": 1}, 429, "queue-full")],
 )
 def test_what_there_is_no_room_for_is_refused_before_a_byte_is_read(seeded, settings, store, limits, status, code):
-    store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"})
+    store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"})
     full = Store(store.settings.model_copy(update=limits))
     seeded.app = create_app(settings, full, print)
     for path in (SCANS, "/v1/inspections", PICTURES):
@@ -287,7 +287,7 @@ def test_other_files_come_in_parts_too_and_need_the_scope_to_submit(seeded, stor
         made = seeded.post(f"{path}upload_id={upload.rpartition('/')[2]}")
         assert (made.status_code, seeded.get(upload).json()["used_by"]) == (202, made.headers["Location"])
     for scope, status in ((Scope.READ, 403), (Scope.SUBMIT, 201)):
-        seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyAsk(name='own', scope=scope)).secret}"
+        seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyRequest(name='own', scope=scope)).secret}"
         made = seeded.post("/v1/uploads", json={"size_bytes": 3})
         assert made.status_code == status
     assert send_part(seeded, made.headers["Location"], 0, b"abc").is_success
@@ -394,8 +394,8 @@ def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, store):
 
 
 def test_an_upload_belongs_to_the_key_that_began_it(seeded, store):
-    secrets = [store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret for name in ("own", "another")]
-    admin = store.keys.create(KeyAsk(name="admin", scope=Scope.ADMIN)).secret
+    secrets = [store.keys.create(KeyRequest(name=name, scope=Scope.SUBMIT)).secret for name in ("own", "another")]
+    admin = store.keys.create(KeyRequest(name="admin", scope=Scope.ADMIN)).secret
     own, another, admin = ({"Authorization": f"Bearer {secret}"} for secret in (*secrets, admin))
     seeded.headers |= own
     paths = [begin(seeded) for _ in range(2)]

@@ -24,7 +24,7 @@ from missing_parts import skip_without
 from receivers import receiving, status
 
 from sawmill_contracts import mill_events
-from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.settings import StorageSettings
@@ -73,7 +73,7 @@ def receiver():
 
 @pytest.fixture
 def hook(store, receiver):
-    return store.webhooks.create(WebhookAsk(url=receiver.url))
+    return store.webhooks.create(WebhookRequest(url=receiver.url))
 
 
 def happen(store, number: int = 1) -> None:
@@ -175,7 +175,7 @@ def test_every_other_answer_is_a_failure_with_its_reason(store, receiver, hook, 
 def test_one_that_hangs_holds_up_no_other(store, receiver, hook):
     receiver.usual = receivers.hanging
     with receiving() as other:
-        store.webhooks.create(WebhookAsk(url=other.url))
+        store.webhooks.create(WebhookRequest(url=other.url))
         happen(store, 3)
 
         async def look() -> None:
@@ -194,7 +194,7 @@ def test_one_that_hangs_holds_up_no_other(store, receiver, hook):
 
 def test_an_address_is_looked_up_once_an_attempt_and_checked_each_time(store, receiver):
     allowed = AllowedDestinations([f"mes.mill.example:{receiver.port}", "127.0.0.0/8"])
-    hook = store.webhooks.create(WebhookAsk(url=f"http://mes.mill.example:{receiver.port}/"))
+    hook = store.webhooks.create(WebhookRequest(url=f"http://mes.mill.example:{receiver.port}/"))
     answers, asked = [["127.0.0.1"], ["169.254.169.254"], ["127.0.0.1", "10.0.0.1"]], []
 
     async def rebinding(host: str, _port: int) -> list[str]:
@@ -216,7 +216,7 @@ def test_an_address_is_looked_up_once_an_attempt_and_checked_each_time(store, re
 
 def test_an_address_that_swallows_everything_leaves_time_for_the_next(store, receiver):
     allowed = AllowedDestinations([f"mes.mill.example:{receiver.port}", "127.0.0.0/8"])
-    store.webhooks.create(WebhookAsk(url=f"http://mes.mill.example:{receiver.port}/"))
+    store.webhooks.create(WebhookRequest(url=f"http://mes.mill.example:{receiver.port}/"))
 
     async def both(_host: str, _port: int) -> list[str]:
         return ["127.0.0.2", "127.0.0.1"]
@@ -244,7 +244,7 @@ TOO_LONG = f"{'a' * 64}.mill.example"
     ids=["no longer allowed", "nobody listening", "a name too long"],
 )
 def test_what_cannot_be_reached_is_a_failure_with_its_reason(store, receiver, url, allowed, reason):
-    hook = store.webhooks.create(WebhookAsk(url=url or receiver.url))
+    hook = store.webhooks.create(WebhookRequest(url=url or receiver.url))
     happen(store)
     send(store, WebhookSending(AllowedDestinations([allowed])))
     assert receiver.messages == []
@@ -298,7 +298,7 @@ def test_tls_is_verified_by_the_name_and_not_by_the_address(store, certificate):
     with receiving(server) as receiver:
         hosts = [f"{name}.mill.example:{receiver.port}" for name in ("hooks", "other")]
         allowed = AllowedDestinations([*hosts, "127.0.0.1"])
-        hooks, other = (store.webhooks.create(WebhookAsk(url=f"https://{host}/")) for host in hosts)
+        hooks, other = (store.webhooks.create(WebhookRequest(url=f"https://{host}/")) for host in hosts)
         happen(store)
         send(store, WebhookSending(allowed, resolve=at_home, certificates=trusted))
         [message] = receiver.messages
@@ -428,7 +428,7 @@ def test_attempts_follow_the_schedule_of_the_page_for_three_days_then_the_webhoo
     assert clock() - begun > timedelta(days=3)
     stands = store.webhooks.get(hook.id)
     assert (stands.state, stands.last_failure, stands.waiting) == ("paused", "it answered 500", 2)
-    assert store.events.following(0)[-1].what == "webhook-paused"
+    assert store.events.following(0)[-1].type == "webhook-paused"
     clock.advance(86400)
     send(store)
     assert len(receiver.messages) == len(WAITS_S) + 1

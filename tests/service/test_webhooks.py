@@ -13,7 +13,7 @@ from receivers import receiving, status
 from sawmill_command.doctor.store import webhooks as findings
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts.events import Event
-from sawmill_platform.contracts.webhooks import WebhookAsk, destination_of
+from sawmill_platform.contracts.webhooks import WebhookRequest, destination_of
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.webhooks.outbox import DeliveryAttempt
 from sawmill_service.app import create_app
@@ -53,7 +53,7 @@ def test_a_webhook_lives_from_creation_to_deletion_and_can_be_led_to_no_other_ho
     again = client.post("/v1/webhooks", json={"url": URL}, headers=key)
     assert again.json()["code"] == "secret-not-repeated"
     assert f"webhook '{made['id']}' stood in its answer alone: POST /v1/webhooks/{made['id']}/rotate" in again.text
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     for url in ("https://evil.example/", "https://alarms.mill.example:22/", "https://10.1.2.3/"):
         assert refusal(client.put(f"/v1/webhooks/{webhook.id}", json={"url": url})) == (422, "destination-not-allowed")
     assert store.webhooks.get(webhook.id).url == URL
@@ -72,13 +72,13 @@ def test_at_first_every_webhook_is_refused_with_what_to_set_and_nothing_is_looke
     what_to_set = 'set SAWMILL_WEBHOOK_DESTINATIONS to ["alarms.mill.example"] and start the service again'
     assert (refused.json()["detail"], store.webhooks.all().webhooks) == (f"nothing is sent anywhere: {what_to_set}", [])
     assert "Nothing is sent anywhere: no destination is allowed." in text_of(client.get("/system/webhooks").text)
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     assert "nothing is sent anywhere" in client.post(f"/v1/webhooks/{webhook.id}/test").json()["reason"]
 
 
 def test_a_test_is_sent_at_once_and_says_how_it_went(client, store):
     with receiving() as receiver:
-        webhook = store.webhooks.create(WebhookAsk(url=receiver.url, enabled=False))
+        webhook = store.webhooks.create(WebhookRequest(url=receiver.url, enabled=False))
         receiver.answers = [status(204), status(500)]
         went = client.post(f"/v1/webhooks/{webhook.id}/test").json()
         [message] = receiver.messages
@@ -99,7 +99,7 @@ def test_a_test_is_sent_at_once_and_says_how_it_went(client, store):
 def test_the_page_shows_how_each_stands_and_tests_pauses_and_enables(client, store, language):
     client.headers = {"Accept-Language": language}
     with receiving() as receiver:
-        webhook = store.webhooks.create(WebhookAsk(url=receiver.url, description="office <1>"))
+        webhook = store.webhooks.create(WebhookRequest(url=receiver.url, description="office <1>"))
         here = f"/system/webhooks/{webhook.id}"
         happen(store)
         fail(store, webhook.id, 60.0)
@@ -119,7 +119,7 @@ def test_the_page_shows_how_each_stands_and_tests_pauses_and_enables(client, sto
 
 
 def test_metrics_count_attempts_and_what_waits(client, store):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     happen(store)
     fail(store, webhook.id, None)
     label, scraped = f'{{webhook="{webhook.id}"}}', client.get("/metrics").text
@@ -133,7 +133,7 @@ def test_the_doctor_names_a_webhook_that_fails_its_reason_and_the_cure(store):
         return [(finding.state.value, finding.sentence) for finding in findings(store.webhooks, list(allowed))]
 
     assert found() == [("good", "0 of 0 are enabled, and none fails")]
-    webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))
+    webhook = store.webhooks.create(WebhookRequest(url=URL, description="office"))
     assert found() == [("bad", "1 are enabled, and SAWMILL_WEBHOOK_DESTINATIONS is empty: nothing is sent anywhere")]
     assert found("alarms.mill.example") == [("good", "1 of 1 are enabled, and none fails")]
     happen(store)
@@ -158,7 +158,7 @@ def undo(store) -> None:
 def test_each_event_is_a_line_of_the_log_once_it_is_committed(store, log_lines):
     event = happen(store)
     [line] = [line for line in log_lines() if line["event"] == "event"]
-    assert (line["number"], line["what"], line["subject_id"]) == (event.number, "alarm-opened", "line-2")
+    assert (line["number"], line["type"], line["subject_id"]) == (event.number, "alarm-opened", "line-2")
     undo(store)
     with store.database.write_as_one():
         undo(store)

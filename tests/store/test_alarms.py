@@ -8,7 +8,7 @@ from sqlalchemy import update
 from structlog.testing import capture_logs
 
 from sawmill_contracts.alarms import Alarm
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_store.mill_tables import PhantomRow, ScannerRow
@@ -37,7 +37,7 @@ def phantom(store):
 
     def create(expires_on):
         measured = [
-            SizeMeasurement(what=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
+            SizeMeasurement(dimension=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
             for axis in "xy"
         ]
         drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
@@ -48,8 +48,8 @@ def phantom(store):
 
 def events_of(store):
     """The events of alarms, the oldest first."""
-    events = [event for event in store.events.following(0) if event.what.startswith("alarm")]
-    return [(event.what.removeprefix("alarm-"), event.detail["what"]) for event in events]
+    events = [event for event in store.events.following(0) if event.type.startswith("alarm")]
+    return [(event.type.removeprefix("alarm-"), event.detail["kind"]) for event in events]
 
 
 def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store, scanner, limited, upload, clock):
@@ -59,7 +59,7 @@ def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store,
     assert store.alarms.check() == []
     clock.advance(hours=1)
     ((what, alarm),) = store.alarms.check()
-    assert (what, alarm.what, alarm.since) == ("alarm-opened", "scanner-quiet", START + timedelta(hours=24))
+    assert (what, alarm.kind, alarm.since) == ("alarm-opened", "scanner-quiet", START + timedelta(hours=24))
     assert (alarm.last_at, alarm.limit_hours, alarm.scanner_id) == (START, 24.0, scanner.id)
     clock.advance(hours=30)
     assert store.alarms.check() == []
@@ -80,7 +80,7 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
     assert store.alarms.check() == []
     clock.advance(hours=1)
     ((_, alarm),) = store.alarms.check()
-    assert (alarm.what, alarm.phantom_id, alarm.expired_on) == ("phantom-expired", old, date(2026, 3, 3))
+    assert (alarm.kind, alarm.phantom_id, alarm.expired_on) == ("phantom-expired", old, date(2026, 3, 3))
     assert alarm.since == datetime(2026, 3, 4, tzinfo=UTC)
     upload(store, phantom_id=new)
     assert store.alarms.check() == []
@@ -110,7 +110,7 @@ def test_several_schedulers_open_and_close_each_alarm_once_over_a_quarter(store,
     quiet = [what for what, of in events_of(store) if of == "scanner-quiet"]
     assert quiet == ["opened", "closed"] * 11 + ["opened"]
     assert [what for what, of in events_of(store) if of == "no-phantom-scan"] == ["opened"]
-    assert [alarm.what for alarm in store.alarms.open(scanner_id=scanner.id)] == ["no-phantom-scan", "scanner-quiet"]
+    assert [alarm.kind for alarm in store.alarms.open(scanner_id=scanner.id)] == ["no-phantom-scan", "scanner-quiet"]
 
 
 @pytest.mark.dialect
@@ -152,7 +152,7 @@ def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_othe
     upload(store, phantom_id=measured)
     finish(store)
     clock.advance(hours=2)
-    drawing = {"measurements": [{"what": "x", "measured_mm": "long"}]}
+    drawing = {"measurements": [{"dimension": "x", "measured_mm": "long"}]}
     with store.database.write() as session:
         session.execute(update(PhantomRow).where(PhantomRow.id == measured).values(drawing=drawing))
     with capture_logs() as log:
@@ -173,7 +173,7 @@ def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, fin
     clock.advance(days=9)
     calibrated = upload(store).id
     finish(store)
-    store.calibrations.accept(CalibrationAsk(scan_id=calibrated))
+    store.calibrations.accept(CalibrationRequest(scan_id=calibrated))
     finish(store)
     last = upload(store, phantom_id=None).id
     finish(store)

@@ -22,7 +22,7 @@ from sqlalchemy import text
 from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
@@ -34,8 +34,8 @@ from sawmill_platform.backups.rows_to_postgresql import copy_rows
 from sawmill_platform.backups.taking import backups_in, remove_older
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.keys import KeyRequest, Scope
+from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.database.database import Database, newest_revision
 from sawmill_platform.database.engines import make_engine
 from sawmill_platform.database.tables import Base
@@ -113,14 +113,14 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     now = store.now()
     running = upload(store)
     claim = store.jobs.claim("a worker that is not there")
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id))
     waiting = upload(store)
-    key = store.keys.create(KeyAsk(name='line 2, "north" \\N', scope=Scope.SUBMIT))
+    key = store.keys.create(KeyRequest(name='line 2, "north" \\N', scope=Scope.SUBMIT))
     session = store.sessions.open(hash_of(key.secret), lasting=False)
     schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
     with store.database.write() as changing:
         changing.execute(text("UPDATE schedules SET next_due_at = :at"), {"at": f"{now - timedelta(days=3):%F %T.%f}"})
-    half = store.uploads.create(UploadAsk(size_bytes=10), UploadQuota(3, 25, 40))
+    half = store.uploads.create(UploadRequest(size_bytes=10), UploadQuota(3, 25, 40))
     part = store.uploads.begin_part(half.id, 0)
     part.take(AsSent(), b"0123", commits=True)
     part.finish(AsSent())
@@ -144,8 +144,8 @@ def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
     numbers = [event["number"] for event in before["events"]]
     assert after["events"][: len(numbers)] == before["events"]
     mark, given_back = after["events"][len(numbers) :]
-    assert (mark["what"], mark["number"]) == (event_kinds.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
-    assert (given_back["what"], given_back["job_id"]) == (event_kinds.GIVEN_BACK, running.job_id)
+    assert (mark["type"], mark["number"]) == (event_kinds.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
+    assert (given_back["type"], given_back["job_id"]) == (event_kinds.GIVEN_BACK, running.job_id)
     theirs, ours = files_of(elsewhere), files_of(settings)
     ours.pop(f"unfinished/{half.id}")
     assert theirs.pop(f"unfinished/{half.id}")[1] == hashlib.sha256(b"0123").hexdigest()
@@ -489,5 +489,5 @@ def test_rows_on_sqlite_are_copied_into_an_empty_postgresql(one_backup, tmp_path
         assert rows[table] == there[table], table
     newest = max((event["number"] for event in rows["events"]), default=0)
     with closing(Store.open(target)) as store:
-        store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+        store.keys.create(KeyRequest(name="line 2", scope=Scope.SUBMIT))
         assert store.events.following(newest)[0].number == newest + 1

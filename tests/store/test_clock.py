@@ -67,7 +67,7 @@ def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store
     before = now(store)
     look(200.0 + LASTING_S)
     (event,) = store.events.of_clock()
-    assert (event.what, round(event.detail["off_s"])) == (event_kinds.CLOCK_STEPPED, 7200)
+    assert (event.type, round(event.detail["off_s"])) == (event_kinds.CLOCK_STEPPED, 7200)
     assert abs(now(store) - before - timedelta(hours=2)) < timedelta(minutes=1)
     assert abs(store.clock_off_s()) < 60.0
 

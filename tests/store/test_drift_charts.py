@@ -10,8 +10,8 @@ from sqlalchemy import select, update
 from structlog.testing import capture_logs
 
 from sawmill_calibration.drift_checks.chart import follow
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_contracts.scans import ScanSpec
@@ -33,7 +33,7 @@ def calibrated(store, ready_scan, finish, clock):
 
     def calibrate():
         clock.advance(minutes=1)
-        asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+        asked = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True))
         finish(store)
         return asked.id
 
@@ -72,7 +72,7 @@ def look(store, log, finish):
 
     def check(change=(0.0, 0.0), *, scan_id=None, **changes):
         scan_id = scan_id or log()
-        asked = store.drifts.accept(DriftAsk(scan_id=scan_id))
+        asked = store.drifts.accept(DriftRequest(scan_id=scan_id))
         measured = random.multivariate_normal(np.asarray(change), COVARIANCE)
         finish(store, **answer(measured, changes.pop("input_sha256", store.scans.get(scan_id).sha256), **changes))
         return asked.id
@@ -124,7 +124,7 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
     assert [row.against_id for row in counted] == [first] * 4 + [second]
     measured = store.measurements.page(counted[0].scanner_id).items[0]
     assert measured.cor_column_tilt_covariance_mm_deg == pytest.approx(math.degrees(COVARIANCE[0, 1]))
-    assert (measured.method, measured.baseline_looks, measured.pooled_looks) == ("view-pairs", None, None)
+    assert (measured.method, measured.baseline_checks, measured.pooled_checks) == ("view-pairs", None, None)
 
 
 def go_on(store, scanner, follow=follow):
@@ -148,7 +148,7 @@ def test_a_portion_that_another_process_has_put_in_meanwhile_leaves_the_chart(st
 
     assert store.drift_charts.follow(scanner.id, meanwhile)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert chart.looks == 5
+    assert chart.checks == 5
     assert store.drift_charts.waiting() == []
 
 
@@ -167,12 +167,12 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
 
     with pytest.raises(KeyboardInterrupt):
         go_on(store, scanner, killed_after_two)
-    assert store.drift_charts.of_scanner(scanner.id).charts[0].looks == 40
+    assert store.drift_charts.of_scanner(scanner.id).charts[0].checks == 40
     with ThreadPoolExecutor(3) as several:
         list(several.map(lambda _: go_on(store, scanner), range(3)))
     assert store.drift_charts.waiting() == []
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (75, 50, 50, "quiet")
+    assert (chart.checks, chart.baseline.checks, chart.pooled_checks, chart.finding.kind) == (75, 50, 50, "quiet")
     assert (chart.alarm, chart.method) == (None, "view-pairs")
     at_once = follow({}, "view-pairs", [], looks_of(store, chart.since))
     assert chart.finding == at_once.finding
@@ -209,7 +209,7 @@ def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_
     go_on(store, scanner, writing)
     assert numbers[-4:] == [(0, 20), (20, 20), (40, 20), (50, 11)]
     (anew,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (anew.looks, anew.finding, anew.alarm, anew.baseline) == (71, known.finding, known.alarm, known.baseline)
+    assert (anew.checks, anew.finding, anew.alarm, anew.baseline) == (71, known.finding, known.alarm, known.baseline)
     assert [row.pooled_cor_column_mm for row in rows(store)][:-1] == pools
 
 
@@ -225,7 +225,7 @@ def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanne
         late.activation_number, late.awaits_chart = 1, True
     go_on(store, scanner)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (chart.looks, chart.since >= since, store.drift_charts.waiting()) == (3, True, [])
+    assert (chart.checks, chart.since >= since, store.drift_charts.waiting()) == (3, True, [])
 
 
 def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, charted, clock):
@@ -234,17 +234,17 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     clock.advance(days=1)
     go_on(store, scanner)
     (opened,) = store.alarms.check()
-    assert (opened.what, opened.alarm.what, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
+    assert (opened.type, opened.alarm.kind, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
     assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
     jump_at = store.drift_charts.of_scanner(scanner.id).charts[0].since + timedelta(minutes=400)
     assert abs(opened.alarm.drift.began_at - jump_at) < timedelta(hours=2)
     assert "scan the phantom and calibrate" in alarm_sentence(opened.alarm)
     assert store.alarms.check() == []
-    assert [alarm.what for alarm in store.alarms.open(scanner_id=scanner.id)] == ["drift"]
+    assert [alarm.kind for alarm in store.alarms.open(scanner_id=scanner.id)] == ["drift"]
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.calibration_id, chart.alarm) == (first, opened.alarm.drift)
     event = store.events.following(0)[-1]
-    assert (event.what, event.detail["what"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
+    assert (event.type, event.detail["kind"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
     assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == alarm_sentence(opened.alarm)
     store.calibrations.activate(first, "the button was pressed once more")
     assert (store.drift_charts.of_scanner(scanner.id).charts, store.alarms.check()) == ([chart], [])
@@ -253,15 +253,15 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     with capture_logs() as log:
         assert store.alarms.check() == []
     assert [(entry["event"], entry["scanner_id"]) for entry in log] == [("alarms-unreadable", scanner.id)]
-    assert [alarm.what for alarm in store.alarms.open()] == ["drift"]
+    assert [alarm.kind for alarm in store.alarms.open()] == ["drift"]
     second = calibrated()
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     (closed,) = store.alarms.check()
-    assert (closed.what, closed.alarm.what) == ("alarm-closed", "drift")
+    assert (closed.type, closed.alarm.kind) == ("alarm-closed", "drift")
     charted([(0.3, 0.0)] * 51)
     go_on(store, scanner)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 51, None)
+    assert (chart.calibration_id, chart.checks, chart.alarm) == (second, 51, None)
     assert chart.baseline.cor_column_offset_mm == pytest.approx(0.3, abs=0.03)
     assert store.alarms.check() == []
 
@@ -273,10 +273,10 @@ def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
     charted([(0.0, 0.0)] * 50)
     go_on(store, scanner)
     clock.advance(days=2)
-    asked = store.drifts.accept(DriftAsk(scan_id=log()))
+    asked = store.drifts.accept(DriftRequest(scan_id=log()))
     handed = store.jobs.handed_over(asked.job_id)
     (baseline,) = handed.baselines
-    assert (baseline.method, baseline.looks) == ("view-pairs", 50)
+    assert (baseline.method, baseline.checks) == ("view-pairs", 50)
     uncertain = {"cor_column_mm": 0.05, "tilt_rad": 0.002, "source_to_detector_mm": None}
     against = baseline.model_dump() | {
         "ray_offset_mm": 0.0,
@@ -289,8 +289,8 @@ def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
     assert (result.reference, result.at) == ("baseline", clock.now)
     assert result.baseline.age_hours == pytest.approx((clock.now - baseline.last_at).total_seconds() / 3600.0)
     measured = store.measurements.page(asked.scanner_id).items[0]
-    assert (measured.baseline_looks, measured.baseline_age_hours) == (50, result.baseline.age_hours)
+    assert (measured.baseline_checks, measured.baseline_age_hours) == (50, result.baseline.age_hours)
     assert (measured.against_id, measured.cor_column_baseline_change_mm) == (active, 0.02)
     calibrated()
-    later = store.drifts.accept(DriftAsk(scan_id=log()))
+    later = store.drifts.accept(DriftRequest(scan_id=log()))
     assert store.jobs.handed_over(later.job_id).baselines == ()

@@ -8,10 +8,10 @@ from sqlalchemy import event
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import mill_events
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
-from sawmill_platform.contracts.uploads import UploadAsk
+from sawmill_platform.contracts.keys import KeyRequest, Scope
+from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Damaged
 from sawmill_platform.files.upload_stream import AsSent
 from sawmill_platform.ledger.events import announce
@@ -26,7 +26,7 @@ def reader(store):
 
 
 def words(events) -> list[tuple[str, str | None, str | None]]:
-    return [(event.what, event.subject, event.group_id) for event in events]
+    return [(event.type, event.subject, event.group_id) for event in events]
 
 
 def announced(session: Session, store, scanner_id: str) -> None:
@@ -38,10 +38,14 @@ def announced(session: Session, store, scanner_id: str) -> None:
 def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(store, scanner, upload, finish, reader):
     scan = upload(store)
     finish(store)
-    store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="first")
+    store.calibrations.accept(
+        CalibrationRequest(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="first"
+    )
     finish(store)
     store.calibrations.activate("first", "it is active already")
-    store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="second")
+    store.calibrations.accept(
+        CalibrationRequest(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="second"
+    )
     finish(store)
     store.calibrations.activate("first", "back to it")
     events = reader.read()
@@ -53,7 +57,7 @@ def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(
     assert [event.subject_id for event in events] == [scan.id] * 4 + ["first"] * 4 + ["second"] * 4 + ["first"]
     assert events[-1].detail == {"reason": "back to it"}
     # Attempts alone are a job's history.
-    assert [event.what for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
+    assert [event.type for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
     assert reader.read() == []
 
 
@@ -64,7 +68,7 @@ def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock
     refuse("the file holds no stack")
     store.jobs.request_cancel(cancelled.job_id)
     store.scans.delete(refused.id)
-    seen = [(event.what, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
+    seen = [(event.type, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
     assert seen == [
         ("failed", refused.id, None),
         ("scan-refused", refused.id, "the file holds no stack"),
@@ -84,7 +88,7 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
     store.schedules.delete(schedule.id)
     store.scanners.delete(scanner.id)
     events = reader.read()
-    assert [event.what for event in events] == [
+    assert [event.type for event in events] == [
         *("scanner-changed", "schedule-created", "schedule-missed", "schedule-changed", "schedule-deleted"),
         "scanner-deleted",
     ]
@@ -97,7 +101,7 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
 
 def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store, clock, reader):
     quota = UploadQuota(5, 100, 100)
-    asks = (UploadAsk(size_bytes=4, sha256=sha256) for sha256 in ("0" * 64, None))
+    asks = (UploadRequest(size_bytes=4, sha256=sha256) for sha256 in ("0" * 64, None))
     other, stands_still = (store.uploads.create(ask, quota) for ask in asks)
     part = store.uploads.begin_part(other.id, 0)
     part.take(AsSent(), b"scan", commits=True)
@@ -107,7 +111,7 @@ def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store,
     part.close()
     clock.advance(days=2)
     store.uploads.remove_expired()
-    assert [(event.what, event.subject_id, event.detail) for event in reader.read()[2:]] == [
+    assert [(event.type, event.subject_id, event.detail) for event in reader.read()[2:]] == [
         ("upload-deleted", other.id, {"reason": "the file that came has another sha256"}),
         ("upload-deleted", stands_still.id, {"reason": "expired"}),
     ]
@@ -119,17 +123,17 @@ def test_a_job_that_runs_is_asked_to_stop_and_that_is_no_fate_of_its_attempt(sto
     for _ in range(2):
         store.jobs.request_cancel(running)
     asked = reader.read()[2:]
-    assert [(event.what, event.subject, event.job_id) for event in asked] == [("cancel-requested", "scan", running)]
-    assert [event.what for event in store.events.of_job(running)] == ["started"]
+    assert [(event.type, event.subject, event.job_id) for event in asked] == [("cancel-requested", "scan", running)]
+    assert [event.type for event in store.events.of_job(running)] == ["started"]
 
 
 @pytest.mark.dialect
 def test_a_change_that_fails_is_not_announced(store, reader):
-    key = store.keys.create(KeyAsk(name="gate", scope=Scope.READ))
+    key = store.keys.create(KeyRequest(name="gate", scope=Scope.READ))
     event.listen(store.database.engine, "commit", lambda _: 1 / 0)
     for change in (
         lambda: store.keys.rotate(key.id),
-        lambda: store.keys.create(KeyAsk(name="other", scope=Scope.READ)),
+        lambda: store.keys.create(KeyRequest(name="other", scope=Scope.READ)),
     ):
         with pytest.raises(ZeroDivisionError):
             change()

@@ -5,8 +5,8 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import delete
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
@@ -24,7 +24,7 @@ def calibrated(store, ready_scan, finish, clock):
     """Anna asks for a calibration, an hour after the scan; Ben accepts it."""
     clock.advance(hours=1)
     with acting_as(ANNA):
-        store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="first")
+        store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="first")
     finish(store)
     with acting_as(BEN):
         store.calibrations.activate("first", "checked by hand")
@@ -32,7 +32,7 @@ def calibrated(store, ready_scan, finish, clock):
 
 def entered(store, scanner, **which):
     entries = store.history.page(scanner.id, **which).items
-    return [(entry.kind.value, entry.what, entry.who, entry.why) for entry in entries]
+    return [(entry.kind.value, entry.type, entry.who, entry.why) for entry in entries]
 
 
 @pytest.mark.usefixtures("calibrated")
@@ -40,11 +40,11 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock,
     since = clock.now + timedelta(seconds=1)
     clock.advance(hours=1)
     with acting_as(ANNA):
-        store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+        store.drifts.accept(DriftRequest(scan_id=ready_scan.id))
         finish(store, within_tolerance=False, reason="the turntable moved")
-        store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="failing")
+        store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="failing")
         refuse("no phantom is seen")
-        store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="stopped")
+        store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="stopped")
     running = store.jobs.claim("test")
     with acting_as(BEN):
         store.jobs.request_cancel(running.job_id)
@@ -77,7 +77,7 @@ def test_each_entry_names_who_and_why(store, scanner, ready_scan, finish, clock,
 @pytest.mark.dialect
 @pytest.mark.usefixtures("calibrated")
 def test_pages_batches_and_bounds_leave_nothing_out(store, scanner, ready_scan, finish, clock):
-    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="second")
+    store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="second")
     finish(store)
     # Several of one time.
     for number in range(6):

@@ -6,8 +6,8 @@ from racing import race
 from results import answer_of, reading
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanSpec, ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_platform.errors import FolderUnavailable, LeaseLost, NotFound
@@ -64,8 +64,8 @@ def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
 @pytest.mark.dialect
 def test_a_job_waits_for_what_it_needs(store, upload, finish):
     scan = upload(store)
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
-    reconstruction = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=calibration.id))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
+    reconstruction = store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, calibration_id=calibration.id))
     chain = [scan.job_id, calibration.job_id, reconstruction.job_id]
     for job_id, next_id in zip(chain, [*chain[1:], None], strict=True):
         assert list(store.jobs.queued_job_ids()) == [job_id]
@@ -79,7 +79,7 @@ def test_a_job_waits_for_what_it_needs(store, upload, finish):
 
 def test_a_job_may_start_when_what_it_needs_has_failed(store, upload):
     scan = upload(store)
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     store.jobs.fail(claim(store), OURS)
     assert claim(store).job_id == calibration.job_id
 
@@ -199,7 +199,7 @@ def test_a_wait_ends(store, clock, upload):
 
 @pytest.mark.parametrize("kind", [FailureKind.INPUT, FailureKind.INTERNAL])
 def test_other_failures_are_final(store, ready_scan, kind):
-    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    asked = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id))
     failure = OURS.model_copy(update={"kind": kind})
     assert store.jobs.fail(claim(store), failure) is JobState.FAILED
     calibration = store.calibrations.get(asked.id)
@@ -250,17 +250,17 @@ def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upl
     assert not store.jobs.is_in_the_way(held)
     upload(store)
     assert store.jobs.is_in_the_way(held)
-    store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     assert not store.jobs.is_in_the_way(held)
 
 
 def test_a_job_brings_forward_what_it_needs(store, example):
     scans = [example() for _ in range(2)]
     calibrations = [
-        store.calibrations.accept(CalibrationAsk(scan_id=scan.id), priority=Priority.BACKGROUND) for scan in scans
+        store.calibrations.accept(CalibrationRequest(scan_id=scan.id), priority=Priority.BACKGROUND) for scan in scans
     ]
     assert all(store.jobs.get(job.job_id).background for job in [*scans, *calibrations])
-    store.reconstructions.accept(ReconstructionAsk(scan_id=scans[1].id, calibration_id=calibrations[1].id))
+    store.reconstructions.accept(ReconstructionRequest(scan_id=scans[1].id, calibration_id=calibrations[1].id))
     forward = {job.job_id for job in [*scans, *calibrations] if not store.jobs.get(job.job_id).background}
     assert forward == {scans[1].job_id, calibrations[1].job_id}
     assert claim(store).job_id == scans[1].job_id
@@ -273,9 +273,9 @@ def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
     store.jobs.fail(claim(store), FULL, retries=AT_ONCE)
     store.jobs.release(claim(store))
     finish(store)
-    history = [(event.attempt, event.what) for event in store.events.of_job(scan.job_id)]
+    history = [(event.attempt, event.type) for event in store.events.of_job(scan.job_id)]
     assert history == [
-        *[(1, "started"), (1, "lost"), (2, "started"), (2, "put-off")],
+        *[(1, "started"), (1, "lost"), (2, "started"), (2, "postponed")],
         *[(3, "started"), (3, "given-back"), (4, "started"), (4, "succeeded")],
     ]
     lost = store.events.of_job(scan.job_id)[1]

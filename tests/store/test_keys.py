@@ -8,7 +8,7 @@ from sqlalchemy.exc import DBAPIError
 
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
@@ -16,7 +16,7 @@ from sawmill_platform.keys.sessions import LASTS, RENEWAL_STEP
 
 pytestmark = pytest.mark.clocked
 
-ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
+ASK = KeyRequest(name="scanner software", scope=Scope.SUBMIT)
 
 
 def opens(store, key):
@@ -105,7 +105,7 @@ OPENER = hash_of("the token")
 
 @pytest.mark.dialect
 def test_a_link_is_used_once_within_ten_minutes(store, clock):
-    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ, display=True))
+    key = store.keys.create(KeyRequest(name="tablet", scope=Scope.READ, display=True))
     first, second = store.sessions.invite(key.id), store.sessions.invite(key.id)
     clock.advance(minutes=9)
     assert [store.sessions.use_link(first), store.sessions.use_link(first)] == [hash_of(key.secret), None]
@@ -116,7 +116,7 @@ def test_a_link_is_used_once_within_ten_minutes(store, clock):
 
 @pytest.mark.dialect
 def test_a_login_removes_the_sessions_that_have_ended(store, clock):
-    ask = KeyAsk(name="tablet", scope=Scope.READ, display=True)
+    ask = KeyRequest(name="tablet", scope=Scope.READ, display=True)
     kept, revoked, rotated = (store.keys.create(ask) for _ in range(3))
     displays = [store.sessions.open(hash_of(key.secret), lasting=True) for key in (kept, revoked, rotated)]
     store.sessions.open(OPENER, lasting=False)

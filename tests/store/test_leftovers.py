@@ -13,8 +13,8 @@ from sqlalchemy.exc import OperationalError
 from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
@@ -227,9 +227,9 @@ def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer):
 def test_uploads_and_results_without_their_file_are_lost(store, upload, finish):
     scan = upload(store)
     finish(store)
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     finish(store)
-    reconstruction = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=calibration.id))
+    reconstruction = store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, calibration_id=calibration.id))
     finish(store)
     unread = upload(store)
     files = [

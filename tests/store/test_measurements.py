@@ -8,8 +8,8 @@ import pytest
 from results import comparison
 from sqlalchemy import insert
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.measurements import MeasurementKind
 from sawmill_platform.errors import Invalid, NotFound
 from sawmill_store.drift.measurements import MOST_READ
@@ -22,11 +22,11 @@ MOVED = comparison(0.75, calibration_id="first")
 @pytest.fixture
 def measured(store, ready_scan, finish):
     """A first calibration, a second one that found the scanner moved, and a drift check."""
-    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True), identifier="first")
+    store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True), identifier="first")
     finish(store)
-    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="second")
+    store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id), identifier="second")
     finish(store, comparison=MOVED)
-    store.drifts.accept(DriftAsk(scan_id=ready_scan.id), identifier="check")
+    store.drifts.accept(DriftRequest(scan_id=ready_scan.id), identifier="check")
     finish(store)
 
 
@@ -54,7 +54,7 @@ def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
 
 
 def test_what_fails_measures_nothing(store, scanner, ready_scan, refuse):
-    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id))
     refuse()
     assert store.measurements.page(scanner.id).items == []
 

@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts import mill_events
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_platform.contracts.webhooks import Destination, WebhookAsk, WebhookTest, destination_of, kinds_of
+from sawmill_platform.contracts.event_kinds import EventType
+from sawmill_platform.contracts.webhooks import Destination, WebhookRequest, WebhookTest, destination_of, kinds_of
 from sawmill_platform.database.tables import DeliveryRow
 from sawmill_platform.errors import Conflict, NotFound
 from sawmill_platform.ledger.events import announce
@@ -30,7 +30,7 @@ def outbox(store):
     return store.outbox()
 
 
-def happen(store, *kinds: EventKind) -> list[int]:
+def happen(store, *kinds: EventType) -> list[int]:
     """Write events in one transaction each; their numbers."""
     numbers = []
     for kind in kinds:
@@ -56,9 +56,9 @@ def failed(wait_s: float | None = 5.0) -> DeliveryAttempt:
 
 def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox):
     happen(store, mill_events.ALARM_OPENED)
-    alarms = store.webhooks.create(WebhookAsk(url=URL))
-    everything = store.webhooks.create(WebhookAsk(url=URL, events=["*"]))
-    disabled = store.webhooks.create(WebhookAsk(url=URL, enabled=False))
+    alarms = store.webhooks.create(WebhookRequest(url=URL))
+    everything = store.webhooks.create(WebhookRequest(url=URL, events=["*"]))
+    disabled = store.webhooks.create(WebhookRequest(url=URL, enabled=False))
     kinds = (mill_events.ALARM_OPENED, mill_events.SCANNER_CHANGED, mill_events.ALARM_CLOSED)
     first, changed, last = happen(store, *kinds)
     assert waiting(outbox, alarms) == [first, last]
@@ -75,16 +75,16 @@ def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox)
 
 def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outbox):
     assert not outbox.is_wanted()
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     assert outbox.is_wanted()
     [first, refused] = happen(store, mill_events.ALARM_OPENED, mill_events.SCAN_REFUSED)
     deliver(outbox, webhook)
     assert [outbox.due(refused), outbox.due(refused)] == [[], []]
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, events=["scan-refused"]))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, events=["scan-refused"]))
     assert outbox.due(refused) == [webhook.id]
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL))
     assert outbox.due(refused) == []
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=first - 1))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, after=first - 1))
     assert outbox.due(refused) == [webhook.id]
     deliver(outbox, webhook)
     assert outbox.due(refused) == []
@@ -96,7 +96,7 @@ def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outb
 
 @pytest.mark.dialect
 def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, clock):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     first, second = happen(store, mill_events.ALARM_OPENED, mill_events.ALARM_CLOSED)
     assert deliver(outbox, webhook, failed(60.0)) is False
     assert outbox.due(second) == []
@@ -116,20 +116,20 @@ def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, 
 
 
 def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbox):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     first, second, third = happen(store, *[mill_events.ALARM_OPENED] * 3)
     deliver(outbox, webhook)
     sent = store.webhooks.deliveries(webhook.id).items[0].message_id
     pending = outbox.pending(webhook.id, 10**6)
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=first - 1))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, after=first - 1))
     assert outbox.note(pending, pending.events[0], DELIVERED) is False  # that was sent before somebody moved it back
     assert waiting(outbox, webhook) == [first, second, third]
     deliver(outbox, webhook)
     [again] = [entry for entry in store.webhooks.deliveries(webhook.id).items if entry.event_number == first]
     assert (again.message_id, again.attempts) == (sent, 2)
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=second))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, after=second))
     assert waiting(outbox, webhook) == [third]
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=2**31 - 1))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, after=2**31 - 1))
     assert waiting(outbox, webhook) == []
     later = happen(store, mill_events.ALARM_OPENED)
     assert waiting(outbox, webhook) == later
@@ -138,12 +138,12 @@ def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbo
 def test_a_change_counts_from_the_next_event_on(store, outbox):
     changes = {
         "pause": lambda identifier: store.webhooks.enable(identifier, enabled=False),
-        "move": lambda identifier: store.webhooks.update(identifier, WebhookAsk(url="https://other.mill.example/")),
+        "move": lambda identifier: store.webhooks.update(identifier, WebhookRequest(url="https://other.mill.example/")),
         "rotate": lambda identifier: store.webhooks.rotate(identifier, grace_s=0),
         "delete": store.webhooks.delete,
     }
     for name, change in changes.items():
-        webhook = store.webhooks.create(WebhookAsk(url=URL))
+        webhook = store.webhooks.create(WebhookRequest(url=URL))
         happen(store, *[mill_events.ALARM_OPENED] * 2)
         pending = outbox.pending(webhook.id, 10**6)
         change(webhook.id)
@@ -169,7 +169,7 @@ def test_one_process_sends_at_a_time(store, clock):
 
 @pytest.mark.dialect
 def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     happen(store, *[mill_events.ALARM_OPENED] * 2)
     deliver(outbox, webhook)
     clock.advance(days=KEPT.days - 1)
@@ -183,14 +183,14 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
 
 
 def test_lists_turn_pages_and_every_change_is_audited(store, outbox):
-    webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))
+    webhook = store.webhooks.create(WebhookRequest(url=URL, description="office"))
     numbers = happen(store, *[mill_events.ALARM_OPENED] * 3)
     while waiting(outbox, webhook):
         deliver(outbox, webhook)
     page = store.webhooks.deliveries(webhook.id, limit=2)
     rest = store.webhooks.deliveries(webhook.id, limit=2, after=page.next)
     assert [entry.event_number for entry in (*page.items, *rest.items)] == numbers[::-1]
-    store.webhooks.update(webhook.id, WebhookAsk(url=URL, events=["failed"]))
+    store.webhooks.update(webhook.id, WebhookRequest(url=URL, events=["failed"]))
     test = WebhookTest(delivered=False, message_id="msg_1", webhook_id=webhook.id, status=500, reason="it answered 500")
     assert store.webhooks.note_test(test) == test
     store.webhooks.rotate(webhook.id, grace_s=0)
@@ -202,14 +202,14 @@ def test_lists_turn_pages_and_every_change_is_audited(store, outbox):
         with pytest.raises(NotFound):
             call(webhook.id)
     for _ in range(MOST):
-        store.webhooks.create(WebhookAsk(url=URL))
+        store.webhooks.create(WebhookRequest(url=URL))
     with pytest.raises(Conflict, match=f"there are {MOST} webhooks already"):
-        store.webhooks.create(WebhookAsk(url=URL))
+        store.webhooks.create(WebhookRequest(url=URL))
 
 
 @postgresql_alone
 def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, outbox):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     reader = outbox.reader()
     with Session(store.database.engine) as slow, slow.begin():
         announce(slow, store.database.now(), mill_events.ALARM_OPENED, "scanner", "slow")
@@ -227,7 +227,7 @@ def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, o
 def test_names_and_beginnings_choose_events():
     alarms = {mill_events.ALARM_OPENED, mill_events.ALARM_ACKNOWLEDGED, mill_events.ALARM_CLOSED}
     assert kinds_of(["alarm-*"]) == alarms
-    assert kinds_of(["*"]) == set(EventKind.published())
+    assert kinds_of(["*"]) == set(EventType.published())
     assert kinds_of(["failed", "lost"]) == {event_kinds.FAILED, event_kinds.LOST}
 
 
@@ -249,7 +249,7 @@ HOST = "alarms.mill.example"
 )
 def test_what_is_no_plain_url_is_refused(url):
     with pytest.raises(ValidationError, match=r"must be as in|control characters"):
-        WebhookAsk(url=url)
+        WebhookRequest(url=url)
 
 
 def test_a_url_has_the_parts_that_are_sent():
@@ -262,7 +262,7 @@ def test_a_url_has_the_parts_that_are_sent():
 
 
 def test_an_entry_of_a_database_that_was_put_back_is_replaced(store, outbox):
-    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    webhook = store.webhooks.create(WebhookRequest(url=URL))
     happen(store, mill_events.ALARM_OPENED)
     pending = outbox.pending(webhook.id, 10**6)
     [event] = pending.events

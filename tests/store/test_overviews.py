@@ -8,8 +8,8 @@ import pytest
 from sqlalchemy import insert
 
 from sawmill_contracts import mill_events
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.kinds import CALIBRATE
 from sawmill_contracts.measurements import MeasurementKind
@@ -25,12 +25,12 @@ pytestmark = pytest.mark.slow
 @pytest.mark.dialect
 def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish, refuse):
     other = store.scanners.create(ScannerSpec(name="Line 9", constants=scanner.constants))
-    ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
+    ask = CalibrationRequest(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
     store.calibrations.accept(ask, identifier="first")
     finish(store)
-    saw = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    saw = store.drifts.accept(DriftRequest(scan_id=ready_scan.id))
     finish(store)
-    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    drift = store.drifts.accept(DriftRequest(scan_id=ready_scan.id))
     refuse()
     store.calibrations.accept(ask, identifier="second")
     refuse()
@@ -47,7 +47,9 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
 
 @pytest.mark.dialect
 def test_a_discarded_calibration_is_left_out_and_told(store, scanner, ready_scan, finish, refuse):
-    asks = {name: CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape") for name in ("used", "better", "wrong")}
+    asks = {
+        name: CalibrationRequest(scan_id=ready_scan.id, phantom_id="l-shape") for name in ("used", "better", "wrong")
+    }
     for name, ask in asks.items():
         store.calibrations.accept(ask, identifier=name)
         finish(store)
@@ -118,7 +120,7 @@ def rows_of(name, history, start):
         if table is ActivationRow:
             yield table, mine | {"calibration_id": subject, "activated_at": at, "reason": "by hand"}
         elif table is EventRow:
-            what = {"what": mill_events.CALIBRATION_DISCARDED, "topic": "discard", "event_class": "decision"}
+            what = {"type": mill_events.CALIBRATION_DISCARDED, "topic": "discard", "event_class": "decision"}
             yield table, what | {"at": at, "group_id": name, "subject_id": subject}
         else:
             letter, ended_at = identifier.split("-")[0], at + timedelta(minutes=1)

@@ -10,9 +10,9 @@ from results import answer_of, plan_result
 from sqlalchemy import event
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.plans import PlanRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
@@ -166,8 +166,8 @@ def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add_jobs,
 
 def test_what_is_known_to_take_seconds_is_short(store, upload):
     scan = upload(store)
-    asked = [store.calibrations.accept(CalibrationAsk(scan_id=scan.id, method=each)) for each in CalibrationMethod]
-    slices = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=asked[0].id))
+    asked = [store.calibrations.accept(CalibrationRequest(scan_id=scan.id, method=each)) for each in CalibrationMethod]
+    slices = store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, calibration_id=asked[0].id))
     short = [store.jobs.get(each.job_id).short for each in (scan, *asked, slices)]
     assert short == [True, *(method is CalibrationMethod.DEFAULT for method in CalibrationMethod), False]
 
@@ -217,7 +217,7 @@ def plan(store, scanner):
 
     def plan(times=1):
         for views in islice(numbers, times):
-            ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=views)
+            ask = PlanRequest(scanner_id=scanner.id, theta=NOMINAL, views=views)
             store.plans.accept(ask, given={"phantom_id": "l-shape"})
 
     return plan
@@ -239,7 +239,7 @@ def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, 
     def both():
         with store.as_one():
             scan = upload(store)
-            store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+            store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
 
     with acting_as(SOMEBODY):
         plan(5)
@@ -261,7 +261,7 @@ def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits
     job_id = store.calibrations.get(run.calibration_id).job_id
     [event] = [event for event in store.events.following(0) if event.job_id == job_id]
     full = "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS)"
-    assert event.what is event_kinds.QUEUED
+    assert event.type is event_kinds.QUEUED
     assert event.detail == {"reason": f"{full}: this one is the service's own and waits as well"}
 
 

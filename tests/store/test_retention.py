@@ -12,11 +12,11 @@ from sqlalchemy import event
 from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.reconstructions import ReconstructionAsk
-from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules
+from sawmill_contracts.reconstructions import ReconstructionRequest
+from sawmill_contracts.retention import RetentionKind, RetentionRequest, RetentionRules
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
@@ -50,13 +50,13 @@ def calibrated(store, upload, finish, **ask):
     store.database.now.advance(seconds=1)
     scan = upload(store)
     finish(store)
-    accepted = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **ask))
+    accepted = store.calibrations.accept(CalibrationRequest(scan_id=scan.id, **ask))
     finish(store)
     return scan.id, accepted.id
 
 
 def put(store, rules):
-    ask = RetentionAsk(**rules.model_dump(), remove_at_most=store.retention.preview(rules).number)
+    ask = RetentionRequest(**rules.model_dump(), remove_at_most=store.retention.preview(rules).number)
     return store.retention.replace(ask)
 
 
@@ -92,8 +92,8 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     assert not folder.exists()
     assert not mill.files.upload(kinds.INGEST, old).parent.exists()
     changed, removed = mill.events.following(number)
-    assert (changed.what, changed.subject) == ("retention-changed", "retention")
-    assert (removed.what, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
+    assert (changed.type, changed.subject) == ("retention-changed", "retention")
+    assert (removed.type, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
     [entry] = [each for each in mill.retention.get().removed if each.number]
     assert entry.kind == "log-scans"
     assert mill.audit.page().items[0].detail == {"log_scans_days": [None, 14]}
@@ -112,7 +112,7 @@ def full_mill(mill, clock, scanner, upload, finish):
     clock.advance(hours=1)
     _, used = calibrated(mill, upload, finish)
     earlier_log, drift_log = log(mill, upload, finish), log(mill, upload, finish)
-    drift = mill.drifts.accept(DriftAsk(scan_id=drift_log, calibration_id=used)).id
+    drift = mill.drifts.accept(DriftRequest(scan_id=drift_log, calibration_id=used)).id
     finish(mill)
     clock.advance(hours=1)
     newest_scan, of_newest = calibrated(mill, upload, finish)
@@ -120,9 +120,9 @@ def full_mill(mill, clock, scanner, upload, finish):
     clock.advance(minutes=1)
     newest_log = log(mill, upload, finish, **UNFIT)
     waits = upload(mill, phantom_id=None).id
-    waiting = mill.reconstructions.accept(ReconstructionAsk(scan_id=drift_log, calibration_id=active)).id
-    awaiting = mill.calibrations.accept(CalibrationAsk(scan_id=before_scan)).id
-    unchecked = mill.drifts.accept(DriftAsk(scan_id=earlier_log, calibration_id=active)).id
+    waiting = mill.reconstructions.accept(ReconstructionRequest(scan_id=drift_log, calibration_id=active)).id
+    awaiting = mill.calibrations.accept(CalibrationRequest(scan_id=before_scan)).id
+    unchecked = mill.drifts.accept(DriftRequest(scan_id=earlier_log, calibration_id=active)).id
     clock.advance(days=400)
     # By kind, for each reason the objects that are kept for it: each reason has one that no other reason keeps.
     return {
@@ -196,7 +196,7 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
     assert carried_out(mill) == {RetentionKind.EVENTS: shown.number}
     left = mill.events.following(0)
     old = [each for each in left if each.at < clock() - timedelta(days=30)]
-    assert [(each.what, each.subject) for each in old] == [("queued", "scan")]
+    assert [(each.type, each.subject) for each in old] == [("queued", "scan")]
     assert old[0] in came
     assert left[-1].number == before + 1, "the newest stays, so that numbers go on from it"
     clock.advance(days=30)
@@ -213,7 +213,7 @@ def test_what_becomes_too_old_within_an_hour_is_confirmed_too(mill, clock, uploa
     shown = mill.retention.preview(RetentionRules(log_scans_days=1))
     assert (shown.number, shown.at) == (3, clock() + timedelta(hours=1))
     clock.advance(minutes=30)
-    ask = RetentionAsk(log_scans_days=1, remove_at_most=shown.number)
+    ask = RetentionRequest(log_scans_days=1, remove_at_most=shown.number)
     assert mill.retention.replace(ask).rules.log_scans_days == 1
     assert carried_out(mill) == {RetentionKind.LOG_SCANS: 2}
 
@@ -229,14 +229,14 @@ def test_rules_hold_only_if_they_remove_no_more_than_was_confirmed(mill, clock, 
     shown = mill.retention.preview(rules).number
     assert shown == 1, "the newest stays"
     with pytest.raises(Conflict, match=r"would remove 1 \(1 log-scans\), and 0 are confirmed: nothing was changed"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1))
+        mill.retention.replace(RetentionRequest(log_scans_days=1))
     log(mill, upload, finish)  # of the two before, the newer one is not the newest any more
     with pytest.raises(Conflict, match=r"would remove 2 \(2 log-scans\), and 1 are confirmed"):
-        mill.retention.replace(RetentionAsk(log_scans_days=1, remove_at_most=shown))
+        mill.retention.replace(RetentionRequest(log_scans_days=1, remove_at_most=shown))
     assert mill.retention.get().changed_at is None
-    mill.retention.replace(RetentionAsk(log_scans_days=1, remove_at_most=2))
+    mill.retention.replace(RetentionRequest(log_scans_days=1, remove_at_most=2))
     assert mill.retention.get().rules == rules
-    mill.retention.replace(RetentionAsk())
+    mill.retention.replace(RetentionRequest())
     assert carried_out(mill) == {}, "rules that remove nothing need no number, and hold at once"
 
 
@@ -261,7 +261,7 @@ def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finis
     logs = {log(mill, upload, finish) for _ in range(3)}
     clock.advance(days=3)
     put(mill, RetentionRules(log_scans_days=1))
-    once_chosen(lambda: mill.retention.replace(RetentionAsk()))
+    once_chosen(lambda: mill.retention.replace(RetentionRequest()))
     assert carried_out(mill) == {}
     assert ids(mill) == logs
 
@@ -325,7 +325,7 @@ def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, cl
 
     event.listen(ReconstructionRow, "before_insert", linger, once=True)
     asked = []
-    ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
+    ask = ReconstructionRequest(scan_id=scan_id, calibration_id=calibration_id)
     asking = threading.Thread(target=lambda: asked.append(other.reconstructions.accept(ask)))
     asking.start()
     has_locked.wait(60.0)

@@ -4,8 +4,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Priority
@@ -25,7 +25,7 @@ def schedule(store, scanner):
 
 def missed(store, schedule):
     """The due times that were announced as missed, each with the reason."""
-    events = (event for event in store.events.following(0) if event.what == "schedule-missed")
+    events = (event for event in store.events.following(0) if event.type == "schedule-missed")
     return [(event.detail["due_at"], event.detail["reason"]) for event in events if event.subject_id == schedule.id]
 
 
@@ -85,7 +85,7 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
     assert (store.scanners.get(scanner.id).active_calibration_id == run.calibration_id) is active
     made, *activated = store.history.page(scanner.id, since=START).items[::-1][-2 if active else -1 :]
     assert (made.subject_id, made.who) == (run.calibration_id, f"schedule {schedule.id}")
-    entries = [(entry.what, entry.who, schedule.id in entry.why) for entry in activated]
+    entries = [(entry.type, entry.who, schedule.id in entry.why) for entry in activated]
     assert entries == [("calibration-activated", f"schedule {schedule.id}", True)] * active
 
 
@@ -113,7 +113,7 @@ def checks(store, scanner):
 
 @pytest.fixture
 def active(store, ready_scan, finish):
-    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+    asked = store.calibrations.accept(CalibrationRequest(scan_id=ready_scan.id, activate=True))
     finish(store)
     return asked
 
@@ -134,7 +134,7 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
     later = log_scan()
-    store.drifts.accept(DriftAsk(scan_id=later))
+    store.drifts.accept(DriftRequest(scan_id=later))
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
@@ -143,7 +143,7 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
 @pytest.mark.parametrize("end", ["failed", "cancelled"])
 def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, log_scan, clock, end, refuse):
     older, newer = log_scan(), log_scan()
-    asked = store.drifts.accept(DriftAsk(scan_id=newer))
+    asked = store.drifts.accept(DriftRequest(scan_id=newer))
     if end == "cancelled":
         store.jobs.request_cancel(asked.job_id)
     else:

@@ -48,7 +48,7 @@ def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
     fates = store.tallies.read().fates
     assert fates[of_ingest(SUCCEEDED, duration=1)] == pytest.approx((2, 1.25, 2, 4e9, 3e9), abs=1e-3)
     assert fates[of_ingest(SUCCEEDED, duration=4)] == pytest.approx((1, 20.0, 0, 0.0, 0.0), abs=1e-3)
-    (failed,) = (fate for fate in fates if fate.what is FAILED)
+    (failed,) = (fate for fate in fates if fate.type is FAILED)
     assert (failed.fault, failed.code, fates[failed].number) == ("input", "broken-file", 1)
 
 
@@ -85,7 +85,7 @@ def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):
     store.jobs.take_back(Pulse(claim.job_id, claim.attempt, 0, cancel_requested=False))
     store.jobs.request_cancel(claim.job_id)
     ((fate, amount),) = store.tallies.read().fates.items()
-    assert (fate.what, fate.code, amount) == (LOST, "worker-lost", Amount(1, 0.0, 0, 0.0, 0.0))
+    assert (fate.type, fate.code, amount) == (LOST, "worker-lost", Amount(1, 0.0, 0, 0.0, 0.0))
 
 
 def test_workers_are_seen_for_a_while(store, end, upload, clock):

@@ -12,7 +12,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.acting import Actor, acting_as
-from sawmill_platform.contracts.uploads import UploadAsk, UploadState
+from sawmill_platform.contracts.uploads import UploadRequest, UploadState
 from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
 from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
@@ -25,7 +25,7 @@ QUOTA = UploadQuota(3, 25, 40)
 
 
 def create(store, **given):
-    return store.uploads.create(UploadAsk(size_bytes=len(CONTENT), **given), QUOTA)
+    return store.uploads.create(UploadRequest(size_bytes=len(CONTENT), **given), QUOTA)
 
 
 def send(store, upload, first, end, *, content=CONTENT):
@@ -107,7 +107,7 @@ def test_a_deleted_upload_takes_no_more_and_is_gone(store, sent):
 
 def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store):
     content = bytes(STEP_BYTES + 10)
-    upload = store.uploads.create(UploadAsk(size_bytes=len(content)), UploadQuota(1, len(content), len(content)))
+    upload = store.uploads.create(UploadRequest(size_bytes=len(content)), UploadQuota(1, len(content), len(content)))
     for commits in (False, True):
         part = Uploads(store.database, store.files, 2**62).begin_part(upload.id, 0)
         with pytest.raises(StorageFull, match="SAWMILL_DISK_RESERVE_BYTES"):

@@ -3,17 +3,17 @@
 from typing import Any
 
 from sawmill_contracts.alarms import AlarmKind
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_store.mill_tables import AlarmRow
 from sawmill_store.store import Store
 
 
 def add_what_is_decided(store: Store) -> None:
     """Add an open alarm and a cancelled calibration: in a fresh data folder there is nothing to decide about."""
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="example-spare")
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id="example"), identifier="example-spare")
     store.jobs.request_cancel(calibration.job_id)
     with store.database.write() as session:
-        session.add(AlarmRow(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=store.now()))
+        session.add(AlarmRow(scanner_id="example", kind=AlarmKind.NO_PHANTOM_SCAN, since=store.now()))
 
 
 def with_file(example: dict[str, Any], content: bytes) -> dict[str, Any]:

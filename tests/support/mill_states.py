@@ -4,16 +4,16 @@ from typing import Any, Protocol
 
 from results import comparison
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
-from sawmill_contracts.phantoms import MeasurementsAsk, PhantomPicture, SizeMeasurement
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.phantoms import MeasurementsRequest, PhantomPicture, SizeMeasurement
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import Failure, FailureKind
-from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
@@ -51,10 +51,12 @@ def fill(store: Store, worker: Finisher) -> dict[str, str]:
     _inspected(store, "refused")
     worker.finish_inspection(verdict="refused", missing=[], reading=None, refusal=FAILURE.model_dump(mode="json"))
     _phantoms(store, worker)
-    store.webhooks.create(WebhookAsk(url="https://alarms.mill.example/" + "long/" * 30, description=NAME, enabled=True))
+    store.webhooks.create(
+        WebhookRequest(url="https://alarms.mill.example/" + "long/" * 30, description=NAME, enabled=True)
+    )
     store.alarms.check()
-    measured = SizeMeasurement(what="x", measured_mm=199.8, standard_uncertainty_mm=0.15, instrument="caliper 12")
-    measured_id = store.phantoms.measure("l-shape", MeasurementsAsk(measurements=[measured])).id
+    measured = SizeMeasurement(dimension="x", measured_mm=199.8, standard_uncertainty_mm=0.15, instrument="caliper 12")
+    measured_id = store.phantoms.measure("l-shape", MeasurementsRequest(measurements=[measured])).id
     _unfinished(store, worker)
     lists = ("scans", "logs", "phantoms", "jobs", "system", "audit", "retention")
     results = ("passed", "watched", "moved", "slipped", "failed", "queued")
@@ -108,21 +110,21 @@ def _scans_and_calibrations(store: Store, worker: Finisher) -> None:
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="unreadable-file", detail=SLIPPED))
     _calibrated(store, worker, "passed", activate=True)
     for number in range(12):
-        store.drifts.accept(DriftAsk(scan_id="scan"))
+        store.drifts.accept(DriftRequest(scan_id="scan"))
         worker.finish_drift(ray_change_mm=0.02 + 0.03 * number)
     _calibrated(store, worker, "watched", verdict="watch", rays_verdict="watch", reasons=[SLIPPED, MOVED])
     _calibrated(store, worker, "slipped", verdict="fail", rays_verdict="fail", reasons=[SLIPPED])
     _calibrated(store, worker, "moved", comparison=COMPARISON, adjustments=[MOVED])
-    store.drifts.accept(DriftAsk(scan_id="scan"))
+    store.drifts.accept(DriftRequest(scan_id="scan"))
     worker.finish_drift(within_tolerance=False, ray_change_mm=0.8, reason=MOVED)
-    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="failed")
+    store.calibrations.accept(CalibrationRequest(scan_id="example"), identifier="failed")
     store.jobs.fail(worker.claim(), FAILURE)
-    store.reconstructions.accept(ReconstructionAsk(scan_id="example"), identifier="failed")
+    store.reconstructions.accept(ReconstructionRequest(scan_id="example"), identifier="failed")
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=SLIPPED))
 
 
 def _calibrated(store: Store, worker: Finisher, identifier: str, *, activate: bool = False, **changes: Any) -> None:
-    store.calibrations.accept(CalibrationAsk(scan_id="scan", activate=activate), identifier=identifier)
+    store.calibrations.accept(CalibrationRequest(scan_id="scan", activate=activate), identifier=identifier)
     worker.finish_calibration(**changes)
 
 
@@ -142,8 +144,8 @@ def _phantoms(store: Store, worker: Finisher) -> None:
 
 def _unfinished(store: Store, worker: Finisher) -> None:
     """Leave one job running and others in the queue, which nothing may claim later."""
-    store.reconstructions.accept(ReconstructionAsk(scan_id="example"), identifier="queued")
+    store.reconstructions.accept(ReconstructionRequest(scan_id="example"), identifier="queued")
     running = worker.claim()
     store.jobs.heartbeat(running, Progress(fraction=0.4, stage="reconstruct", seconds_left=75.0))
-    store.calibrations.accept(CalibrationAsk(scan_id="scan"), identifier="queued")
+    store.calibrations.accept(CalibrationRequest(scan_id="scan"), identifier="queued")
     _inspected(store, "waiting")

@@ -75,7 +75,7 @@ def drift_result(**changes: Any) -> dict[str, Any]:
 
 
 def inspection_result(**changes: Any) -> dict[str, Any]:
-    missing = {"what": "what the numbers are", "flag": "--data counts", "field": "data", "why": "never guessed"}
+    missing = {"name": "what the numbers are", "flag": "--data counts", "field": "data", "why": "never guessed"}
     part = {"name": "projections", "kind": "array", "shape": (12, 4, 16), "type": "uint16"}
     read = {"shape": {"views": 12, "rows": 4, "detector": 16}, "flats": 1}
     about = {"file": "scan.npz", "size_bytes": 8, "format": "NPZ", "verdict": "incomplete"}

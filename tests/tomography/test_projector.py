@@ -4,7 +4,7 @@ import astra
 import numpy as np
 import pytest
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta, cell_centres_mm
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, GeometryError, Scanner, Theta
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon
 from sawmill_tomography.projection import analytic
@@ -14,9 +14,10 @@ from sawmill_tomography.projection.projector import Projector
 STRAIGHT = Theta(0.4, 700.0, 0.0, 0.0, 0.0)
 SHIFTED = Theta(5.9, 650.0, -280.0, 120.0, 0.0)
 TILTED = Theta(1.1, 720.0, 150.0, -90.0, -0.6)
-GEOMETRIES = {"straight": STRAIGHT, "shifted": SHIFTED, "tilted": TILTED}
+GEOMETRIES = {"straight": STRAIGHT, "shifted": SHIFTED, "tilted": TILTED, "each view its own": TILTED}
 
 every_geometry = pytest.mark.parametrize("name", GEOMETRIES)
+every_turn = pytest.mark.parametrize("name", list(GEOMETRIES)[:3])
 every_size = pytest.mark.parametrize("size", [16, 33, 128])
 
 
@@ -26,12 +27,20 @@ def projector(irregular_turn):
 
     def make(name, size, *, views=17, field_mm=400.0):
         cells = 96 + size % 2
-        return Projector(
-            FanBeamGeometry(Scanner(860.0, cells, 1100.0 / cells), GEOMETRIES[name], irregular_turn(views, 301)),
-            ImageGrid(size, field_mm),
-        )
+        scanner = Scanner(860.0, cells, 1100.0 / cells)
+        geometry = FanBeamGeometry(scanner, GEOMETRIES[name], irregular_turn(views, 301))
+        return Projector(scattered(geometry) if name == "each view its own" else geometry, ImageGrid(size, field_mm))
 
     return make
+
+
+def scattered(geometry):
+    """The geometry with sources, detectors and axes that depart from the turn, and cells counted from another point."""
+    source, middle, axis = (
+        each + np.random.default_rng(300).uniform(-reach, reach, each.shape)
+        for each, reach in zip(geometry.vectors(), (30.0, 20.0, 0.1), strict=True)
+    )
+    return FanViews.of(source, middle, axis, geometry.borders_mm + 7.0)
 
 
 def smooth_image(size, seed):
@@ -51,10 +60,10 @@ def oracle():
     made = []
 
     def make(projector):
-        scanner, grid = projector.geometry.scanner, projector.grid
+        geometry, grid = projector.geometry, projector.grid
         half = 0.5 * grid.field_mm
         volume = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
-        rays = astra.create_proj_geom("fanflat_vec", scanner.num_detector_pixels, projector.geometry.astra_vectors())
+        rays = astra.create_proj_geom("fanflat_vec", geometry.sinogram_shape[1], geometry.astra_vectors())
         made.append(astra.create_projector("line_fanflat", rays, volume))
         return astra.OpTomo(made[-1])
 
@@ -92,7 +101,7 @@ def test_a_block_is_its_slices_one_by_one(projector, name, slices):
         assert np.linalg.norm(back[index] - alone) < 1e-6 * np.linalg.norm(alone)
 
 
-@every_geometry
+@every_turn
 @pytest.mark.parametrize("sense", [1, -1])
 # One, four and sixteen lanes hold them; more than eight slices are not turned.
 @pytest.mark.parametrize("slices", [1, 3, 5, 9])
@@ -145,10 +154,10 @@ def lengths_by_clipping(projector):
     """The dense matrix (rays, pixels) from clipping each ray to each pixel's square, in double precision."""
     geometry, grid = projector.geometry, projector.grid
     source, centre, axis = geometry.vectors()
-    ends = centre[:, None, :] + cell_centres_mm(geometry.scanner)[None, :, None] * axis[:, None, :]
+    ends = centre[:, None, :] + geometry.borders_mm.mean(axis=1)[None, :, None] * axis[:, None, :]
     along = ends - source[:, None, :]
     along = (along / np.linalg.norm(along, axis=-1, keepdims=True)).reshape(-1, 1, 2)
-    start = np.repeat(source, geometry.scanner.num_detector_pixels, axis=0)[:, None, :]
+    start = np.repeat(source, geometry.sinogram_shape[1], axis=0)[:, None, :]
     middle = np.stack(np.meshgrid(grid.x_mm, grid.y_mm, indexing="ij"), -1).reshape(1, -1, 2)
     one = (middle - 0.5 * grid.pixel_mm - start) / along
     other = (middle + 0.5 * grid.pixel_mm - start) / along
@@ -172,7 +181,7 @@ def test_the_operator_is_the_dense_matrix_of_intersection_lengths(projector, nam
     assert np.linalg.norm(a.adjoint(sinogram) - back) < 1e-6 * np.linalg.norm(back)
 
 
-@every_geometry
+@every_turn
 def test_a_rectangle_of_whole_pixels_is_projected_as_the_polygon_it_is(projector, name):
     a = projector(name, 32, field_mm=320.0)
     image = np.zeros((32, 32), np.float32)

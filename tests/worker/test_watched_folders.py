@@ -20,7 +20,7 @@ from results import answer_of, reading
 from structlog.testing import capture_logs
 
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.scanners import ScannerAsk, ScannerSpec
+from sawmill_contracts.scanners import ScannerRequest, ScannerSpec
 from sawmill_contracts.scans import Scan
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.jobs import Failure, FailureKind
@@ -558,7 +558,7 @@ def test_files_under_kills_of_two_processes_are_each_taken_once(watched):
 def test_the_page_has_each_field_and_its_example_is_taken():
     page = (Path(__file__).parents[2] / "docs/do/watched-folder.md").read_text()
     [example] = re.findall(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    watched = ScannerAsk.model_validate_json(example, strict=True).watched_folder
+    watched = ScannerRequest.model_validate_json(example, strict=True).watched_folder
     assert watched.files_named("phantom 1.h5").phantom_id == "l-shape"
     assert (watched.files_named("log.h5").phantom_id, watched.files_named("log.npy")) == (None, None)
     [table] = re.findall(r"^\| field \|.*?\n\n", page, re.MULTILINE | re.DOTALL)

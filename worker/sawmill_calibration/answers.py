@@ -239,7 +239,7 @@ class Drift:
             rows.append((label, f"{getattr(result.change, name):+.3g} ± {getattr(deviation, name):.2g}"))
         if (zero := result.baseline) is not None:
             since, spread = zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm
-            rows.append((f"since {zero.looks} first logs: COR, mm", f"{since:+.3g} ± {spread:.2g}"))
+            rows.append((f"since {zero.checks} first logs: COR, mm", f"{since:+.3g} ± {spread:.2g}"))
         sentences = [result.reason, *(f"not seen: {what}" for what in result.not_seen)]
         if result.reference == "given-geometry":
             return html_of("Centre of rotation", rows, sentences=sentences)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from sawmill_calibration.capacity import memory_available
 from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
 from sawmill_calibration.known_geometry import from_phantom
-from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomAsk, PhantomDrawing, PhantomPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomPicture, PhantomRequest
 from sawmill_platform.contracts.base import complaint
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import STANDARD_SIZE_TOLERANCE
@@ -30,7 +30,7 @@ def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> 
         return BUILT_IN_PHANTOMS[str(phantom)]
     if not Path(phantom).is_file():
         raise refused("phantom", f"a phantom must be {', '.join(BUILT_IN_PHANTOMS)} or a file, not {str(phantom)!r}")
-    return read_json(Path(phantom), PhantomAsk, code="phantom", otherwise="not a phantom's drawing")
+    return read_json(Path(phantom), PhantomRequest, code="phantom", otherwise="not a phantom's drawing")
 
 
 def traced_drawing(

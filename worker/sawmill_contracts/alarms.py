@@ -31,7 +31,7 @@ class Alarm(Contract):
     """An overdue scan or measurement, or a drift of a scanner; the alarm closes by itself when its cause has gone."""
 
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
-    what: AlarmKind = Field(
+    kind: AlarmKind = Field(
         description="`no-phantom-scan`: no phantom scan since `last_at`, for longer than `limit_hours`. "
         "`scanner-quiet`: no scan of any kind for longer than `limit_hours`. `phantom-expired`: the phantom of the "
         "newest phantom scan was due for a new measurement by `expired_on`. `drift`: the scanner's logs together "

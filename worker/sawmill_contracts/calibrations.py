@@ -15,9 +15,9 @@ from sawmill_contracts.choices import (
     PaperObjective,
     PaperStop,
     UnfinishedState,
+    UsedEstimate,
     Verdict,
     Weighting,
-    WitnessTaken,
 )
 from sawmill_contracts.geometry import (
     Covariance,
@@ -148,7 +148,7 @@ class GivenCalibrationOptions(CalibrationOptions, Given):
     )
 
 
-class CalibrationAsk(GivenCalibrationOptions, Given):
+class CalibrationRequest(GivenCalibrationOptions, Given):
     """Ask for a calibration."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan that shows the phantom.")
@@ -322,7 +322,7 @@ class ColumnAndTilt(Contract):
     )
 
 
-class SecondWitness(Contract):
+class LogCheck(Contract):
     """The log next to the phantom: its rows also give u_c and the tilt, by opposite rays or pairs of views."""
 
     log_rows: tuple[int, int] = Field(
@@ -356,7 +356,7 @@ class SecondWitness(Contract):
         description="Body that moved during the scan. Null: none did, or the scan does not tell which.",
         examples=["log"],
     )
-    taken: WitnessTaken = Field(
+    used: UsedEstimate = Field(
         description="Source of the reported u_c and tilt; both: combined by their covariances.", examples=["both"]
     )
     log_jump_mm: float | None = Field(
@@ -572,7 +572,7 @@ class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, F
     comparison: Comparison | None = Field(
         None, description="Changes since the scanner's active calibration. Null: there was none."
     )
-    second_witness: SecondWitness | None = Field(
+    log_check: LogCheck | None = Field(
         None,
         description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
         "or has fewer than 8 views.",
@@ -685,7 +685,7 @@ DECLARATION = AskedKind(
     label=N_("Calibration"),
     about="Theta from a scan of a phantom, with everything known about it.",
     lighter="ask for fewer rows or views, or for fewer generations of the published search",
-    ask=CalibrationAsk,
+    ask=CalibrationRequest,
     options=CalibrationOptions,
     result=CalibrationResult,
     answer=Calibration,

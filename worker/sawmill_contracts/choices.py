@@ -32,8 +32,8 @@ PaperCorrelation = TypeAliasType(
 PaperStop = TypeAliasType(
     "PaperStop", Annotated[vocabulary.PaperStop, Field(description="Stopping rule of the published search.")]
 )
-WitnessTaken = TypeAliasType(
-    "WitnessTaken", Annotated[vocabulary.WitnessTaken, Field(description="Source of the reported u_c and tilt.")]
+UsedEstimate = TypeAliasType(
+    "UsedEstimate", Annotated[vocabulary.UsedEstimate, Field(description="Source of the reported u_c and tilt.")]
 )
 MetalTreatment = TypeAliasType(
     "MetalTreatment",

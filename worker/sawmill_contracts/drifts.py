@@ -53,7 +53,7 @@ class KnownBaseline(Contract):
     """Mean of the first drift checks by one method after a calibration: the zero of later ones."""
 
     method: DriftMethod = Field(description="Method by which the drift checks compared views.", examples=["view-pairs"])
-    looks: int = Field(description="Number of drift checks in the baseline, no unit.", examples=[50])
+    checks: int = Field(description="Number of drift checks in the baseline, no unit.", examples=[50])
     outliers: int = Field(
         description="Number of drift checks that were left out of the mean, far from the rest; no unit.", examples=[0]
     )
@@ -112,7 +112,7 @@ class DriftOptions(Contract):
     )
 
 
-class DriftAsk(DriftOptions, Given):
+class DriftRequest(DriftOptions, Given):
     """Request to find whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan.")
@@ -323,7 +323,7 @@ DECLARATION = AskedKind(
     label=N_("Drift check"),
     about="Changes since a calibration, from a log's scan alone.",
     lighter="ask for fewer rows",
-    ask=DriftAsk,
+    ask=DriftRequest,
     options=DriftOptions,
     result=DriftResult,
     answer=Drift,

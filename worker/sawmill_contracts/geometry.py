@@ -30,7 +30,7 @@ Covariance = Annotated[list[list[float]], AfterValidator(_check_square)]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 # A detector's cell is larger than the wavelength of light, and the source is outside of any log.
 SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
-# The contract states these bounds, and `ScannerAsk` checks them: earlier versions have stored smaller values.
+# The contract states these bounds, and `ScannerRequest` checks them: earlier versions have stored smaller values.
 _SourceMm = Annotated[
     PositiveMm,
     WithJsonSchema({"type": "number", "minimum": SMALLEST_MM["source_to_cor_mm"], "maximum": LARGEST_MM}),

@@ -9,7 +9,7 @@ from pydantic import Field
 from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.measurements import Measurement
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 
 
 class HistoryKind(StrEnum):
@@ -37,7 +37,7 @@ class HistoryEntry(Contract):
         "deleted, or a due time was missed. `scan`: a scan was refused.",
         examples=["calibration"],
     )
-    what: EventKind = Field(
+    type: EventType = Field(
         description="Kind of event, as in events: `succeeded`, `failed` or `cancelled` of a calibration or a drift "
         "check, `calibration-rolled-back` of an activation, `alarm-opened`, `scanner-changed`, and so on.",
         examples=["succeeded"],
@@ -103,6 +103,6 @@ class HistoryMark(NamedTuple):
 
     at: datetime
     kind: HistoryKind
-    what: EventKind
+    type: EventType
     subject_id: str
     alarm: AlarmKind | None

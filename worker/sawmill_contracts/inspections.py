@@ -126,7 +126,7 @@ class InspectedReading(ReadingRemarks):
 class MissingPart(Contract):
     """Information that the file does not carry, and how to give it."""
 
-    what: str = Field(description="Missing information, in words.", examples=["what the numbers are"])
+    name: str = Field(description="Missing information, in words.", examples=["what the numbers are"])
     flag: str = Field(description="Flag of the command line that gives the information.", examples=["--data counts"])
     field: str | None = Field(
         None,
@@ -202,7 +202,7 @@ class InspectedFile(InspectionOptions):
     )
 
 
-class InspectionAsk(InspectedFile, Given):
+class InspectionRequest(InspectedFile, Given):
     """A file that was sent to be inspected."""
 
 
@@ -240,7 +240,7 @@ DECLARATION = AskedKind(
     about="Contents of a file, and what is missing, before it becomes a scan.",
     upload="file",
     lighter="give a smaller file",
-    ask=InspectionAsk,
+    ask=InspectionRequest,
     options=InspectedFile,
     result=InspectionResult,
     answer=Inspection,

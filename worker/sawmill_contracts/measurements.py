@@ -113,7 +113,7 @@ class Measurement(Contract):
         description="Method by which a drift check compared views. Null: a calibration, or an earlier version.",
         examples=["view-pairs"],
     )
-    baseline_looks: int | None = Field(
+    baseline_checks: int | None = Field(
         None,
         description="Number of drift checks in the baseline of this drift check. Null: its change is absolute, "
         "counted from the calibration.",
@@ -128,7 +128,7 @@ class Measurement(Contract):
     tilt_baseline_change_deg: float | None = Field(
         None, description="Change of tau against the baseline, degrees. Null: there was no baseline.", examples=[0.02]
     )
-    pooled_looks: int | None = Field(
+    pooled_checks: int | None = Field(
         None,
         description="Number of drift checks by this method that are pooled: this one and those before it. Null: not "
         "in a chart, or not yet.",
@@ -179,6 +179,6 @@ class Movement(NamedTuple):
     pooled_cor_column_standard_deviation_mm: float | None = None
     pooled_tilt_deg: float | None = None
     pooled_tilt_standard_deviation_deg: float | None = None
-    baseline_looks: int | None = None
+    baseline_checks: int | None = None
     baseline_age_hours: float | None = None
     method: str | None = None

@@ -47,7 +47,7 @@ SizeTolerancePercent = Annotated[float, Field(ge=0, lt=100 * LARGEST_SIZE_TOLERA
 class SizeMeasurement(Contract):
     """A measured length of a phantom."""
 
-    what: Name = Field(
+    dimension: Name = Field(
         description="x or y: the drawing's extent along that axis. Any other words: another length.", examples=["x"]
     )
     measured_mm: PositiveMm = Field(description="Measured length, mm.", examples=[200.1])
@@ -106,7 +106,7 @@ def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement
     for each in measurements:
         if each.measured_on is not None and each.measured_on > last:
             raise ValueError(
-                f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
+                f"measured_on {each.measured_on} of {each.dimension} is still to come: give the day of the measurement"
             )
     return measurements
 
@@ -173,7 +173,7 @@ class PhantomDrawing(Contract):
         ValueError
             A length along x or y is off by so much that it is another phantom's.
         """
-        measured = {each.what: each for each in (*self.measurements, *new)}
+        measured = {each.dimension: each for each in (*self.measurements, *new)}
         factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
         shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
         drawing = PhantomDrawing(
@@ -192,13 +192,13 @@ class PhantomDrawing(Contract):
     def axis_as_drawn(self) -> TrueAxis | None:
         """The one of x and y that was not measured, where the other was and the size depends on both."""
         axes: tuple[TrueAxis, TrueAxis] = ("x", "y")
-        measured = {each.what for each in self.measurements}
+        measured = {each.dimension for each in self.measurements}
         unmeasured = [axis for axis in axes if axis not in measured]
         return unmeasured[0] if len(unmeasured) == 1 and self.true_axis in {None, unmeasured[0]} else None
 
     def _measured_share(self) -> float:
         """Return the relative uncertainty along the one axis that was measured."""
-        return next(each.relative_uncertainty for each in self.measurements if each.what in {"x", "y"})
+        return next(each.relative_uncertainty for each in self.measurements if each.dimension in {"x", "y"})
 
     def _drawn_tolerance(self) -> float:
         """Return the size tolerance along an axis that was not measured; the standard where the drawing states none.
@@ -225,7 +225,7 @@ class PhantomDrawing(Contract):
         return measured.measured_mm / drawn_mm
 
 
-class MeasurementsAsk(Given):
+class MeasurementsRequest(Given):
     """New measurements of a stored phantom's sides."""
 
     measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100, description="Measured lengths.")
@@ -247,7 +247,7 @@ def _state_newness(schema: dict[str, Any]) -> None:
     }
 
 
-class PhantomAsk(PhantomDrawing, Given):
+class PhantomRequest(PhantomDrawing, Given):
     """A phantom's drawing in a request, every shape with an interior. Also the JSON file of `--phantom FILE.json`."""
 
     model_config = ConfigDict(json_schema_extra=_state_newness)
@@ -377,6 +377,8 @@ class PhantomState(StrEnum):
 
 class StoredPhantom(Stamped):
     """A phantom that scans can be calibrated against."""
+
+    model_config = ConfigDict(title="Phantom")
 
     name: Name = Field(description="Name for people.", examples=["L-shape"])
     built_in: bool = Field(

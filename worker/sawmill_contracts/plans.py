@@ -34,8 +34,8 @@ class PlanOptions(Contract):
     )
 
 
-class PlanAsked(PlanOptions):
-    """Request of a plan as it is stored: an earlier version accepted what `PlanAsk` refuses."""
+class StoredPlanOptions(PlanOptions):
+    """Request of a plan as it is stored: an earlier version accepted what `PlanRequest` refuses."""
 
     scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.", examples=["example"])
     theta: Theta | None = Field(
@@ -43,7 +43,7 @@ class PlanAsked(PlanOptions):
     )
 
 
-class PlanAsk(PlanAsked, Given):
+class PlanRequest(StoredPlanOptions, Given):
     """Request for the precision that a phantom will give on a scanner."""
 
     theta: GivenTheta | None = Field(
@@ -110,7 +110,7 @@ class Plan(Stamped):
     phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
-    options: PlanAsked = Field(description="Options of the request.")
+    options: StoredPlanOptions = Field(description="Options of the request.")
     result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: PlanLinks | None = Field(None, description="Links to the plan and related resources.")
@@ -121,8 +121,8 @@ DECLARATION = AskedKind(
     noun="plan",
     label=N_("Plan of a calibration"),
     lighter="ask for fewer views, or draw the phantom with fewer corners",
-    ask=PlanAsk,
-    options=PlanAsked,
+    ask=PlanRequest,
+    options=StoredPlanOptions,
     result=PlanResult,
     answer=Plan,
     read=stored_as(Plan),

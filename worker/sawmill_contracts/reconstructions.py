@@ -258,8 +258,8 @@ class ReconstructionOptions(Contract):
         return self
 
 
-class ReconstructionAsked(ReconstructionOptions):
-    """A request as it is stored: an earlier version accepted values that `ReconstructionAsk` refuses."""
+class StoredReconstructionOptions(ReconstructionOptions):
+    """A request as it is stored: an earlier version accepted values that `ReconstructionRequest` refuses."""
 
     is_stored: ClassVar[bool] = True
 
@@ -280,7 +280,7 @@ class ReconstructionAsked(ReconstructionOptions):
     )
 
     @model_validator(mode="after")
-    def _one_geometry(self) -> "ReconstructionAsked":
+    def _one_geometry(self) -> "StoredReconstructionOptions":
         if self.theta is not None and self.calibration_id is not None:
             msg = "give calibration_id or theta, not both"
             raise ValueError(msg)
@@ -308,7 +308,7 @@ def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
         require(schema, name, without(name), {"properties": {"theta": {"type": "object"}}, "required": ["theta"]})
 
 
-class ReconstructionAsk(ReconstructionAsked, Given):
+class ReconstructionRequest(StoredReconstructionOptions, Given):
     """Request for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
 
     model_config = ConfigDict(json_schema_extra=_state_conditions)
@@ -544,7 +544,7 @@ class Reconstruction(Stamped):
         description="Id of the calibration. Null: a theta was given.", examples=["example"]
     )
     job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
-    options: ReconstructionAsked = Field(description="Options of the request.")
+    options: StoredReconstructionOptions = Field(description="Options of the request.")
     result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
     failure: Failure | None = Field(None, description="Reason of the failure. Null: the job has not failed.")
     links: ReconstructionLinks | None = Field(None, description="Links to the reconstruction and its files.")
@@ -558,8 +558,8 @@ DECLARATION = AskedKind(
     # A fitted method reports each iteration, and needs fifty or more iterations within its day: half an hour each at
     # most.
     stall_s=2 * 3600,
-    ask=ReconstructionAsk,
-    options=ReconstructionAsked,
+    ask=ReconstructionRequest,
+    options=StoredReconstructionOptions,
     result=ReconstructionResult,
     answer=Reconstruction,
     read=stored_as(Reconstruction),

@@ -48,7 +48,7 @@ class RetentionRules(Contract):
         return {kind: number for kind, number in days.items() if number is not None}
 
 
-class RetentionAsk(RetentionRules, Given):
+class RetentionRequest(RetentionRules, Given):
     """Rules to put into force, in place of all earlier ones."""
 
     remove_at_most: int = Field(

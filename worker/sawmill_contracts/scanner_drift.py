@@ -91,7 +91,7 @@ class PooledDrift(Contract):
     since: Time = Field(
         description="Time at which this calibration became the active one.", examples=["2026-03-02T05:31:04Z"]
     )
-    looks: int = Field(description="Number of drift checks in the chart, no unit.", examples=[2412])
+    checks: int = Field(description="Number of drift checks in the chart, no unit.", examples=[2412])
     last_at: Time = Field(description="Time at which the newest drift check ended.", examples=["2026-03-09T14:51:04Z"])
     baseline: KnownBaseline | None = Field(
         description="Mean of the first drift checks, the zero of the chart. Null: not complete."
@@ -102,7 +102,7 @@ class PooledDrift(Contract):
     baseline_tilt_deg: float | None = Field(
         description="tau of the zero, degrees. Null: the baseline is not complete.", examples=[-4.761]
     )
-    pooled_looks: int = Field(description="Number of the newest drift checks that are pooled, no unit.", examples=[50])
+    pooled_checks: int = Field(description="Number of the newest drift checks that are pooled, no unit.", examples=[50])
     pooled_cor_column_mm: float = Field(description="u_c from the pooled drift checks, mm.", examples=[-209.02])
     pooled_cor_column_standard_deviation_mm: float = Field(
         description="Standard deviation of the pooled u_c, mm.", examples=[0.006]

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from sawmill_contracts.geometry import SMALLEST_MM, GivenThetaBounds, PositiveMm, ScannerConstants
 from sawmill_contracts.watched_folders import WatchedFolder
@@ -78,7 +78,7 @@ class ScannerSpec(Contract):
     )
 
 
-class ScannerAsk(ScannerSpec, Given):
+class ScannerRequest(ScannerSpec, Given):
     """A scanner in a request; an earlier version accepted what is refused here."""
 
     bounds: GivenThetaBounds | None = Field(
@@ -103,6 +103,8 @@ class ScannerAsk(ScannerSpec, Given):
 
 class StoredScanner(Stamped, ScannerSpec):
     """A scanner as it is stored."""
+
+    model_config = ConfigDict(title="Scanner")
 
     active_calibration_id: Identifier | None = Field(
         None,

@@ -56,7 +56,7 @@ def _state_what_activates(schema: Schema) -> None:
     require(schema, "on_pass", one_of("on_pass", ["report"]), one_of("kind", ["recalibrate"], default="recalibrate"))
 
 
-class ScheduleAsk(ScheduleSpec, Given):
+class ScheduleRequest(ScheduleSpec, Given):
     """A schedule to be stored."""
 
     model_config = ConfigDict(json_schema_extra=_state_what_activates)

@@ -31,7 +31,7 @@ class WatchedFiles(ScanFileOptions, Given):
     )
     phantom_id: Identifier | None = Field(None, description="Id of the phantom in each file; null for logs.")
     phantom_rows: Rows | None = Field(None, description="Rows that show the phantom; null: they are found.")
-    priority: Priority = Field(Priority.WAITED_FOR, description="Priority of the jobs that read the files.")
+    priority: Priority = Field(Priority.INTERACTIVE, description="Priority of the jobs that read the files.")
 
 
 class WatchedFolder(WatchedFiles):

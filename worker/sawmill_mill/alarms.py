@@ -11,7 +11,7 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.scanner_drift import DriftFinding
 from sawmill_contracts.scanners import AlarmLimits
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_vocabulary.messages import N_, Message
 
 SHIFT_ENDS = (6, 14, 22)  # hours
@@ -94,7 +94,7 @@ class AlarmRule:
 class AlarmChange(NamedTuple):
     """An alarm that was opened, or that has ended."""
 
-    what: EventKind
+    type: EventType
     alarm: Alarm
 
 
@@ -114,7 +114,7 @@ def alarm_changes(facts: ScannerFacts, open_alarms: Mapping[AlarmKind, Alarm], n
 
 def alarm_sentence(alarm: Alarm) -> str:
     """Return what is missing or was seen, in English."""
-    return ALARMS[alarm.what].sentence(alarm)
+    return ALARMS[alarm.kind].sentence(alarm)
 
 
 def is_acknowledged(alarm: Alarm, now: datetime) -> bool:
@@ -156,7 +156,7 @@ def _absence(
     facts: ScannerFacts, what: AlarmKind, last_at: datetime, limit_hours: float, coming_at: datetime | None = None
 ) -> ExpectedAlarm:
     limit, id_ = timedelta(hours=limit_hours), facts.scanner_id
-    alarm = Alarm(scanner_id=id_, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours)
+    alarm = Alarm(scanner_id=id_, kind=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours)
     return ExpectedAlarm(alarm, max(last_at, coming_at or last_at) + limit)
 
 
@@ -167,7 +167,7 @@ def _phantom_expired(facts: ScannerFacts) -> ExpectedAlarm | None:
     last_day, is_coming = min(facts.expiry_days), facts.phantom_coming_at != facts.phantom_ready_at
     since = datetime.combine(last_day + timedelta(days=1), time(), UTC)
     about = {"phantom_id": facts.phantom_id, "expired_on": last_day}
-    alarm = Alarm(scanner_id=facts.scanner_id, what=AlarmKind.PHANTOM_EXPIRED, since=since, **about)
+    alarm = Alarm(scanner_id=facts.scanner_id, kind=AlarmKind.PHANTOM_EXPIRED, since=since, **about)
     return ExpectedAlarm(alarm, _NOT_YET if is_coming else since)
 
 
@@ -176,7 +176,7 @@ def _drift(facts: ScannerFacts) -> ExpectedAlarm | None:
     if not facts.chart_alarms:
         return None
     since, finding = min(facts.chart_alarms, key=lambda each: each.at)
-    return ExpectedAlarm(Alarm(scanner_id=facts.scanner_id, what=AlarmKind.DRIFT, since=since, drift=finding), since)
+    return ExpectedAlarm(Alarm(scanner_id=facts.scanner_id, kind=AlarmKind.DRIFT, since=since, drift=finding), since)
 
 
 def _latest(*times: datetime | None) -> datetime | None:

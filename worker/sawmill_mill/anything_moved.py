@@ -69,7 +69,7 @@ def slip_of(result: CalibrationResult) -> Reason | None:
         reason = explained.reason
         if reason is not None and not SLIPS.isdisjoint(reason.codes):
             return reason
-    witness = result.second_witness
+    witness = result.log_check
     if witness is not None and witness.moved in {MovedBody.PHANTOM, MovedBody.BOTH} and not result.coded_reasons:
         return CalibrationMessage.PHANTOM_SLIPPED()
     return None

@@ -8,7 +8,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.history import HistoryKind
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.tables import IN_HISTORY, EventRow
 from sawmill_platform.ledger.events import announce
 from sawmill_store.mill_tables import ActivationRow
@@ -59,7 +59,7 @@ def discard(session: Session, scanner_id: str, calibration_id: str, reason: str,
 
 
 def _announce(
-    session: Session, what: EventKind, scanner_id: str, calibration_id: str, reason: str, now: datetime
+    session: Session, what: EventType, scanner_id: str, calibration_id: str, reason: str, now: datetime
 ) -> None:
     detail = {"reason": reason}
     decided = {"scanner_id": scanner_id, **detail}

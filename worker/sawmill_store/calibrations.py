@@ -1,8 +1,8 @@
 """Calibrations and their activation, and reconstructions: requests and results as of every kind."""
 
 from sawmill_contracts import calibrations, mill_events
-from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
-from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.reconstructions import Reconstruction, ReconstructionRequest
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, hold
@@ -18,7 +18,7 @@ from sawmill_store.requests.references import found_asked
 from sawmill_store.scanners.scanners import read_scanner
 
 
-class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):
+class Calibrations(Asked[CalibrationRequest, CalibrationUnfinished | CalibrationSucceeded]):
     """Store of calibrations: every method is one transaction."""
 
     def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
@@ -72,7 +72,7 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
             return read_scanner(session, scanner)
 
 
-class Reconstructions(Asked[ReconstructionAsk, Reconstruction]):
+class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
     """Store of the reconstructions: every method is one transaction."""
 
     def rename(self, identifier: str, name: str | None) -> Reconstruction:

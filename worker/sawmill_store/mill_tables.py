@@ -294,7 +294,7 @@ class MeasurementRow(Base):
     covariance: Mapped[Sequence[Sequence[float]] | None] = mapped_column(JSON(none_as_null=True))
     method: Mapped[str | None] = mapped_column(String(20))
     # Change against the baseline, where the check had one.
-    baseline_looks: Mapped[int | None]
+    baseline_checks: Mapped[int | None]
     baseline_age_hours: Mapped[float | None] = mapped_column(Float(53))
     cor_column_baseline_change_mm: Mapped[float | None] = mapped_column(Float(53))
     tilt_baseline_change_rad: Mapped[float | None] = mapped_column(Float(53))
@@ -304,7 +304,7 @@ class MeasurementRow(Base):
     # True until the check is in the chart, then null.
     awaits_chart: Mapped[bool | None]
     # Mean with the checks before this one, once it is in the chart (`sawmill_store/drift/drift_charts.py`).
-    pooled_looks: Mapped[int | None]
+    pooled_checks: Mapped[int | None]
     pooled_cor_column_mm: Mapped[float | None] = mapped_column(Float(53))
     pooled_cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
     pooled_tilt_rad: Mapped[float | None] = mapped_column(Float(53))
@@ -385,7 +385,7 @@ class AlarmRow(Base):
     __tablename__ = "alarms"
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id", ondelete="CASCADE"), primary_key=True)
-    what: Mapped[AlarmKind] = mapped_column(primary_key=True)
+    kind: Mapped[AlarmKind] = mapped_column(primary_key=True)
     since: Mapped[datetime]
     last_at: Mapped[datetime | None]
     limit_hours: Mapped[float | None] = mapped_column(Float(53))

@@ -7,7 +7,7 @@ from typing import Self
 from sawmill_contracts import drifts, plans, reconstructions
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
-from sawmill_contracts.plans import Plan, PlanAsk
+from sawmill_contracts.plans import Plan, PlanRequest
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
@@ -27,7 +27,7 @@ from sawmill_store.scans.scans import Scans
 from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 
-Plans = Asked[PlanAsk, Plan]
+Plans = Asked[PlanRequest, Plan]
 
 
 class Store(JobServiceStore):

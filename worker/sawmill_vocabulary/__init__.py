@@ -29,9 +29,9 @@ from sawmill_vocabulary.choices import (
     RingRemoval,
     Rotation,
     RowAlignment,
+    UsedEstimate,
     Verdict,
     Weighting,
-    WitnessTaken,
 )
 from sawmill_vocabulary.geometry import (
     FEWEST_PAIRED_VIEWS,
@@ -114,9 +114,9 @@ __all__ = [
     "Theta",
     "ThetaBounds",
     "TrueAxis",
+    "UsedEstimate",
     "Verdict",
     "Weighting",
-    "WitnessTaken",
     "angle_difference",
     "fault_of_outline",
     "wrap_angle",

@@ -146,7 +146,7 @@ class MovedBody(StrEnum):
 
 
 # Source of the reported u_c and tilt.
-WitnessTaken = Literal["both", "log", "phantom"]
+UsedEstimate = Literal["both", "log", "phantom"]
 
 # Objective of the published search (arXiv 2206.14444).
 PaperObjective = Literal["image", "projection"]

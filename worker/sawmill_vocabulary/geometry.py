@@ -114,6 +114,16 @@ class Scanner(AsContract):
             "max_length": 64,
         },
     )
+    detector_arc_radius_mm: float | None = field(
+        default=None,
+        metadata={
+            "description": "Radius of the arc on which the detector's cells lie, around a point on the source's side, "
+            "mm; null: a straight line. The detector pitch counts along the arc.",
+            "gt": 0,
+            "le": LARGEST_MM,
+            "examples": [1574.0],
+        },
+    )
 
     def __post_init__(self) -> None:
         """Refuse sizes that no scanner has, and modules that are not in the order of the cells."""
@@ -123,6 +133,12 @@ class Scanner(AsContract):
                 raise GeometryError(f"{name} must be a positive number of millimetres, not {value}")
         if self.num_detector_pixels < 2:
             raise GeometryError(f"num_detector_pixels must be at least 2, not {self.num_detector_pixels}")
+        least_mm = self.num_detector_pixels * self.detector_pitch_mm / math.pi
+        if self.detector_arc_radius_mm is not None and not self.detector_arc_radius_mm > least_mm:
+            raise GeometryError(
+                f"detector_arc_radius_mm must be larger than {least_mm:.6g}, where the detector is half a circle, not "
+                f"{self.detector_arc_radius_mm}"
+            )
         first_cells = [0, *(module.first_cell for module in self.detector_modules), self.num_detector_pixels]
         if any(after <= before for before, after in pairwise(first_cells)):
             raise GeometryError(

@@ -33,7 +33,7 @@ class ProblemType(Contract):
         json_schema_extra={"format": "uri-reference"},
         examples=["/problems/scanner-not-found"],
     )
-    title: str = Field(description="Meaning of the code, in a few words.", examples=["There is none with this id"])
+    title: str = Field(description="Meaning of the code, in a few words.", examples=["Nothing has this id"])
     when: str = Field(
         description="Circumstances in which it occurs.",
         examples=["The id is of nothing that is here: it was deleted, or is misspelt."],

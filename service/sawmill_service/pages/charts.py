@@ -376,11 +376,11 @@ def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -
     """Return position and width of each period with an open alarm; a period that began before the span is cut off."""
     since, periods = {}, []
     for mark in marks:
-        if mark.what is mill_events.ALARM_OPENED:
+        if mark.type is mill_events.ALARM_OPENED:
             since[mark.alarm] = mark.at
-        elif mark.what is mill_events.ALARM_CLOSED:
+        elif mark.type is mill_events.ALARM_CLOSED:
             periods.append((since.pop(mark.alarm, span.start), mark.at))
-    periods += [(since.get(alarm.what, span.start), span.end) for alarm in opened]
+    periods += [(since.get(alarm.kind, span.start), span.end) for alarm in opened]
     return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in periods]
 
 

@@ -28,7 +28,7 @@ FATES = {
     event_kinds.SUCCEEDED: marked("succeeded"),
     event_kinds.FAILED: marked("failed for good"),
     event_kinds.LOST: marked("lost: its worker ended without an answer"),
-    event_kinds.PUT_OFF: marked("put off: an outage ended it"),
+    event_kinds.POSTPONED: marked("put off: an outage ended it"),
     event_kinds.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
     event_kinds.CANCELLED: marked("cancelled"),
 }

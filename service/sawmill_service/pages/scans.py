@@ -8,7 +8,7 @@ from fastapi import Response
 from fastapi.responses import RedirectResponse
 from pydantic import BeforeValidator, ValidationError
 
-from sawmill_contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
+from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionRequest
 from sawmill_platform.contracts.base import Identifier, placed_complaints
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
@@ -71,7 +71,9 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         texts["field_mm"] = plain_number(texts["field_mm"])
     try:
         options = LogForm.model_validate(texts)
-        log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True)))
+        log = store.reconstructions.accept(
+            ReconstructionRequest(scan_id=scan_id, **options.model_dump(exclude_unset=True))
+        )
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem="; ".join(placed_complaints(error)), typed=fields)
     except (Conflict, Invalid, QueueFull) as error:

@@ -34,7 +34,7 @@ def list_alarms(
     return AlarmList(alarms=alarms.open(scanner_id=scanner_id))
 
 
-class Acknowledge(Given):
+class AcknowledgementRequest(Given):
     """Until when and why a person takes notice of an alarm."""
 
     until: AwareDatetime = Field(
@@ -44,15 +44,15 @@ class Acknowledge(Given):
 
 
 @router.post(
-    "/v1/scanners/{scanner_id}/alarms/{what}/acknowledge",
+    "/v1/scanners/{scanner_id}/alarms/{kind}/acknowledge",
     needs=Scope.ACTIVATE,
     summary="Acknowledge an open alarm",
-    openapi_extra=trying(what="no-phantom-scan", body={"until": "2036-03-16T14:00:00+02:00", "reason": "maintenance"}),
+    openapi_extra=trying(kind="no-phantom-scan", body={"until": "2036-03-16T14:00:00+02:00", "reason": "maintenance"}),
     responses=refuses("alarm-not-found", "acknowledgement-ended"),
 )
 @repeatable
 def acknowledge_alarm(
-    scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, acknowledge: Sent[Acknowledge]
+    scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, acknowledge: Sent[AcknowledgementRequest]
 ) -> Alarm:
     """Take notice of an alarm until a time: it stays open and is shown, and asks nobody for anything until then."""
-    return alarms.acknowledge(scanner_id, what, acknowledge.until, acknowledge.reason)
+    return alarms.acknowledge(scanner_id, kind, acknowledge.until, acknowledge.reason)

@@ -17,7 +17,7 @@ from sawmill_service.http.document.old_names import announce, announced
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import Responses, refuses, refuses_ask
 from sawmill_service.http.repeats import repeatable
-from sawmill_service.http.responses.answers import AskedPriority, Dated, accept
+from sawmill_service.http.responses.answers import Dated, RequestPriority, accept
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
 from sawmill_store.requests.asked import Asked
@@ -41,7 +41,7 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
         wake: TheWake,
         caller: TheCaller,
         response: Response,
-        priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
+        priority: Annotated[RequestPriority, Query()] = Priority.INTERACTIVE,
     ) -> Any:  # noqa: ANN401 - the kind's answer
         caller.check(declared.needed_scope(ask))
         answer = asked.accept(ask, priority=priority, given=path_ids)
@@ -67,7 +67,7 @@ def _router(declared: AskedKind[Any, Any]) -> Router:
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
         answers = announced(declared.ask) | refuses_ask(declared)
-        asking = _described(f"ask_{declared.noun}", one, declared.to_ask, answers)
+        asking = _described(f"create_{declared.noun}", one, declared.to_ask, answers)
         # By its declaration, an ask may need more: `ask` checks that.
         asking |= {"methods": ["POST"], "status_code": 202, "needs": Scope.SUBMIT}
         router.add_api_route(declared.asked_at or folder, repeatable(ask), **asking)

@@ -30,7 +30,7 @@ from sawmill_service.scanner_conditions import step_with
 router = Router(prefix="/v1/calibrations", tags=["calibrations"], reading=Scope.READ)
 
 
-class Activate(Given):
+class ActivationRequest(Given):
     """Reason for an activation."""
 
     reason: Name = Field(
@@ -40,10 +40,10 @@ class Activate(Given):
     )
 
 
-BY_HAND = Activate()
+BY_HAND = ActivationRequest()
 
 
-class Discard(Given):
+class DiscardRequest(Given):
     """Reason for putting a calibration aside."""
 
     reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["wrong file"])
@@ -143,7 +143,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, calibrati
 )
 @repeatable
 def activate_calibration(
-    calibration_id: Identifier, calibrations: TheCalibrations, activate: Sent[Activate] = BY_HAND
+    calibration_id: Identifier, calibrations: TheCalibrations, activate: Sent[ActivationRequest] = BY_HAND
 ) -> StoredScanner:
     """Use the calibration from now on; an older one is a roll-back. Refused (409) where it has no answer."""
     return calibrations.activate(calibration_id, activate.reason)
@@ -158,7 +158,7 @@ def activate_calibration(
 )
 @repeatable
 def discard_calibration(
-    calibration_id: Identifier, calibrations: TheCalibrations, discard: Sent[Discard]
+    calibration_id: Identifier, calibrations: TheCalibrations, discard: Sent[DiscardRequest]
 ) -> StoredScanner:
     """Put it aside: its scanner is shown without it, and it stays stored. Refused (409) while it runs or is in use."""
     return calibrations.discard(calibration_id, discard.reason)

@@ -90,13 +90,13 @@ def discard(calibration_id: Identifier, calibrations: TheCalibrations, typed: Th
     return _back(typed)
 
 
-@router.post("/operator/acknowledge/{scanner_id}/{what}", needs=Scope.ACTIVATE)
-def acknowledge(scanner_id: Identifier, what: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
+@router.post("/operator/acknowledge/{scanner_id}/{kind}", needs=Scope.ACTIVATE)
+def acknowledge(scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
     """Acknowledge an alarm until an hour of the reader's clock, or until the end of the shift where none is given."""
     zone, hour = check_zone(typed.get("zone", "")), typed.get("until", "")
     now = datetime.now(ZoneInfo(zone)) if zone else datetime.now().astimezone()
     until = _next_at(now, hour) if hour else shift_end(now)
-    alarms.acknowledge(scanner_id, what, until, _reason(typed))
+    alarms.acknowledge(scanner_id, kind, until, _reason(typed))
     return _back(typed)
 
 

@@ -10,7 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Identifier
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageUnavailable
@@ -29,7 +29,7 @@ id: 41
 retry: 1000
 
 event: succeeded
-data: {"number": 42, "at": "2026-03-02T05:31:04Z", "what": "succeeded", "scanner_id": "example", \
+data: {"number": 42, "at": "2026-03-02T05:31:04Z", "type": "succeeded", "scanner_id": "example", \
 "subject": "calibration", "subject_id": "example", "job_id": "example", "attempt": 1, "worker": "mill:71"}
 id: 42
 
@@ -41,7 +41,7 @@ DESCRIBED = events(
     "as JSON and its number as the id; `alive` with the number up to which the client has seen all events; "
     "`closing` before the service ends the stream.",
     EXAMPLE,
-    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind.published(), _EVENT)},
+    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventType.published(), _EVENT)},
 )
 
 router = Router(prefix="/v1/events", tags=["events"], reading=Scope.READ)
@@ -106,7 +106,7 @@ async def stream_events(
             followed, sign = (), ServerSentEvent(comment="the database does not answer")
         for event in followed:
             heard_at_s = now_s
-            yield ServerSentEvent(data=event, event=event.what, id=str(event.number))
+            yield ServerSentEvent(data=event, event=event.type, id=str(event.number))
         if now_s - heard_at_s > times.alive_s:
             heard_at_s = now_s
             yield sign

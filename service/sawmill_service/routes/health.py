@@ -44,7 +44,7 @@ class Health(Contract):
 
 
 @router.get("/health/live", needs=NoKey.MONITORING, summary="Is the process alive", response_class=PlainTextResponse)
-async def live() -> str:
+async def get_liveness() -> str:
     """Answer as long as the process runs, whatever its threads wait for."""
     return "alive"
 
@@ -61,7 +61,7 @@ async def live() -> str:
         }
     },
 )
-def ready(request: Request, store: TheStore, response: Response) -> Health:
+def get_readiness(request: Request, store: TheStore, response: Response) -> Health:
     """Report 503 when database or data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
@@ -111,7 +111,7 @@ def broker_of(broker_url: str | None) -> "BrokerReport | None":
 
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
-def metrics(request: Request) -> Response:
+def get_metrics(request: Request) -> Response:
     """Report jobs, attempts, memory, disk, requests, scanners' ray errors and movements: docs/look-up/metrics.md.
 
     The status is always 200: if the database does not answer, `sawmill_database_up` is 0 and its metrics are omitted.

@@ -15,7 +15,7 @@ from sawmill_service.dependencies import TheInspections, ThePlaces, TheSettings,
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import AskedPriority, accept
+from sawmill_service.http.responses.answers import RequestPriority, accept
 from sawmill_service.http.route_rules import Router
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, TheReception, UploadId
@@ -27,7 +27,7 @@ class InspectionUpload(Given, InspectionOptions):
     """Query of the upload of a file."""
 
     name: Name = Field("file", description="Name of the file for people.", examples=["mill.h5"])
-    priority: AskedPriority = Priority.WAITED_FOR
+    priority: RequestPriority = Priority.INTERACTIVE
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 

@@ -157,7 +157,7 @@ def _pause_s(waited_s: float, longest_s: float) -> float:
 
 @router.get("/{job_id}/history", summary="List the attempts at a job", responses=refuses("job-not-found"))
 def get_job_history(job_id: Identifier, events: TheEvents) -> JobHistory:
-    """List each attempt with its start, its worker, and its end: `lost`, `put-off`, `given-back` or for good."""
+    """List each attempt with its start, its worker, and its end: `lost`, `postponed`, `given-back` or for good."""
     return JobHistory(events=events.of_job(job_id))
 
 

@@ -4,7 +4,7 @@ from fastapi import Response
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Name
-from sawmill_platform.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
+from sawmill_platform.contracts.keys import Key, KeyRequest, KeyRotation, Keys, NewKey, Scope
 from sawmill_service.dependencies import TheCaller, TheKeys
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.openapi_document import trying
@@ -17,7 +17,7 @@ router = Router(prefix="/v1/keys", tags=["keys"], reading=Scope.READ)
 AT_ONCE = KeyRotation()
 
 
-class OwnKey(Contract):
+class CurrentKey(Contract):
     """Key of the request."""
 
     name: Name = Field(description="Name of the key.", examples=["scanner software of line 2"])
@@ -28,10 +28,10 @@ class OwnKey(Contract):
     )
 
 
-@router.get("/own", summary="Get the key that you use")
-def get_own_key(caller: TheCaller) -> OwnKey:
+@router.get("/current", summary="Get the key that you use")
+def get_current_key(caller: TheCaller) -> CurrentKey:
     """Return name and scope; `key_id` is null where a request needs no key, or with the service's own token."""
-    return OwnKey(name=caller.name, scope=caller.scope, key_id=caller.key_id)
+    return CurrentKey(name=caller.name, scope=caller.scope, key_id=caller.key_id)
 
 
 @router.post(
@@ -43,7 +43,7 @@ def get_own_key(caller: TheCaller) -> OwnKey:
     responses=refuses("key-expired", "secret-not-repeated"),
 )
 @repeatable
-def create_key(ask: Sent[KeyAsk], keys: TheKeys, response: Response) -> NewKey:
+def create_key(ask: Sent[KeyRequest], keys: TheKeys, response: Response) -> NewKey:
     """Make a key. Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return keys.create(ask)

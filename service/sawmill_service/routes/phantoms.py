@@ -6,7 +6,7 @@ from fastapi import Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_calibration.pictures.phantom_drawing import phantom_svg
-from sawmill_contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
+from sawmill_contracts.phantoms import MeasurementsRequest, PhantomPicture, PhantomRequest, StoredPhantom
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
@@ -18,7 +18,7 @@ from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
-from sawmill_service.http.responses.answers import AskedPriority, Paging, Svg, accept
+from sawmill_service.http.responses.answers import Paging, RequestPriority, Svg, accept
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
@@ -38,7 +38,7 @@ EXAMPLE = {
 MEASURED = {
     "measurements": [
         {
-            "what": "x",
+            "dimension": "x",
             "measured_mm": 200.1,
             "standard_uncertainty_mm": 0.05,
             "measured_on": "2026-11-02",
@@ -53,7 +53,7 @@ MEASURED = {
 class PictureUpload(Given, PhantomPicture):
     """Query of the upload of a picture: the phantom's description, and the priority of tracing."""
 
-    priority: AskedPriority = Priority.WAITED_FOR
+    priority: RequestPriority = Priority.INTERACTIVE
     upload_id: UploadId = None
 
     @property
@@ -71,7 +71,7 @@ class PictureUpload(Given, PhantomPicture):
     responses=LOCATED,
 )
 @repeatable
-def create_phantom(drawing: Sent[PhantomAsk], phantoms: ThePhantoms, response: Response) -> StoredPhantom:
+def create_phantom(drawing: Sent[PhantomRequest], phantoms: ThePhantoms, response: Response) -> StoredPhantom:
     """Draw a phantom from polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
@@ -160,7 +160,7 @@ def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms)
 )
 @repeatable
 def measure_phantom(
-    phantom_id: Identifier, measured: Sent[MeasurementsAsk], phantoms: ThePhantoms, response: Response
+    phantom_id: Identifier, measured: Sent[MeasurementsRequest], phantoms: ThePhantoms, response: Response
 ) -> StoredPhantom:
     """Make a phantom of the newly measured size, which `follows` this one; this one stays for what refers to it.
 

@@ -67,7 +67,7 @@ class WindowQuery(Given):
     color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")
 
 
-class Shown(StrEnum):
+class SliceQuantity(StrEnum):
     """Values of a slice that are drawn."""
 
     ATTENUATION = "attenuation"
@@ -77,8 +77,8 @@ class Shown(StrEnum):
 class SliceQuery(WindowQuery):
     """Options for drawing a slice."""
 
-    show: Shown = Field(
-        Shown.ATTENUATION,
+    show: SliceQuantity = Field(
+        SliceQuantity.ATTENUATION,
         description="Values that are drawn; `deviation`: each pixel's standard deviation, where an earlier version "
         "computed it.",
     )
@@ -154,7 +154,7 @@ def get_slice(
         from sawmill_formats.output import volume_reader
 
         path = reconstructions.files.volume(reconstruction_id)
-        if query.show is Shown.DEVIATION:
+        if query.show is SliceQuantity.DEVIATION:
             image = volume_reader.deviation_slice(path, result.shape, index)
             window = window_to_draw(query, window_of(image.data))
         else:
@@ -287,7 +287,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
     openapi_extra=trying(body={"name": "spruce with a nail"}),
     responses=refuses("reconstruction-not-found"),
 )
-def name_reconstruction(
+def rename_reconstruction(
     reconstruction_id: Identifier, named: Sent[ReconstructionName], reconstructions: TheReconstructions
 ) -> Reconstruction:
     """Give a reconstruction a name of its own, or none; the history of names is in the audit."""

@@ -13,7 +13,7 @@ from sawmill_contracts.alarms import NextStepAnswer
 from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_contracts.measurements import Measurement
 from sawmill_contracts.scanner_drift import ScannerDrift
-from sawmill_contracts.scanners import ScannerAsk, StoredScanner
+from sawmill_contracts.scanners import ScannerRequest, StoredScanner
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.given import Given, GivenTime
@@ -98,7 +98,7 @@ EXAMPLE = {
     responses=LOCATED | refuses("folder-refused"),
 )
 @repeatable
-def create_scanner(spec: Sent[ScannerAsk], scanners: TheScanners, response: Response) -> StoredScanner:
+def create_scanner(spec: Sent[ScannerRequest], scanners: TheScanners, response: Response) -> StoredScanner:
     """Describe a scanner by constants, search bounds and tolerances. All but name and constants has a default."""
     scanner = scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
@@ -124,7 +124,7 @@ def get_scanner(scanner_id: Identifier, scanners: TheScanners) -> StoredScanner:
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
     responses=refuses("scanner-not-found", "folder-refused"),
 )
-def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerAsk], scanners: TheScanners) -> StoredScanner:
+def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerRequest], scanners: TheScanners) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""
     return scanners.update(scanner_id, spec)
 
@@ -149,7 +149,7 @@ def delete_scanner(scanner_id: Identifier, scanners: TheScanners) -> None:
     dependencies=[Depends(ACTIVATIONS)],
     responses=OLD | refuses("scanner-not-found"),
 )
-def scanner_history(scanner_id: Identifier, history: TheHistory) -> list[Activation]:
+def list_activations(scanner_id: Identifier, history: TheHistory) -> list[Activation]:
     """List the newest 50, newest first. Use `history/entries` of the kind `activation` instead, which has pages."""
     return [Activation.of(entry) for entry in history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
 
@@ -159,7 +159,7 @@ def scanner_history(scanner_id: Identifier, history: TheHistory) -> list[Activat
     summary="List a scanner's history, newest first",
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
-def scanner_history_entries(
+def list_history(
     scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], history: TheHistory
 ) -> Page[HistoryEntry]:
     """List calibrations, drift checks, activations, alarms and changes of settings, with who, why and measured values.
@@ -175,7 +175,7 @@ def scanner_history_entries(
     response_class=Csv,
     responses=NAMED | refuses("scanner-not-found"),
 )
-def scanner_history_file(
+def get_history_file(
     scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], history: TheHistory
 ) -> StreamingResponse:
     """Return the same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
@@ -217,7 +217,7 @@ def get_scanner_drift(scanner_id: Identifier, drift_charts: TheDriftCharts) -> S
 
 # A later version adds columns at the end. A name has its unit: `gain` of the contract, which is older, has none.
 COLUMNS = (
-    *("number", "at", "kind", "what", "subject", "subject_id", "link", "who", "key_id", "why", "alarm"),
+    *("number", "at", "kind", "type", "subject", "subject_id", "link", "who", "key_id", "why", "alarm"),
     *("verdict", "rays_verdict", "within_tolerance", "against_id"),
     *("cor_column_mm", "cor_column_standard_deviation_mm", "cor_column_change_mm"),
     *("tilt_deg", "tilt_standard_deviation_deg", "tilt_change_deg"),
@@ -225,9 +225,9 @@ COLUMNS = (
     *("relative_residual", "gain_per_mm"),
     *("ray_change_mm", "ray_change_tolerance_mm", "scale_change_percent"),
     *("ray_error_rms_mm", "ray_error_upper_95_mm", "scale_uncertainty_percent"),
-    *("method", "cor_column_tilt_covariance_mm_deg", "baseline_looks", "baseline_age_hours"),
+    *("method", "cor_column_tilt_covariance_mm_deg", "baseline_checks", "baseline_age_hours"),
     *("cor_column_baseline_change_mm", "tilt_baseline_change_deg"),
-    *("pooled_looks", "pooled_cor_column_mm", "pooled_cor_column_standard_deviation_mm"),
+    *("pooled_checks", "pooled_cor_column_mm", "pooled_cor_column_standard_deviation_mm"),
     *("pooled_tilt_deg", "pooled_tilt_standard_deviation_deg"),
 )
 # Spreadsheets take a text that begins with one of these as a formula (OWASP, CSV Injection).

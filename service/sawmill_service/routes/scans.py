@@ -17,7 +17,7 @@ from sawmill_service.http.document.described_answers import drawn, stored
 from sawmill_service.http.document.openapi_document import trying, trying_file
 from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
-from sawmill_service.http.responses.answers import AskedPriority, Dated, Png, accept
+from sawmill_service.http.responses.answers import Dated, Png, RequestPriority, accept
 from sawmill_service.http.responses.drawn import kept_picture, picture
 from sawmill_service.http.responses.waiting import TheWaiting
 from sawmill_service.http.route_rules import Router
@@ -36,7 +36,7 @@ class ScanFilter(Dated):
 class ScanUpload(Given, ScanSpec):
     """Description of a scan that is sent with its file or the id of an earlier one, and the priority of reading."""
 
-    priority: AskedPriority = Priority.WAITED_FOR
+    priority: RequestPriority = Priority.INTERACTIVE
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import Query, Response
 
-from sawmill_contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
+from sawmill_contracts.schedules import Schedule, ScheduleRequest, ScheduleRun
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSchedules
@@ -30,7 +30,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
     responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 @repeatable
-def create_schedule(spec: Sent[ScheduleAsk], schedules: TheSchedules, response: Response) -> Schedule:
+def create_schedule(spec: Sent[ScheduleRequest], schedules: TheSchedules, response: Response) -> Schedule:
     """Calibrate, at each due time, the newest phantom scan that no schedule has used, or check for drift.
 
     A drift check takes the newest log scan of 8 views or more that has no drift check yet.
@@ -59,7 +59,7 @@ def get_schedule(schedule_id: Identifier, schedules: TheSchedules) -> Schedule:
     openapi_extra=trying(body=EXAMPLE),
     responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
-def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleAsk], schedules: TheSchedules) -> Schedule:
+def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleRequest], schedules: TheSchedules) -> Schedule:
     """Replace a schedule. Due times are counted from now, unless one is overdue and `cron` and `time_zone` stay."""
     return schedules.update(schedule_id, spec)
 
@@ -78,6 +78,6 @@ def delete_schedule(schedule_id: Identifier, schedules: TheSchedules) -> None:
 
 
 @router.get("/{schedule_id}/runs", summary="List a schedule's outcomes", responses=refuses("schedule-not-found"))
-def schedule_runs(schedule_id: Identifier, schedules: TheSchedules) -> list[ScheduleRun]:
+def list_schedule_runs(schedule_id: Identifier, schedules: TheSchedules) -> list[ScheduleRun]:
     """List one entry for each due time, newest first."""
     return schedules.runs(schedule_id)

@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect
 
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_platform.contracts.uploads import Upload, UploadRequest, UploadState
 from sawmill_platform.errors import Busy, UploadTooLarge
 from sawmill_platform.files.upload_stream import in_parts
 from sawmill_platform.uploads.upload_parts import UploadPart
@@ -42,7 +42,7 @@ _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
     openapi_extra=trying(body={"size_bytes": 65536, "name": "mill.h5"}),
 )
 @repeatable
-def create_upload(ask: Sent[UploadAsk], uploads: TheUploads, settings: TheSettings, response: Response) -> Upload:
+def create_upload(ask: Sent[UploadRequest], uploads: TheUploads, settings: TheSettings, response: Response) -> Upload:
     """Declare a file; its bytes follow with `PATCH`. Disk space is reserved until a day after the last part."""
     if ask.size_bytes > settings.max_upload_bytes:
         raise UploadTooLarge(settings.max_upload_bytes)

@@ -12,7 +12,7 @@ from sawmill_platform.contracts.webhooks import (
     Delivery,
     NewWebhook,
     Webhook,
-    WebhookAsk,
+    WebhookRequest,
     WebhookRotation,
     Webhooks,
     WebhookTest,
@@ -52,7 +52,7 @@ FOR_A_DAY = WebhookRotation()
 )
 @repeatable
 def create_webhook(
-    ask: Sent[WebhookAsk], webhooks: TheWebhooks, settings: TheSettings, response: Response
+    ask: Sent[WebhookRequest], webhooks: TheWebhooks, settings: TheSettings, response: Response
 ) -> NewWebhook:
     """Add a webhook for events, signed as in Standard Webhooks. Its secret is in this answer and nowhere else.
 
@@ -85,7 +85,7 @@ def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> Webhook:
     responses=refuses("webhook-not-found", "destination-not-allowed"),
 )
 def replace_webhook(
-    webhook_id: Identifier, ask: Sent[WebhookAsk], webhooks: TheWebhooks, settings: TheSettings
+    webhook_id: Identifier, ask: Sent[WebhookRequest], webhooks: TheWebhooks, settings: TheSettings
 ) -> Webhook:
     """Replace a webhook; its secret stays. If it is enabled, waiting events are sent at once, also if it was paused."""
     _check(ask, settings)
@@ -151,7 +151,7 @@ def list_deliveries(
     return webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
 
 
-def _check(ask: WebhookAsk, settings: ServiceSettings) -> None:
+def _check(ask: WebhookRequest, settings: ServiceSettings) -> None:
     try:
         AllowedDestinations(settings.webhook_destinations).check(destination_of(ask.url))
     except RefusedDestinationError as refused:

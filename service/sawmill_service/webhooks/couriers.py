@@ -137,7 +137,7 @@ class Couriers:
 
 def body_of_event(event: Event) -> bytes:
     """Write the message about an event."""
-    return EventMessage(type=event.what, timestamp=event.at, data=event).model_dump_json().encode()
+    return EventMessage(type=event.type, timestamp=event.at, data=event).model_dump_json().encode()
 
 
 def headers_of(message_id: str, now: datetime, body: bytes, secrets: Sequence[str]) -> dict[str, str]:

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Header
 
 from sawmill_platform.contracts.webhooks import EventMessage, WebhookTestMessage
 
-router = APIRouter(tags=["webhooks"], generate_unique_id_function=lambda route: route.name)
+router = APIRouter(tags=["webhook messages"], generate_unique_id_function=lambda route: route.name)
 
 MessageId = Annotated[
     str,

@@ -59,7 +59,7 @@ LOG = {"log_row": np.array(5), "log_field_mm": np.array(330.0)}
 LOG |= {"log_after": np.eye(32), "log_before": np.zeros((32, 32))}
 STILL = {"angle_change_deg": -0.00001, "source_distance_change_mm": 0.0, "tilt_change_deg": 0.0}
 MOVED = comparison(2.0, **STILL, reason="the rays moved 2.00 mm RMS where 0.50 mm is allowed")
-MEASURED = {"what": "x", "measured_mm": 99.8, "standard_uncertainty_mm": 0.05, "measured_on": "2026-11-20"}
+MEASURED = {"dimension": "x", "measured_mm": 99.8, "standard_uncertainty_mm": 0.05, "measured_on": "2026-11-20"}
 DISC = {"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}
 DRAWING = PhantomDrawing.model_validate({"name": "our cross", "shapes": [DISC], "measurements": [MEASURED]})
 OF_SCAN = {"scanner_name": 'Line <2> "north"', "scanner_id": "line-2", "scan_name": "monday", "scan_id": "s1"}

@@ -8,7 +8,7 @@ from live_service import SCANNER, Offline, serving
 from page_checks import overflowing, shot, small_targets
 from playwright.sync_api import Page, expect
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
@@ -153,7 +153,7 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
 
 @pytest.mark.usefixtures("seeded")
 def test_the_search_is_followed_live_and_cancelled(site, store):
-    asked = store.calibrations.accept(CalibrationAsk(scan_id="example"))
+    asked = store.calibrations.accept(CalibrationRequest(scan_id="example"))
     page = site.open("/login", viewport={"width": 800, "height": 700})
     # As a proxy answers while the service starts: a browser does not ask again by itself.
     page.route(f"**/v1/jobs/{asked.job_id}/events", lambda route: route.fulfill(status=503), times=1)

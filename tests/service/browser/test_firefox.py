@@ -7,7 +7,7 @@ import pytest
 from firefox import MISSING, PROGRAM, Firefox, firefox
 from missing_parts import skip_without
 
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.drifts import DriftRequest
 
 pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("seeded")]
 SIDEWAYS = "document.documentElement.scrollWidth > document.documentElement.clientWidth + 1"
@@ -35,7 +35,7 @@ def test_every_state_works_in_firefox(serve, store, worker, tmp_path):
         async with firefox(tmp_path) as tab:
             await tab.go(address)
             before = await tab.evaluate(HEADLINE)
-            store.drifts.accept(DriftAsk(scan_id="example"))
+            store.drifts.accept(DriftRequest(scan_id="example"))
             worker.finish_drift(within_tolerance=False, ray_change_mm=0.8, reason="the COR moved")
             async with asyncio.timeout(120):
                 while (after := await tab.evaluate(HEADLINE)) == before:  # noqa: ASYNC110 - the page is asked

@@ -3,8 +3,8 @@
 import pytest
 from playwright.sync_api import Page, expect
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
@@ -50,7 +50,7 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
 def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, store, worker, newer):
-    anna, bert = (store.keys.create(KeyAsk(name=name, scope=Scope.ACTIVATE)) for name in ("Anna", "Bert"))
+    anna, bert = (store.keys.create(KeyRequest(name=name, scope=Scope.ACTIVATE)) for name in ("Anna", "Bert"))
     result = f"/calibrate?calibration={newer}"
     hers, his = (site.open(result, locale=locale) for locale in ("en-GB", "fi-FI"))
     log_in(hers, "Key", anna.secret)
@@ -76,7 +76,7 @@ def test_two_people_see_one_result_and_an_ended_session_loses_no_answer(site, st
     expect(his.get_by_text("Hyväksyjä: Anna")).to_be_visible()
     hers.goto("/scanners/example")
     expect(hers.get_by_role("heading", name="Calibration in use")).to_be_visible()
-    waiting = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    waiting = store.calibrations.accept(CalibrationRequest(scan_id="example")).id
     worker.finish_calibration()
     hers.reload()
     expect(hers.get_by_text("Accept all the same", exact=True)).to_be_visible()

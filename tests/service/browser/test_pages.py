@@ -8,8 +8,8 @@ from page_checks import overflowing, shot
 from playwright.sync_api import Page, expect
 
 import sawmill_service
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.plans import PlanRequest
 from sawmill_platform.contracts.jobs import Failure, FailureKind
 from sawmill_vocabulary import Progress
 
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 def ask(store) -> str:
     """A plan's job."""
-    return store.plans.accept(PlanAsk(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
+    return store.plans.accept(PlanRequest(scanner_id="example"), given={"phantom_id": "l-shape"}).job_id
 
 
 def seen(page: Page, *, yes: bool) -> None:
@@ -181,7 +181,7 @@ FOLLOW = """path => {
 
 
 def test_an_event_source_goes_on_with_the_next_service_and_ends_for_good(browser, serve, store, worker):
-    asked = store.calibrations.accept(CalibrationAsk(scan_id="example"))
+    asked = store.calibrations.accept(CalibrationRequest(scan_id="example"))
     with serve(0) as port:
         page = browser.new_page(base_url=f"http://127.0.0.1:{port}", bypass_csp=True)
         page.goto("/problems/")

@@ -8,9 +8,9 @@ from page_checks import shot
 from playwright.sync_api import Page, expect
 
 from sawmill_contracts.alarms import AlarmKind
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.scanners import ScannerSpec
-from sawmill_platform.contracts.keys import KeyAsk, Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.mill_tables import AlarmRow
@@ -31,7 +31,7 @@ def check(store, worker):
     """A drift check with this outcome."""
 
     def add(**changes):
-        store.drifts.accept(DriftAsk(scan_id="example"))
+        store.drifts.accept(DriftRequest(scan_id="example"))
         worker.finish_drift(**changes)
 
     return add
@@ -111,7 +111,7 @@ def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
 
 def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(site, store):
     with store.database.write() as session:
-        session.add(AlarmRow(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=store.now()))
+        session.add(AlarmRow(scanner_id="example", kind=AlarmKind.NO_PHANTOM_SCAN, since=store.now()))
     page = site.open("/scanners/example", locale="fi-FI", timezone_id="Asia/Tokyo")
     expect(page.get_by_role("heading", name="Tarkkaile")).to_be_visible()
     page.get_by_text("Kuittaa hälytys").click()
@@ -131,7 +131,7 @@ def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(si
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])
 def test_a_display_follows_until_its_key_ends(site, store, check):
-    key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))
+    key = store.keys.create(KeyRequest(name="display", scope=Scope.READ, display=True))
     page = site.open()
     page.get_by_label("Key", exact=True).fill(key.secret)
     page.get_by_role("button", name="Log in").click()

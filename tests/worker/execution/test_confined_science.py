@@ -8,12 +8,12 @@ import pytest
 from PIL import Image
 from small_scanner import CONSTANTS, SCANNER, THETA
 
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
-from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.plans import PlanRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.jobs import JobKind, JobState
@@ -52,11 +52,11 @@ def asked(store):
     picture = PhantomPicture(name="ell", width_mm=400)
     store.phantoms.accept_picture(picture, store.files.receive([picture_of_an_l()], max_bytes=10**7))
     store.inspections.accept_file(InspectionOptions(), store.files.receive([stack_of_an_l()], max_bytes=10**7))
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan, activate=True)).id
-    store.plans.accept(PlanAsk(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
+    store.plans.accept(PlanRequest(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})
     for method in ReconstructionMethod:
-        store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=THETA, size=32, method=method))
-    store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
+        store.reconstructions.accept(ReconstructionRequest(scan_id=scan, theta=THETA, size=32, method=method))
+    store.drifts.accept(DriftRequest(scan_id=scan, calibration_id=calibration))
 
 
 @pytest.mark.usefixtures("asked", "own_templates")

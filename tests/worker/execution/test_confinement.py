@@ -13,13 +13,13 @@ from structlog.testing import capture_logs
 from tiers import both_ways
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomPicture
-from sawmill_contracts.plans import PlanAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.plans import PlanRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.attempts.limits import OPEN_FILES, limits_of, processor_s
@@ -58,14 +58,14 @@ def one_of_each(store, finish):
 
     scan = store.scans.accept(spec, upload()).id
     finish()
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan, activate=True)).id
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan, activate=True)).id
     finish()
     store.scans.accept(spec, upload(), scan_id="mine")
     store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), upload())
-    store.calibrations.accept(CalibrationAsk(scan_id=scan))
-    store.reconstructions.accept(ReconstructionAsk(scan_id=scan, calibration_id=calibration))
-    store.plans.accept(PlanAsk(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
-    store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
+    store.calibrations.accept(CalibrationRequest(scan_id=scan))
+    store.reconstructions.accept(ReconstructionRequest(scan_id=scan, calibration_id=calibration))
+    store.plans.accept(PlanRequest(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
+    store.drifts.accept(DriftRequest(scan_id=scan, calibration_id=calibration))
     store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all")
 
 

@@ -12,13 +12,13 @@ from machine_faults import database_away
 from sqlalchemy import insert, text, update
 from structlog.testing import capture_logs
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.measurements import MeasurementKind
-from sawmill_contracts.retention import RetentionAsk, RetentionKind, RetentionRules
+from sawmill_contracts.retention import RetentionKind, RetentionRequest, RetentionRules
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import JobState
-from sawmill_platform.contracts.webhooks import WebhookAsk
+from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.database.tables import REMOVABLE, DeliveryRow, EventRow, JobRow
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.jobs.job_store import Jobs
@@ -76,8 +76,8 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, housekeeping, se
     time.sleep(0.05)
     with capture_logs() as log:
         housekeeping.once()
-    assert [entry["what"] for entry in log if entry["event"] == "alarm-opened"] == ["scanner-quiet"]
-    assert [alarm.what for alarm in store.alarms.open()] == ["scanner-quiet"]
+    assert [entry["kind"] for entry in log if entry["event"] == "alarm-opened"] == ["scanner-quiet"]
+    assert [alarm.kind for alarm in store.alarms.open()] == ["scanner-quiet"]
     store.scanners.update(scanner_id, known)
     housekeeping.once()
     assert len(store.alarms.open()) == 1
@@ -88,7 +88,7 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, housekeeping, se
 
 def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings, queue):
     scan = store.scans.get(queue("succeed").subject_id)
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape"))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id, phantom_id="l-shape"))
     since = store.now() - timedelta(hours=1)
     with store.database.write() as session:
         about = {"scanner_id": scan.scanner_id, "calibration_id": calibration.id}
@@ -111,12 +111,12 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
     put_off = [(entry["event"], entry["scanner_id"]) for entry in log if entry["log_level"] == "error"]
     assert put_off == [("drift-chart-put-off", "a-first-one")]
     (chart,) = store.drift_charts.of_scanner(scan.scanner_id).charts
-    assert (chart.looks, chart.finding.kind, chart.calibration_id) == (1, "learning", calibration.id)
-    assert (chart.pooled_looks, chart.pooled_cor_column_mm) == (1, pytest.approx(-209.0))
+    assert (chart.checks, chart.finding.kind, chart.calibration_id) == (1, "learning", calibration.id)
+    assert (chart.pooled_checks, chart.pooled_cor_column_mm) == (1, pytest.approx(-209.0))
 
 
 def test_old_deliveries_are_forgotten_each_minute(store, housekeeping, seconds):
-    webhook = store.webhooks.create(WebhookAsk(url="https://alarms.mill.example/", events=["*"]))
+    webhook = store.webhooks.create(WebhookRequest(url="https://alarms.mill.example/", events=["*"]))
     store.webhooks.rotate(webhook.id, grace_s=0)
     outbox = store.outbox()
     pending = outbox.pending(webhook.id, store.events.newest_number())
@@ -135,10 +135,10 @@ def test_old_deliveries_are_forgotten_each_minute(store, housekeeping, seconds):
 def test_many_batches_go_by_the_rules_of_retention_in_a_round(store, housekeeping, queue):
     job = queue("succeed")
     rules, batch = RetentionRules(events_days=1), REMOVABLE_ROWS[RetentionKind.EVENTS].batch
-    store.retention.replace(RetentionAsk(**rules.model_dump(), remove_at_most=10_000))
+    store.retention.replace(RetentionRequest(**rules.model_dump(), remove_at_most=10_000))
     ago = store.now() - timedelta(days=2)
     (queued,) = (each for each in store.events.following(0) if each.job_id == job.id)
-    more = {"at": ago, "what": queued.what, "subject": queued.subject, "subject_id": queued.subject_id}
+    more = {"at": ago, "type": queued.type, "subject": queued.subject, "subject_id": queued.subject_id}
     with store.database.write() as session:
         session.execute(insert(EventRow), [more] * (2 * batch))
         session.execute(update(EventRow).where(text(REMOVABLE)).values(at=ago))

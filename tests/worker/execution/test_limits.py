@@ -10,7 +10,7 @@ from tiers import fresh_by_night
 
 from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture
-from sawmill_contracts.plans import PlanAsk
+from sawmill_contracts.plans import PlanRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.attempts.failures import died
 from sawmill_platform.attempts.limits import DATA_BYTES, FILE_BYTES, limits_of
@@ -52,7 +52,7 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
 
 
 def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, start):
-    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
+    ask = PlanRequest(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
     runner = start()
     for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
         body = PhantomDrawing(name=f"end-by-{crash.lower()}", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
@@ -65,7 +65,7 @@ def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, s
 
 def test_a_job_whose_phantom_was_deleted_meanwhile_is_refused(store, start):
     phantom = store.phantoms.create(PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)]))
-    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
+    ask = PlanRequest(scanner_id=store.scanners.create(SCANNER).id, theta=THETA)
     plan = store.plans.accept(ask, given={"phantom_id": phantom.id})
     store.phantoms.delete(phantom.id)
     assert start().run_next() is JobState.FAILED

@@ -10,7 +10,7 @@ from scan_files import new_volume
 
 from sawmill_contracts import kinds
 from sawmill_contracts.inspections import PICTURE_PX, ScanPicture
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_platform.errors import InvalidOutput
 from sawmill_store.subjects.outputs import check_file, output_file
 
@@ -24,7 +24,7 @@ def given(store, queue):
     job = queue("succeed")
     reading = results.answer_of(kinds.INGEST, results.reading())
     store.jobs.succeed(store.jobs.claim("test"), reading, store.files.make_attempt_folder(job.id, 1))
-    ask = ReconstructionAsk(scan_id=job.subject_id, theta=results.THETA, size=16)
+    ask = ReconstructionRequest(scan_id=job.subject_id, theta=results.THETA, size=16)
     return store.jobs.handed_over(store.reconstructions.accept(ask).job_id)
 
 

@@ -139,7 +139,7 @@ def test_limits_of_every_kind_follow_each_other(kind):
 
 
 def fates(store, job):
-    return [event.what for event in store.events.of_job(job.id) if event.what is not event_kinds.STARTED]
+    return [event.type for event in store.events.of_job(job.id) if event.type is not event_kinds.STARTED]
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from tiers import both_ways, fresh_by_night
 from write_lock import write_lock
 
 from sawmill_contracts import kinds
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.attempts.process import AttemptNotStarted, AttemptProcess, FreshProcesses
@@ -70,7 +70,7 @@ def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, 
     assert [line["event"] for line in about] == ["attempt-started", "attempt-ended"]
     assert all(named.items() <= line.items() for line in about)
     events = [line for line in log if line["event"] == "event"]
-    assert [(line["what"], line["job_id"]) for line in events] == [
+    assert [(line["type"], line["job_id"]) for line in events] == [
         (what, job.id) for what in ("started", "failed", "scan-refused")
     ]
     (failed,) = [line for line in capfd.readouterr().err.splitlines() if "job-failed" in line]
@@ -191,7 +191,7 @@ def test_a_result_comes_with_its_digest_and_the_lease_is_kept_while_it_is_taken(
             return super().check_output(kind, result, folder)
 
     scan = queue("succeed").subject_id
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=results.THETA, size=16))
+    log = store.reconstructions.accept(ReconstructionRequest(scan_id=scan, theta=results.THETA, size=16))
     runner = start(on=store_with(Looking))
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
     for path in (store.files.scan(scan), store.files.volume(log.id)):
@@ -217,7 +217,7 @@ def test_a_scan_that_was_changed_is_not_read_whatever_its_time_says(store, runne
     content[len(content) // 2] ^= 255
     path.write_bytes(content)
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    log = store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, theta=results.THETA, size=16))
+    log = store.reconstructions.accept(ReconstructionRequest(scan_id=scan_id, theta=results.THETA, size=16))
     assert runner.run_next() is JobState.FAILED
     failure = store.jobs.get(log.job_id).failure
     assert (failure.kind, failure.code) == (FailureKind.INPUT, "result-damaged")

@@ -15,7 +15,7 @@ from missing_parts import skip_without
 
 from sawmill_command import examples
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
@@ -182,7 +182,7 @@ def small_calibration(store, folder):
         scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape", phantom_rows=f"0:{examples.PHANTOM_ROWS}"
     )
     scan = store.scans.accept(spec, store.files.receive([(folder / "stack.h5").read_bytes()], max_bytes=2**30))
-    return scan, store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    return scan, store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
 
 
 def read_back(store, calibration_id):
@@ -200,7 +200,7 @@ def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(
     forking = attempts(unhurried, ATTEMPT_COMMAND)
     each_anew = attempts(unhurried.model_copy(update={"fork_attempts": False}), ATTEMPT_COMMAND)
     scan, first = small_calibration(store, tmp_path)
-    second = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    second = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     forked = Runner(store, unhurried, stop, attempts=forking)
     assert [forked.run_next(), forked.run_next()] == [JobState.SUCCEEDED] * 2
     made = forking.starter.process_id

@@ -13,8 +13,8 @@ from results import answer_of
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import Scan, ScanSpec
 from sawmill_platform.contracts.jobs import Job, JobKind
@@ -112,7 +112,7 @@ def calibrating(store: Store, attempt: Callable[..., MillAttempt]) -> Callable[.
     """Ask for a calibration of a scan; its attempt."""
 
     def ask(scan: Scan, reported: list[Progress] | None = None, **options: Any) -> MillAttempt:
-        store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **options))
+        store.calibrations.accept(CalibrationRequest(scan_id=scan.id, **options))
         return attempt(kinds.CALIBRATE, reported)
 
     return ask
@@ -123,7 +123,7 @@ def reconstructing(store: Store, attempt: Callable[..., MillAttempt]) -> Callabl
     """Ask for a reconstruction of a scan; its attempt."""
 
     def ask(scan: Scan, **options: Any) -> MillAttempt:
-        store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, **options))
+        store.reconstructions.accept(ReconstructionRequest(scan_id=scan.id, **options))
         return attempt(kinds.RECONSTRUCT)
 
     return ask

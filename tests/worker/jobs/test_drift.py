@@ -11,8 +11,8 @@ from sawmill_calibration.drift_checks.baselines import baselines_of, read_answer
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.scans.scan import Scan, rows_of_memory
 from sawmill_contracts import kinds
-from sawmill_contracts.calibrations import CalibrationAsk, CalibrationResult
-from sawmill_contracts.drifts import DriftAsk, DriftResult, KnownBaseline
+from sawmill_contracts.calibrations import CalibrationRequest, CalibrationResult
+from sawmill_contracts.drifts import DriftRequest, DriftResult, KnownBaseline
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_platform.contracts.attempts import JobFailure
@@ -121,10 +121,10 @@ def asked(store, attempt, finish, send, ingest, known):
         content = stack if deviations is None else {"mean": np.float32(stack), "deviations": np.float32(deviations)}
         about = {"angles_deg": f"{step / 2}:{step}", "averaged_rows": averaged_rows, "phantom_id": "l-shape"}
         scan = ingest(send(content, data=DataKind.LINE_INTEGRALS, **about))
-        calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+        calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
         result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
         finish(attempt(kinds.CALIBRATE), result)
-        store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
+        store.drifts.accept(DriftRequest(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
         return attempt(kinds.DRIFT)
 
     return ask
@@ -145,7 +145,7 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
 
 def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
     looking = asked(log_scan()[:, None])
-    of_fifty = {"looks": 50, "outliers": 0, "first_at": None, "last_at": None, "tilt_offset_rad": 0.0}
+    of_fifty = {"checks": 50, "outliers": 0, "first_at": None, "last_at": None, "tilt_offset_rad": 0.0}
     baselines = [
         KnownBaseline(method=method, cor_column_offset_mm=off, covariance=[[1e-6, 0.0], [0.0, 1e-12]], **of_fifty)
         for method, off in (("view-pairs", 0.7), ("opposite-rays", 0.2))
@@ -229,8 +229,8 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
 
 def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, attempt):
     scan = store.scans.get(asked(log_scan()[:, None]).given.scan.id)
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
-    store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
+    store.drifts.accept(DriftRequest(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)
     with pytest.raises(JobFailure, match="is cancelled and has no geometry to compare with"):
         run(attempt(kinds.DRIFT))
@@ -273,7 +273,7 @@ def test_a_baseline_cancels_what_stays_and_shows_what_moves(disturbed, answers, 
     still = disturbed(7, baselines=baselines)
     moved = disturbed(7, replace(THETA, detector_shift_mm=30.4), baselines=baselines)
     assert abs(still.significance.cor_column_mm) > 4.0, "absolute, a scanner that stands seems to have moved"
-    assert (still.reference, still.moved, still.baseline.looks) == ("baseline", False, 3)
+    assert (still.reference, still.moved, still.baseline.checks) == ("baseline", False, 3)
     assert abs(still.baseline.significance.cor_column_mm) < 3.0
     assert still.ray_change_mm < 0.3 * still.baseline.ray_offset_mm
     assert "counted from the first 3 logs after the calibration" in still.reason

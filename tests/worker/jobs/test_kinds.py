@@ -19,7 +19,7 @@ from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.inspections import PICTURE_PX, InspectionOptions, InspectionResult, ScanPicture
 from sawmill_contracts.kinds import Reference
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomPicture
-from sawmill_contracts.plans import PlanAsk, PlanResult
+from sawmill_contracts.plans import PlanRequest, PlanResult
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_platform.attempts.work import Needs
@@ -132,7 +132,7 @@ def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(scan, recon
 
 def test_a_plan_needs_its_sinogram(store, scan, attempt):
     store.plans.accept(
-        PlanAsk(scanner_id=scan.scanner_id, theta=KNOWN_THETA, views=3600), given={"phantom_id": "l-shape"}
+        PlanRequest(scanner_id=scan.scanner_id, theta=KNOWN_THETA, views=3600), given={"phantom_id": "l-shape"}
     )
     assert 3600 * CELLS * 8 < needs_of(attempt(kinds.PLAN)).memory_bytes < 2 * DATA_BYTES
 
@@ -141,7 +141,7 @@ def test_a_plan_needs_its_sinogram(store, scan, attempt):
 def asked(store, spec, theta):
     """Ask for a plan on one scanner."""
     store.scanners.create(spec(), scanner_id="line-2")
-    ask = PlanAsk(scanner_id="line-2", theta=theta, views=30, noise=0.01)
+    ask = PlanRequest(scanner_id="line-2", theta=theta, views=30, noise=0.01)
     return lambda phantom_id: store.plans.accept(ask, given={"phantom_id": phantom_id})
 
 

@@ -251,7 +251,7 @@ def calibration_result(
     calibration: CalibrationOutcome,
     calibration_input: CalibrationInput,
     comparison: contracts.Comparison | None = None,
-    witness: contracts.SecondWitness | None = None,
+    witness: contracts.LogCheck | None = None,
 ) -> contracts.CalibrationResult:
     """Convert a calibration to its contract; a scanner that moved is the first of the reasons."""
     findings, frame, judgement = calibration.findings, calibration.frame, calibration.judgement
@@ -298,7 +298,7 @@ def calibration_result(
         software_version=VERSION,
         input_sha256=calibration_input.input_sha256,
         comparison=comparison,
-        second_witness=witness,
+        log_check=witness,
     )
 
 
@@ -307,13 +307,13 @@ def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[Reason
     extent_mm = np.ptp(np.concatenate(to_phantom(drawing).outlines()), axis=0)
     for measured in drawing.measurements:
         values: dict[str, Value] = {
-            "what": measured.what,
+            "what": measured.dimension,
             "measured_mm": measured.measured_mm,
             "error_mm": measured.standard_uncertainty_mm,
         }
         if measured.expired(today):
             yield CalibrationMessage.MEASUREMENT_EXPIRED(**values, expired_on=str(measured.expires_on))
-        axis = AXES.get(measured.what)
+        axis = AXES.get(measured.dimension)
         if axis is None:
             continue
         drawn_mm = float(extent_mm[axis])

@@ -82,13 +82,13 @@ def log_rows(
     return LogRows(tuple(shown), np.mean(list(shown.values()), axis=0)) if shown else None
 
 
-def witness_of(calibration: CalibrationOutcome, calibration_input: CalibrationInput) -> contracts.SecondWitness | None:
+def witness_of(calibration: CalibrationOutcome, calibration_input: CalibrationInput) -> contracts.LogCheck | None:
     """Convert the answers of phantom and log to the contract."""
     if not isinstance(calibration.findings, Evidence) or calibration.findings.witness is None:
         return None
     witness = calibration.findings.witness
     jump = witness.log.movement
-    return contracts.SecondWitness(
+    return contracts.LogCheck(
         log_rows=(calibration_input.log_rows[0], calibration_input.log_rows[-1] + 1),
         log_rows_averaged=len(calibration_input.log_rows),
         log=_pair(witness.log.detector.values),
@@ -103,7 +103,7 @@ def witness_of(calibration: CalibrationOutcome, calibration_input: CalibrationIn
         ray_change_mm=witness.ray_change_mm,
         agreement=witness.agreement,
         moved=witness.moved,
-        taken=witness.taken,
+        used=witness.taken,
         log_jump_mm=None if jump is None else jump.by_mm,
         log_jump_view=None if jump is None else jump.view,
         reason=_reason(witness),

@@ -27,7 +27,7 @@ def known_baseline(
     zero = baseline.estimate
     return KnownBaseline(
         method=method,
-        looks=zero.looks,
+        checks=zero.looks,
         outliers=zero.outliers,
         first_at=first_at,
         last_at=last_at,

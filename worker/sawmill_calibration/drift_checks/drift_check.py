@@ -248,7 +248,7 @@ def _of_the_detector(
     if turned_over:
         return LogMessage.TURNED_OVER()
     if zero is not None and _is_far(zero, reference):
-        return LogMessage.MOVED_BEFORE(looks=zero.looks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
+        return LogMessage.MOVED_BEFORE(looks=zero.checks, offset_mm=zero.ray_offset_mm, allowed_mm=allowed_mm)
     moved: dict[str, Value] = {"moved_mm": changed.ray_change_mm, "allowed_mm": allowed_mm}
     if within is None:
         known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(reference, changed)}
@@ -264,7 +264,7 @@ def _of_the_detector(
         cause = LogMessage.BEYOND_CALIBRATION(cause, **moved, limit_mm=limit_mm)
     elif changed.moved:
         cause = LogMessage.WITHIN(cause, **moved)
-    return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.looks)
+    return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.checks)
 
 
 def _method(fit: DetectorFit) -> DriftMethod:

@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from sawmill_contracts.calibrations import CalibrationResult, Comparison, FoundGeometry, PhantomPose, SecondWitness
+from sawmill_contracts.calibrations import CalibrationResult, Comparison, FoundGeometry, LogCheck, PhantomPose
 from sawmill_contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_vocabulary import Shape, Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
@@ -165,7 +165,7 @@ def hypothesis_rows(pose: PhantomPose) -> list[tuple[str, str, str]]:
     ]
 
 
-def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
+def witness_rows(witness: LogCheck) -> list[tuple[str, str, str]]:
     """Return u_c and tilt by the phantom and by the log, their difference, and the reported values."""
     parts = (N_("phantom"), N_("log"), N_("difference"), N_("reported"))
     rows = []
@@ -199,7 +199,7 @@ def size_tolerance(drawing: PhantomDrawing, reader: Reader = ENGLISH) -> str:
 
 def _measured(side: SizeMeasurement, reader: Reader) -> str:
     on = reader.words(N_("no date")) if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
-    return f"{side.what} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
+    return f"{side.dimension} {reader.localised(f'{side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm')} ({on})"
 
 
 def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:

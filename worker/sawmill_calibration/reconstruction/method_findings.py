@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import MetalReport, MethodReport
-from sawmill_tomography.geometry.geometry import FanBeamGeometry
+from sawmill_tomography.geometry.geometry import FanViews
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction.choosing import Recommendation
 from sawmill_tomography.reconstruction.estimate import Estimate
@@ -155,9 +155,7 @@ class WithoutMetal:
 class MetalReduction:
     """Reduction of metal in the blocks of a log: rays are interpolated, left out, or weighed where metal is thin."""
 
-    def __init__(
-        self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, weigh: bool, enabled: bool
-    ) -> None:
+    def __init__(self, geometry: FanViews, radius_mm: float, *, leave_out: bool, weigh: bool, enabled: bool) -> None:
         self._search = MetalSearch.of(geometry, radius_mm) if enabled else None
         self._leave_out, self._weigh, self._working = leave_out, weigh, Lock()
 

@@ -28,7 +28,7 @@ from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction import cost
@@ -314,7 +314,7 @@ class _Run:
             return sample
         used, scan = views_of_step(self._scan.angles_rad, step), self._scan
         geometry = self._projector.geometry
-        self._projector = Projector(geometry.with_angles(geometry.angles_rad[used]), self._projector.grid)
+        self._projector = Projector(geometry.at(used), self._projector.grid)
         self._scan = replace(
             scan, angles_rad=scan.angles_rad[used], read=lambda start, stop: scan.read(start, stop)[used]
         )
@@ -371,7 +371,7 @@ class _Run:
         return result, merged.curve
 
 
-def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
+def _radius_mm(read: ReadRows, geometry: FanViews, slices: int) -> float:
     """Return the radius of the disc that holds the log in rows all along its length, including first and last."""
     rows = {round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}
     lines = (read(n, n + 1)[:, 0] for n in sorted(rows))

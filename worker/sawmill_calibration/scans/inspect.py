@@ -183,7 +183,7 @@ def _refused_or_missing(error: UnreadableScan, source: InspectionInput) -> Field
     what, flag, field = supplied_by.get(error.code, ("", "", None))
     if not what or (source.uploaded and field is None):
         return {"refusal": _failure(error.code, str(error))}
-    return {"missing": [MissingPart(what=what, flag=flag, field=field, why=str(error))]}
+    return {"missing": [MissingPart(name=what, flag=flag, field=field, why=str(error))]}
 
 
 def _of_contents(contents: FileContents, source: InspectionInput, kind: OwnKind | None) -> Fields:
@@ -268,20 +268,20 @@ def _missing(
     if reading.data is None:
         yield _missing_kind(contents, kind, uploaded=uploaded)
     if contents.flats is None and reading.data is DataKind.COUNTS:
-        yield MissingPart(what="flat fields", flag="--flats", why="counts need at least one")
+        yield MissingPart(name="flat fields", flag="--flats", why="counts need at least one")
     hint = "" if contents.unused is None else f"; no name states what these are: {contents.unused}"
     if reading.detector_pitch_mm is None:
         why = f"the file carries no distance between detector cells{hint}"
-        yield MissingPart(what="detector pitch", flag="--detector-pitch-mm", field="detector_pitch_mm", why=why)
+        yield MissingPart(name="detector pitch", flag="--detector-pitch-mm", field="detector_pitch_mm", why=why)
     if reading.row_pitch_mm is None and reading.shape.rows > 1:
         why = "without the distance between rows slices are counted, not placed in mm"
-        yield MissingPart(what="row pitch", flag="--row-pitch-mm", field="row_pitch_mm", why=why, needed=False)
+        yield MissingPart(name="row pitch", flag="--row-pitch-mm", field="row_pitch_mm", why=why, needed=False)
     if contents.darks is None and reading.data is DataKind.COUNTS:
         why = "without dark fields the detector's offset is taken as zero"
-        yield MissingPart(what="dark fields", flag="--darks", why=why, needed=False)
+        yield MissingPart(name="dark fields", flag="--darks", why=why, needed=False)
     why = f"calibrate needs the distance from the source to the centre of rotation, and reads it from no scan{hint}"
     yield MissingPart(
-        what="source to centre of rotation",
+        name="source to centre of rotation",
         flag="--source-to-cor-mm",
         field="source_to_cor_mm",
         why=why,
@@ -296,7 +296,7 @@ def _missing_kind(contents: FileContents, kind: OwnKind | None, *, uploaded: boo
         flag, why = "--data counts", "the file carries flat fields, as counts do; line integrals are refused with them"
     elif kind is OwnKind.SCAN:
         flag, why = "--data line-integrals", "this product wrote the file, of line integrals"
-    return MissingPart(what="what the numbers are", flag=flag, field="data", why=why)
+    return MissingPart(name="what the numbers are", flag=flag, field="data", why=why)
 
 
 def _failure(code: str, detail: str) -> Failure:

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 
 
 class AuditEntry(Contract):
@@ -28,7 +28,7 @@ class AuditEntry(Contract):
         description="The `X-Request-Id` of the request, as in its answer and in the log. Null: there was no request.",
         examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
-    action: EventKind = Field(description="Action.", examples=["key-created"])
+    action: EventType = Field(description="Action.", examples=["key-created"])
     subject_id: str = Field(description="Id of the object of the action.", examples=["example"])
     detail: dict[str, Any] | None = Field(
         description="The object's properties and the reason, where known.", examples=[{"reason": "checked by hand"}]

@@ -83,7 +83,8 @@ class Page(Contract, Generic[Item]):
     @classmethod
     def model_parametrized_name(cls, params: tuple[Any, ...]) -> str:
         """Name the model as pydantic needs it: `JobPage` for pages of `Job`."""
-        return f"{params[0].__name__}Page"
+        [item] = params
+        return f"{getattr(item, 'model_config', {}).get('title', item.__name__)}Page"
 
     items: list[Item] = Field(description="Items of this page, newest first.")
     next: str | None = Field(

@@ -8,7 +8,7 @@ from pydantic_core import CoreSchema
 from sawmill_platform.contracts.jobs import RegisteredWord
 
 
-class EventKind(RegisteredWord):
+class EventType(RegisteredWord):
     """Kind of an event."""
 
     is_decision: bool
@@ -40,38 +40,38 @@ class EventKind(RegisteredWord):
         return tuple(kind for kind in cls.all() if kind.is_public)
 
 
-QUEUED = EventKind.register("queued")
-STARTED = EventKind.register("started")
-SUCCEEDED = EventKind.register("succeeded")
-FAILED = EventKind.register("failed")
-LOST = EventKind.register("lost", "the attempt ended without an answer")
-PUT_OFF = EventKind.register("put-off", "an outage ended the attempt, which is no loss")
-GIVEN_BACK = EventKind.register("given-back", "the worker of the attempt stopped, or another job went first")
-CANCEL_REQUESTED = EventKind.register("cancel-requested", "the worker of the job was requested to stop")
-CANCELLED = EventKind.register("cancelled")
-UPLOAD_CREATED = EventKind.register("upload-created")
-UPLOAD_COMPLETE = EventKind.register("upload-complete")
-UPLOAD_USED = EventKind.register("upload-used")
-UPLOAD_DELETED = EventKind.register("upload-deleted")
-KEY_CREATED = EventKind.register("key-created", is_decision=True)
-KEY_ROTATED = EventKind.register("key-rotated", is_decision=True)
-KEY_REVOKED = EventKind.register("key-revoked", is_decision=True)
-WEBHOOK_CREATED = EventKind.register("webhook-created", is_decision=True)
-WEBHOOK_CHANGED = EventKind.register("webhook-changed", is_decision=True)
-WEBHOOK_ROTATED = EventKind.register("webhook-rotated", is_decision=True)
-WEBHOOK_TESTED = EventKind.register("webhook-tested", is_decision=True)
-WEBHOOK_PAUSED = EventKind.register("webhook-paused", "nothing is sent to the webhook any more, for `reason`")
-WEBHOOK_DELETED = EventKind.register("webhook-deleted", is_decision=True)
-RETENTION_CHANGED = EventKind.register("retention-changed", is_decision=True)
-RETENTION_REMOVED = EventKind.register(
+QUEUED = EventType.register("queued")
+STARTED = EventType.register("started")
+SUCCEEDED = EventType.register("succeeded")
+FAILED = EventType.register("failed")
+LOST = EventType.register("lost", "the attempt ended without an answer")
+POSTPONED = EventType.register("postponed", "an outage ended the attempt, which is no loss")
+GIVEN_BACK = EventType.register("given-back", "the worker of the attempt stopped, or another job went first")
+CANCEL_REQUESTED = EventType.register("cancel-requested", "the worker of the job was requested to stop")
+CANCELLED = EventType.register("cancelled")
+UPLOAD_CREATED = EventType.register("upload-created")
+UPLOAD_COMPLETE = EventType.register("upload-complete")
+UPLOAD_USED = EventType.register("upload-used")
+UPLOAD_DELETED = EventType.register("upload-deleted")
+KEY_CREATED = EventType.register("key-created", is_decision=True)
+KEY_ROTATED = EventType.register("key-rotated", is_decision=True)
+KEY_REVOKED = EventType.register("key-revoked", is_decision=True)
+WEBHOOK_CREATED = EventType.register("webhook-created", is_decision=True)
+WEBHOOK_CHANGED = EventType.register("webhook-changed", is_decision=True)
+WEBHOOK_ROTATED = EventType.register("webhook-rotated", is_decision=True)
+WEBHOOK_TESTED = EventType.register("webhook-tested", is_decision=True)
+WEBHOOK_PAUSED = EventType.register("webhook-paused", "nothing is sent to the webhook any more, for `reason`")
+WEBHOOK_DELETED = EventType.register("webhook-deleted", is_decision=True)
+RETENTION_CHANGED = EventType.register("retention-changed", is_decision=True)
+RETENTION_REMOVED = EventType.register(
     "retention-removed", "the rules of `/v1/retention` removed objects of the kind `subject_id`"
 )
-JOB_CANCELLED = EventKind.register("job-cancelled", is_decision=True, is_public=False)
-LOGGED_IN = EventKind.register("logged-in", is_decision=True, is_public=False)
-LOGGED_OUT = EventKind.register("logged-out", is_decision=True, is_public=False)
-CLOCK_STEPPED = EventKind.register("clock-stepped", "the service followed a step of its machine's clock")
-CLOCK_OFF = EventKind.register("clock-off", "the worker's clock differs from the service's by more than 5 s")
-RESTORED = EventKind.register("restored", "the database lacks what happened after the backup that was restored")
+JOB_CANCELLED = EventType.register("job-cancelled", is_decision=True, is_public=False)
+LOGGED_IN = EventType.register("logged-in", is_decision=True, is_public=False)
+LOGGED_OUT = EventType.register("logged-out", is_decision=True, is_public=False)
+CLOCK_STEPPED = EventType.register("clock-stepped", "the service followed a step of its machine's clock")
+CLOCK_OFF = EventType.register("clock-off", "the worker's clock differs from the service's by more than 5 s")
+RESTORED = EventType.register("restored", "the database lacks what happened after the backup that was restored")
 
 JOB_ENDS = frozenset({SUCCEEDED, FAILED, CANCELLED})
 """Kinds of events that end a job."""

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import ConfigDict, Field
 
 from sawmill_platform.contracts.base import Contract, Identifier, Time
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_vocabulary.messages import GROUP
 
 
@@ -18,7 +18,7 @@ class Event(Contract):
         description="Number of the event; it grows from event to event, not always by 1.", examples=[42]
     )
     at: Time = Field(examples=["2026-03-02T05:31:04Z"])
-    what: EventKind = Field(examples=["succeeded"])
+    type: EventType = Field(examples=["succeeded"])
     group_id: Identifier | None = Field(
         None,
         alias=f"{GROUP}_id",

@@ -108,7 +108,7 @@ class Priority(StrEnum):
     """Priority of a job: a client waits for it, it is one of a batch such as a schedule's, or it is for idle times."""
 
     # One line for each priority: its name, and its rank in the queue, the lowest first.
-    WAITED_FOR = "waited-for", 0
+    INTERACTIVE = "interactive", 0
     BATCH = "batch", 1
     BACKGROUND = "background", 2
 
@@ -155,9 +155,9 @@ class Job(Stamped):
         examples=[True],
     )
     priority: Priority = Field(
-        Priority.WAITED_FOR,
-        description="Jobs with `waited-for` go first, those of a batch next.",
-        examples=["waited-for"],
+        Priority.INTERACTIVE,
+        description="Jobs with `interactive` go first, those of a batch next.",
+        examples=["interactive"],
     )
     queue_position: int | None = Field(
         None,

@@ -31,7 +31,7 @@ def _state_display(schema: Schema) -> None:
     require(schema, "display", one_of("display", [False]), one_of("scope", [Scope.READ]))
 
 
-class KeyAsk(Given):
+class KeyRequest(Given):
     """A key to be made."""
 
     model_config = ConfigDict(json_schema_extra=_state_display)
@@ -52,7 +52,7 @@ class KeyAsk(Given):
     )
 
     @model_validator(mode="after")
-    def _displays_only_read(self) -> "KeyAsk":
+    def _displays_only_read(self) -> "KeyRequest":
         if self.display and self.scope is not Scope.READ:
             raise ValueError(f"a display's key must have the scope read, not {self.scope}")
         return self

@@ -27,7 +27,7 @@ class UploadState(StrEnum):
     """Something was made from the upload."""
 
 
-class UploadAsk(Given):
+class UploadRequest(Given):
     """A file to be sent in parts."""
 
     size_bytes: int = Field(gt=0, le=LARGEST_NUMBER, description="Length of the whole file, bytes.", examples=[1048576])

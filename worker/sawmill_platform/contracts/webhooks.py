@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped, Time
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.given import Given
 
@@ -56,12 +56,12 @@ def _check_url(url: str) -> str:
     return url
 
 
-def kinds_of(names: Iterable[str]) -> frozenset[EventKind]:
+def kinds_of(names: Iterable[str]) -> frozenset[EventType]:
     """Return the kinds of events with one of these names, or with one's beginning before the `*`."""
-    return frozenset(kind for name in names for kind in EventKind.published() if _names(name, kind))
+    return frozenset(kind for name in names for kind in EventType.published() if _names(name, kind))
 
 
-def _names(name: str, kind: EventKind) -> bool:
+def _names(name: str, kind: EventType) -> bool:
     return kind.startswith(name[:-1]) if name.endswith("*") else kind == name
 
 
@@ -98,7 +98,7 @@ EventNames = Annotated[
 ]
 
 
-class WebhookAsk(Given):
+class WebhookRequest(Given):
     """A webhook to be stored."""
 
     url: Url
@@ -219,7 +219,7 @@ class Delivery(Contract):
         examples=["msg_0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
     event_number: int = Field(description="The event's number in `/v1/events`.", examples=[42])
-    what: EventKind = Field(description="Kind of the event.", examples=["alarm-opened"])
+    type: EventType = Field(description="Kind of the event.", examples=["alarm-opened"])
     state: DeliveryState = Field(
         description="`failed`: the service gave up and paused the webhook; enabled again, it begins with this event.",
         examples=["delivered"],
@@ -250,7 +250,7 @@ class WebhookTest(Contract):
 class EventMessage(Contract):
     """A message that is posted to a webhook when something has happened."""
 
-    type: EventKind = Field(description="Kind of the event, as in `data`.", examples=["alarm-opened"])
+    type: EventType = Field(description="Kind of the event, as in `data`.", examples=["alarm-opened"])
     timestamp: Time = Field(description="Time of the event, RFC 3339, UTC.")
     data: Event = Field(description="The event as in `/v1/events`.")
 

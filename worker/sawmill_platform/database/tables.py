@@ -25,7 +25,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import JobKind, JobState, Priority, RegisteredWord
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.uploads import UploadState
@@ -124,7 +124,7 @@ class Base(DeclarativeBase):
         datetime: UtcDateTime(),
         DeliveryState: words(DeliveryState),
         EventClass: words(EventClass),
-        EventKind: Registered(EventKind, 40),
+        EventType: Registered(EventType, 40),
         JobKind: Registered(JobKind),
         JobState: words(JobState),
         Priority: Ranked(),
@@ -164,7 +164,7 @@ class JobRow(Resource):
     kind: Mapped[JobKind]
     state: Mapped[JobState]
     subject_id: Mapped[str] = mapped_column(String(64), index=True)
-    priority: Mapped[Priority] = mapped_column(default=Priority.WAITED_FOR)
+    priority: Mapped[Priority] = mapped_column(default=Priority.INTERACTIVE)
     # Whether the job takes seconds: such jobs have a lane in which none waits for a long one.
     short: Mapped[bool] = mapped_column(default=False)
     # Groups take turns (`jobs/wait_estimate.py`); the jobs without a group (empty) are a group as well.
@@ -230,7 +230,7 @@ class EventRow(Base):
     __tablename__ = "events"
     __table_args__ = (
         Index(None, "group_id", "number"),
-        Index(None, "what", "number"),
+        Index(None, "type", "number"),
         _where("ix_events_history", IN_HISTORY, "group_id", "at", "number"),
         _where("ix_events_history_topic", IN_HISTORY, "group_id", "topic", "at", "number"),
         _where("ix_events_decisions", DECIDED, "number"),
@@ -240,7 +240,7 @@ class EventRow(Base):
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     at: Mapped[datetime]
     event_class: Mapped[EventClass] = mapped_column("class", default=EventClass.WORK)
-    what: Mapped[EventKind]
+    type: Mapped[EventType]
     topic: Mapped[str | None] = mapped_column(String(20))
     group_id: Mapped[str | None] = mapped_column(String(64))
     subject: Mapped[str | None] = mapped_column(String(20))
@@ -354,7 +354,7 @@ class DeliveryRow(Base):
     webhook_id: Mapped[str] = mapped_column(ForeignKey("webhooks.id", ondelete="CASCADE"))
     event_number: Mapped[int]
     message_id: Mapped[str] = mapped_column(String(64))
-    what: Mapped[EventKind]
+    type: Mapped[EventType]
     state: Mapped[DeliveryState]
     attempts: Mapped[int]
     first_at: Mapped[datetime]

@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session, aliased
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract, Page
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
@@ -467,7 +467,7 @@ class Jobs:
             now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                record(session, now, event_kinds.PUT_OFF, row, reported)
+                record(session, now, event_kinds.POSTPONED, row, reported)
                 _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
@@ -487,7 +487,7 @@ class Jobs:
         session: Session,
         row: JobRow,
         state: JobState,
-        what: EventKind,
+        what: EventType,
         *,
         reason: str | None = None,
         detail: Json | None = None,

@@ -100,7 +100,7 @@ class Places:
         if actor().of_service:
             full = self._full(session, None, own=1)
             if full is not None:
-                queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.what == event_kinds.QUEUED)
+                queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.type == event_kinds.QUEUED)
                 session.scalars(queued).one().detail = {
                     "reason": f"{full.sentence}: this one is the service's own and waits as well"
                 }
@@ -157,7 +157,7 @@ def queue_job(
     group_id: str | None,
     needs: Sequence[str] = (),
     job_id: str | None = None,
-    priority: Priority = Priority.WAITED_FOR,
+    priority: Priority = Priority.INTERACTIVE,
 ) -> JobRow:
     """Queue a job that starts only when the jobs that it needs have ended.
 

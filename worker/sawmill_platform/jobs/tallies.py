@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.attempts import AttemptInput
 from sawmill_platform.contracts.base import Contract
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import JobKind, JobState
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow, seconds_between
@@ -36,7 +36,7 @@ _ALL = 2**62
 class Fate(NamedTuple):
     """Outcome of some attempts: `fault` and `code` of a failure, and `duration`, a class of `DURATIONS_S`."""
 
-    what: EventKind
+    type: EventType
     kind: JobKind
     fault: str | None
     code: str | None
@@ -133,7 +133,7 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
         *((ended.c.seconds <= end_s, number) for number, end_s in enumerate(DURATIONS_S)), else_=len(DURATIONS_S)
     )
     classed = select(*ended.c, duration.label("duration")).subquery()
-    fate = (classed.c.what, classed.c.kind, classed.c.fault, classed.c.code, classed.c.duration)
+    fate = (classed.c.type, classed.c.kind, classed.c.fault, classed.c.code, classed.c.duration)
     amount = (
         func.count(),
         func.coalesce(func.sum(classed.c.seconds), 0.0),
@@ -147,11 +147,11 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
     """Select a row for each attempt that a worker has ended; its seconds are known if the job ended with a result."""
-    succeeded = EventRow.what == event_kinds.SUCCEEDED
+    succeeded = EventRow.type == event_kinds.SUCCEEDED
     seconds = case((succeeded, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
         select(
-            EventRow.what,
+            EventRow.type,
             JobRow.kind,
             EventRow.detail["kind"].as_string().label("fault"),
             EventRow.detail["code"].as_string().label("code"),
@@ -159,7 +159,7 @@ def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
             seconds.label("seconds"),
         )
         .join(JobRow, JobRow.id == EventRow.job_id)
-        .where(EventRow.what != event_kinds.STARTED, EventRow.worker.is_not(None), *which)
+        .where(EventRow.type != event_kinds.STARTED, EventRow.worker.is_not(None), *which)
         .limit(_ALL)  # otherwise SQLite computes the seconds again for each class of durations
     )
 

@@ -12,8 +12,8 @@ from sqlalchemy.orm import QueryableAttribute, Session
 
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import EventKind
-from sawmill_platform.contracts.keys import Key, KeyAsk, Keys, NewKey
+from sawmill_platform.contracts.event_kinds import EventType
+from sawmill_platform.contracts.keys import Key, KeyRequest, Keys, NewKey
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id
 from sawmill_platform.database.tables import Json, KeyRow
@@ -38,7 +38,7 @@ class KeyStore:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def create(self, ask: KeyAsk) -> NewKey:
+    def create(self, ask: KeyRequest) -> NewKey:
         """Make a key.
 
         Raises
@@ -122,7 +122,7 @@ class KeyStore:
             return _any_good(session, self._database.now())
 
 
-def _announce(session: Session, now: datetime, what: EventKind, key_id: str, decided: Json) -> None:
+def _announce(session: Session, now: datetime, what: EventType, key_id: str, decided: Json) -> None:
     """Announce no more than the id to followers, who need not be administrators."""
     announce(session, now, what, "key", key_id, decided=decided)
 

@@ -8,7 +8,7 @@ from sqlalchemy import Select, func, select, text
 
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import read_numbered_page
 from sawmill_platform.database.tables import DECIDED, EventRow
@@ -34,7 +34,7 @@ class Audit:
         self,
         *,
         who: str | None = None,
-        action: EventKind | None = None,
+        action: EventType | None = None,
         since: datetime | None = None,
         until: datetime | None = None,
         after: str | None = None,
@@ -58,7 +58,7 @@ class Audit:
         """
         conditions = (
             None if who is None else EventRow.who == who,
-            None if action is None else EventRow.what == action,
+            None if action is None else EventRow.type == action,
             None if since is None else EventRow.at >= since,
             None if until is None else EventRow.at < until,
         )
@@ -98,4 +98,4 @@ def _decisions() -> Select[EventRow]:
 
 def read_audit_entry(row: EventRow) -> AuditEntry:
     """Return the entry of a decision."""
-    return AuditEntry.of_row(row, action=row.what, detail=row.decided)
+    return AuditEntry.of_row(row, action=row.type, detail=row.decided)

@@ -13,7 +13,7 @@ from itertools import pairwise, takewhile
 from sqlalchemy import ColumnElement, func, select, text
 from sqlalchemy.orm import Session
 
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow
@@ -63,7 +63,7 @@ class EventReader:
                 if row.number > before + 1 and not self._is_settled(before, open_since):
                     missed = before
                     break
-                if row.what.is_public:
+                if row.type.is_public:
                     there.append(Event.of_row(row))
                 before = row.number
         if missed is not None:
@@ -109,4 +109,4 @@ def _transactions(session: Session) -> tuple[int, int]:
 
 def published() -> ColumnElement[bool]:
     """Return a condition for statements: the feed publishes the event."""
-    return EventRow.what.not_in([kind for kind in EventKind.all() if not kind.is_public])
+    return EventRow.type.not_in([kind for kind in EventType.all() if not kind.is_public])

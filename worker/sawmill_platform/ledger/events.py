@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventKind
+from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventType
 from sawmill_platform.contracts.events import Event
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.database import clock
@@ -29,7 +29,7 @@ NUMBERS_SKIPPED = 1_000_000
 _OF_NO_ATTEMPT = (event_kinds.QUEUED, event_kinds.CANCEL_REQUESTED, event_kinds.JOB_CANCELLED)
 
 
-def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: Json | None = None) -> EventRow:
+def record(session: Session, now: datetime, what: EventType, job: JobRow, detail: Json | None = None) -> EventRow:
     """Add an event of a job or an attempt; the actor of a job's end is its client, or the actor that cancelled it.
 
     Parameters
@@ -46,7 +46,7 @@ def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail
     declared = declaration_of(job.kind)
     row = EventRow(
         at=now,
-        what=what,
+        type=what,
         topic=declared.topic if what in JOB_ENDS and job.group_id else None,
         group_id=job.group_id or None,
         subject=declared.noun,
@@ -64,7 +64,7 @@ def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail
 def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
     """Return the name and the key's id of the actor that cancelled a job."""
     decisions = select(EventRow.who, EventRow.key_id).where(
-        EventRow.job_id == job.id, EventRow.what == event_kinds.JOB_CANCELLED
+        EventRow.job_id == job.id, EventRow.type == event_kinds.JOB_CANCELLED
     )
     found = session.execute(decisions.order_by(EventRow.number.desc()).limit(1)).one_or_none()
     return (None, None) if found is None else (found.who, found.key_id)
@@ -73,14 +73,14 @@ def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
 def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
     """Add that a backup was restored, under a number that no event after the backup had."""
     newest = session.scalar(select(func.max(EventRow.number))) or 0
-    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, what=event_kinds.RESTORED, detail=detail))
+    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, type=event_kinds.RESTORED, detail=detail))
     session.flush()
 
 
 def announce(
     session: Session,
     now: datetime,
-    what: EventKind,
+    what: EventType,
     subject: str,
     subject_id: str,
     *,
@@ -115,7 +115,7 @@ def announce(
     row = EventRow(
         at=now,
         event_class=EventClass.DECISION if what.is_decision else EventClass.WORK,
-        what=what,
+        type=what,
         topic=None if group_id is None else what.topic,
         group_id=group_id,
         subject=subject,
@@ -142,7 +142,7 @@ def _write(session: Session, row: EventRow) -> EventRow:
 def _log(row: EventRow) -> None:
     """Log an event; commands, which print their answer, do not log."""
     if (
-        row.what.is_public and structlog.is_configured() and inspect(row).persistent
+        row.type.is_public and structlog.is_configured() and inspect(row).persistent
     ):  # a part of the transaction may have been undone
         structlog.get_logger().info("event", **Event.of_row(row).model_dump(mode="json", exclude_none=True))
 
@@ -165,15 +165,15 @@ class Events:
         """Return the events of a job's attempts, the oldest first, or raise `NotFound`."""
         with self._database.read() as session:
             found(session, JobRow, "job", job_id)
-            of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what.not_in(_OF_NO_ATTEMPT))
+            of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.type.not_in(_OF_NO_ATTEMPT))
             return [Event.of_row(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
 
     def numbers_of_job(self, job_id: str) -> JobNumbers:
         """Return the numbers of a job's newest events; a job that is read afterwards is as new as these, or newer."""
-        newest = select(EventRow.number, EventRow.what).where(EventRow.job_id == job_id, published())
+        newest = select(EventRow.number, EventRow.type).where(EventRow.job_id == job_id, published())
         with self._database.read() as session:
             rows = list(session.execute(newest.order_by(EventRow.number.desc()).limit(2)))
-        end = rows.pop(0).number if rows and rows[0].what in JOB_ENDS else None
+        end = rows.pop(0).number if rows and rows[0].type in JOB_ENDS else None
         return JobNumbers(rows[0].number if rows else 0, end)
 
     def following(
@@ -235,8 +235,8 @@ class Events:
         """Return the events of clocks, the oldest first."""
         kinds = [event_kinds.CLOCK_OFF, event_kinds.CLOCK_STEPPED]
         with self._database.read() as session:
-            rows = session.scalars(select(EventRow).where(EventRow.what.in_(kinds)).order_by(EventRow.number))
+            rows = session.scalars(select(EventRow).where(EventRow.type.in_(kinds)).order_by(EventRow.number))
             return [Event.of_row(row) for row in rows]
 
-    def _add_of_clock(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
-        _write(session, EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)}))
+    def _add_of_clock(self, session: Session, what: EventType, worker: str, off_s: float) -> None:
+        _write(session, EventRow(at=self._database.now(), type=what, worker=worker, detail={"off_s": round(off_s, 3)}))

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadAsk, UploadState
+from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadRequest, UploadState
 from sawmill_platform.database.database import Database, after_commit, lock_files_of
 from sawmill_platform.database.paging import found, new_id, refuse_taken
 from sawmill_platform.database.tables import UploadRow
@@ -47,7 +47,7 @@ class Uploads:
         self.files = files
         self._disk_reserve_bytes = disk_reserve_bytes
 
-    def create(self, ask: UploadAsk, quota: UploadQuota, *, identifier: str | None = None) -> Upload:
+    def create(self, ask: UploadRequest, quota: UploadQuota, *, identifier: str | None = None) -> Upload:
         """Add an upload, whose bytes follow.
 
         Raises

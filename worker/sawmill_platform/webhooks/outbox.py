@@ -168,7 +168,7 @@ def message_id(webhook_id: str, event: Event) -> str:
 
     Numbers alone would repeat after a restore.
     """
-    what = f"{webhook_id} {event.number} {event.at.isoformat()} {event.what} {event.subject_id}"
+    what = f"{webhook_id} {event.number} {event.at.isoformat()} {event.type} {event.subject_id}"
     return f"msg_{hashlib.sha256(what.encode()).hexdigest()[:32]}"
 
 
@@ -200,7 +200,7 @@ def _enter(session: Session, row: WebhookRow, event: Event, attempt: DeliveryAtt
             session.delete(entry)
             session.flush()
         entry = DeliveryRow(webhook_id=row.id, event_number=event.number, message_id=identifier)
-        entry.what, entry.first_at, entry.attempts = event.what, now, 0
+        entry.type, entry.first_at, entry.attempts = event.type, now, 0
         session.add(entry)
     entry.attempts += 1
     entry.last_at, entry.status, entry.reason = now, attempt.status, attempt.reason

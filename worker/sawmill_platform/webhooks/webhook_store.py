@@ -17,7 +17,7 @@ from sawmill_platform.contracts.webhooks import (
     Delivery,
     NewWebhook,
     Webhook,
-    WebhookAsk,
+    WebhookRequest,
     Webhooks,
     WebhookState,
     WebhookTest,
@@ -51,7 +51,7 @@ def secret_of(row: WebhookRow, now: datetime) -> tuple[str, ...]:
 def wanted_by(row: WebhookRow) -> ColumnElement[bool]:
     """Select the events that are to be sent to a webhook and have not been sent."""
     behind = EventRow.number > row.after
-    return behind if "*" in row.events else behind & EventRow.what.in_(sorted(kinds_of(row.events)))
+    return behind if "*" in row.events else behind & EventRow.type.in_(sorted(kinds_of(row.events)))
 
 
 class WebhookStore:
@@ -60,7 +60,7 @@ class WebhookStore:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def create(self, ask: WebhookAsk, *, webhook_id: str | None = None) -> NewWebhook:
+    def create(self, ask: WebhookRequest, *, webhook_id: str | None = None) -> NewWebhook:
         """Add a webhook.
 
         Raises
@@ -101,7 +101,7 @@ class WebhookStore:
             row, now = found(session, WebhookRow, "webhook", webhook_id), self._database.now()
             return read_webhook(session, row), secret_of(row, now), now
 
-    def update(self, webhook_id: str, ask: WebhookAsk) -> Webhook:
+    def update(self, webhook_id: str, ask: WebhookRequest) -> Webhook:
         """Replace a webhook; if it is enabled, the next attempt is made at once."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
@@ -112,7 +112,7 @@ class WebhookStore:
         """Enable or disable a webhook, or raise `NotFound`."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
-            ask = WebhookAsk(url=row.url, description=row.description, events=row.events, enabled=enabled)
+            ask = WebhookRequest(url=row.url, description=row.description, events=row.events, enabled=enabled)
             _replace(session, self._database.now(), row, ask)
 
     def rotate(self, webhook_id: str, *, grace_s: int) -> NewWebhook:
@@ -164,7 +164,7 @@ class WebhookStore:
                 session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers), is_old))
 
 
-def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) -> None:
+def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookRequest) -> None:
     before = _audited(row) | {"after": row.after}
     _describe(session, row, ask)
     row.paused, row.failures, row.next_attempt_at = False, 0, None
@@ -173,7 +173,7 @@ def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) 
     session.flush()
 
 
-def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
+def _describe(session: Session, row: WebhookRow, ask: WebhookRequest) -> None:
     row.url, row.description, row.events, row.enabled = ask.url, ask.description, ask.events, ask.enabled
     if ask.after is not None:
         row.after = min(ask.after, _newest(session))  # later events are not skipped

@@ -215,7 +215,7 @@ def _pooled(number: int, mean: DetectorEstimate, looks: int) -> dict[str, Any]:
     return {
         "number": number,
         "awaits_chart": None,
-        "pooled_looks": looks,
+        "pooled_checks": looks,
         "pooled_cor_column_mm": column,
         "pooled_cor_column_standard_deviation_mm": column_deviation,
         "pooled_tilt_rad": tilt,
@@ -230,7 +230,7 @@ def _counted(row: MeasurementRow, since: datetime) -> CountedLook:
 
 
 def _newest_look(session: Session, chart: DriftChartRow) -> MeasurementRow:
-    charted = _looks(chart.activation_number, chart.method).where(MeasurementRow.pooled_looks.is_not(None))
+    charted = _looks(chart.activation_number, chart.method).where(MeasurementRow.pooled_checks.is_not(None))
     return session.scalars(charted.order_by(MeasurementRow.number.desc()).limit(1)).one()
 
 
@@ -246,7 +246,7 @@ def read_chart(session: Session, chart: DriftChartRow) -> PooledDrift:
             "method": chart.method,
             "calibration_id": activation.calibration_id,
             "since": activation.activated_at,
-            "looks": chart.looks,
+            "checks": chart.looks,
             "last_at": chart.changed_at,
             "baseline": zero,
             "baseline_cor_column_mm": zero and column + zero.cor_column_offset_mm,

@@ -185,7 +185,7 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime, activation_numb
         relative_residual=result.relative_residual,
         covariance=result.detector_change.covariance,
         method=result.method,
-        baseline_looks=zero and zero.looks,
+        baseline_checks=zero and zero.checks,
         baseline_age_hours=zero and zero.age_hours,
         cor_column_baseline_change_mm=zero and zero.change.cor_column_mm,
         tilt_baseline_change_rad=zero and zero.change.tilt_rad,

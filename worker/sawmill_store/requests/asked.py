@@ -52,7 +52,7 @@ class Asked(Generic[Ask, Answer]):
         *,
         identifier: str | None = None,
         job_id: str | None = None,
-        priority: Priority = Priority.WAITED_FOR,
+        priority: Priority = Priority.INTERACTIVE,
         given: Mapping[str, str] = NOTHING,
     ) -> Answer:
         """Write a request and queue its job, which waits for the unfinished jobs that the request refers to.
@@ -100,7 +100,7 @@ class Asked(Generic[Ask, Answer]):
         *,
         identifier: str | None = None,
         job_id: str | None = None,
-        priority: Priority = Priority.WAITED_FOR,
+        priority: Priority = Priority.INTERACTIVE,
         given: Mapping[str, str] = NOTHING,
     ) -> Answered:
         """Write a row and its job inside the caller's transaction; the rest is as in `accept`."""

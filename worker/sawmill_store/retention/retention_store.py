@@ -14,9 +14,9 @@ from sawmill_contracts.retention import (
     KindPreview,
     Removed,
     Retention,
-    RetentionAsk,
     RetentionKind,
     RetentionPreview,
+    RetentionRequest,
     RetentionRules,
 )
 from sawmill_platform.acting import actor
@@ -55,7 +55,7 @@ class RetentionStore:
         with self._database.read() as session:
             return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
 
-    def replace(self, ask: RetentionAsk) -> Retention:
+    def replace(self, ask: RetentionRequest) -> Retention:
         """Put rules into force, if they remove no more than was confirmed.
 
         Raises

@@ -18,7 +18,7 @@ from sawmill_contracts.scans import ScanState
 from sawmill_mill.alarms import AlarmChange, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Invalid, NotFound
@@ -52,7 +52,7 @@ class Alarms:
             changing = {change.alarm.scanner_id for change in _changes(session, self._database.now())}
         return [change for scanner_id in sorted(changing) for change in self._bring_up_to_date(scanner_id)]
 
-    def acknowledge(self, scanner_id: str, what: AlarmKind, until: datetime, reason: str) -> Alarm:
+    def acknowledge(self, scanner_id: str, kind: AlarmKind, until: datetime, reason: str) -> Alarm:
         """Take notice of an open alarm until a time.
 
         Raises
@@ -61,17 +61,26 @@ class Alarms:
             There is no such open alarm; the time has passed.
         """
         with self._database.write() as session:
-            row = session.get(AlarmRow, (scanner_id, what), with_for_update=True)
+            row = session.get(AlarmRow, (scanner_id, kind), with_for_update=True)
             if row is None:
-                raise NotFound("alarm", f"{what} of scanner {scanner_id}")
+                raise NotFound("alarm", f"{kind} of scanner {scanner_id}")
             now = self._database.now()
             if until <= now:
                 raise Invalid("acknowledgement-ended", f"until must lie ahead, and {until.isoformat()} has passed")
             notice = Acknowledgement(until=until, by=actor().name, reason=reason).model_dump(mode="json")
             row.acknowledged = notice
-            detail = {"what": what, "until": notice["until"], "reason": reason}
-            kind, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
-            announce(session, now, kind, "scanner", scanner_id, group_id=scanner_id, detail=detail, decided=decided)
+            detail = {"kind": kind, "until": notice["until"], "reason": reason}
+            acknowledged, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
+            announce(
+                session,
+                now,
+                acknowledged,
+                "scanner",
+                scanner_id,
+                group_id=scanner_id,
+                detail=detail,
+                decided=decided,
+            )
             return Alarm.of_row(row)
 
     def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
@@ -85,7 +94,7 @@ class Alarms:
                     drift = None if alarm.drift is None else alarm.drift.model_dump(mode="json")
                     session.add(AlarmRow(**alarm.model_dump(exclude={"drift", "acknowledged"}), drift=drift))
                 else:
-                    ended = AlarmRow.scanner_id == scanner_id, AlarmRow.what == alarm.what
+                    ended = AlarmRow.scanner_id == scanner_id, AlarmRow.kind == alarm.kind
                     session.execute(delete(AlarmRow).where(*ended))
                 _announce(session, now, what, alarm)
             return changes
@@ -98,7 +107,7 @@ def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
     session.execute(delete(AlarmRow).where(AlarmRow.scanner_id == scanner_id))
 
 
-def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) -> None:
+def _announce(session: Session, now: datetime, what: EventType, alarm: Alarm) -> None:
     detail = alarm.model_dump(mode="json", exclude={"scanner_id", "acknowledged"}, exclude_none=True)
     announce(
         session,
@@ -116,7 +125,7 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
     """Yield the changes of one scanner or of all, by the rules of `sawmill_mill.alarms`."""
     opened = defaultdict[str, dict[AlarmKind, Alarm]](dict)
     for alarm in _opened(session, scanner_id):
-        opened[alarm.scanner_id][alarm.what] = alarm
+        opened[alarm.scanner_id][alarm.kind] = alarm
     chart_alarms = _chart_alarms(session, scanner_id)
     for row in session.execute(_of_scanners(scanner_id)).mappings():
         try:
@@ -128,7 +137,7 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
 
 
 def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
-    statement = select(AlarmRow).order_by(AlarmRow.scanner_id, AlarmRow.what)
+    statement = select(AlarmRow).order_by(AlarmRow.scanner_id, AlarmRow.kind)
     if scanner_id is not None:
         statement = statement.where(AlarmRow.scanner_id == scanner_id)
     return [Alarm.of_row(row) for row in session.scalars(statement)]
@@ -190,7 +199,7 @@ def newest_accepted(column: InstrumentedAttribute[Any]) -> Select[Any]:
 
     Retention keeps the event, so that an alarm knows by it when the last scan came.
     """
-    came = EventRow.group_id == ScannerRow.id, EventRow.what == event_kinds.QUEUED, EventRow.subject == "scan"
+    came = EventRow.group_id == ScannerRow.id, EventRow.type == event_kinds.QUEUED, EventRow.subject == "scan"
     return select(column).where(*came).order_by(EventRow.number.desc()).limit(1)
 
 

@@ -94,7 +94,7 @@ class Histories:
         statement = _events(scanner_id).where(EventRow.at >= since, EventRow.topic.in_(topics))
         with self._database.read() as session:
             return [
-                HistoryMark(row.at, HistoryKind(row.topic or ""), row.what, row.subject_id or "", _alarm(row))
+                HistoryMark(row.at, HistoryKind(row.topic or ""), row.type, row.subject_id or "", _alarm(row))
                 for row in session.scalars(statement.order_by(EventRow.at, EventRow.number))
             ]
 
@@ -131,7 +131,7 @@ def _place(cursor: str) -> _Place:
 def _events(scanner_id: str) -> Select[EventRow]:
     """Select the events of a scanner's history since a scanner with the same id was last deleted."""
     deleted = select(func.max(EventRow.number)).where(
-        EventRow.group_id == scanner_id, EventRow.what == mill_events.SCANNER_DELETED
+        EventRow.group_id == scanner_id, EventRow.type == mill_events.SCANNER_DELETED
     )
     since = EventRow.number > func.coalesce(deleted.scalar_subquery(), 0)
     return select(EventRow).where(text(IN_HISTORY), EventRow.group_id == scanner_id, since)
@@ -141,7 +141,7 @@ def _entries(scanner_id: str, kind: HistoryKind | None, since: datetime | None, 
     """Select the events with their measurements, and with the ids of their subjects where these are still stored."""
     columns: list[Any] = [MeasurementRow, *(row.id.label(noun) for noun, (row, _) in SUBJECTS.items())]
     measured = and_(
-        EventRow.what == event_kinds.SUCCEEDED,
+        EventRow.type == event_kinds.SUCCEEDED,
         MeasurementRow.subject_id == EventRow.subject_id,
         MeasurementRow.kind == EventRow.subject,
     )
@@ -177,7 +177,7 @@ def _read(row: Row[Any]) -> HistoryEntry:
 
 
 def _alarm(event: EventRow) -> AlarmKind | None:
-    return AlarmKind((event.detail or {})["what"]) if event.topic == HistoryKind.ALARM else None
+    return AlarmKind((event.detail or {})["kind"]) if event.topic == HistoryKind.ALARM else None
 
 
 def changes_in_words(difference: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.base import Page
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database, lock_files_of
 from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
 from sawmill_platform.database.tables import Json
@@ -197,7 +197,7 @@ def _watched(spec: Json) -> WatchedFolder | None:
 
 
 def _announce(
-    session: Session, now: datetime, what: EventKind, scanner_id: str, decided: Json, why: str | None = None
+    session: Session, now: datetime, what: EventType, scanner_id: str, decided: Json, why: str | None = None
 ) -> None:
     announce(session, now, what, "scanner", scanner_id, group_id=scanner_id, decided=decided, why=why)
 

@@ -1,7 +1,7 @@
 """Inspections: uploads that are inspected before they become scans."""
 
 from sawmill_contracts import kinds, mill_events
-from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
+from sawmill_contracts.inspections import DECLARATION, Inspection, InspectionOptions, InspectionRequest
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import new_id
@@ -15,7 +15,7 @@ from sawmill_store.requests.asked import Asked
 from sawmill_store.requests.references import found_asked, read_asked
 
 
-class Inspections(Asked[InspectionAsk, Inspection]):
+class Inspections(Asked[InspectionRequest, Inspection]):
     """Store of inspections and of the inspected files: every method is one transaction."""
 
     def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
@@ -28,7 +28,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         *,
         name: str = "file",
         identifier: str | None = None,
-        priority: Priority = Priority.WAITED_FOR,
+        priority: Priority = Priority.INTERACTIVE,
     ) -> Inspection:
         """Keep an upload and queue the job that inspects it.
 
@@ -52,7 +52,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         QueueFull
             The allowed number of jobs is waiting already.
         """
-        file = InspectionAsk(
+        file = InspectionRequest(
             **options.model_dump(),
             name=name,
             size_bytes=received.size_bytes,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from sqlalchemy import func, select
 
 from sawmill_contracts import kinds, mill_events, phantoms
-from sawmill_contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
+from sawmill_contracts.phantoms import MeasurementsRequest, PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.database.database import Database, lock_for_setup
@@ -54,7 +54,7 @@ class Phantoms:
             announce(session, row.created_at, mill_events.PHANTOM_CREATED, "phantom", row.id)
             return StoredPhantom.of_row(row)
 
-    def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
+    def measure(self, phantom_id: str, measured: MeasurementsRequest) -> StoredPhantom:
         """Add a phantom with new measurements; the phantom before stays unchanged for everything that refers to it.
 
         Raises
@@ -101,7 +101,7 @@ class Phantoms:
         received: Received,
         *,
         phantom_id: str | None = None,
-        priority: Priority = Priority.WAITED_FOR,
+        priority: Priority = Priority.INTERACTIVE,
     ) -> StoredPhantom:
         """Keep an uploaded PNG and queue the job that traces it.
 

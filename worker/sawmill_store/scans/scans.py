@@ -37,7 +37,7 @@ class Scans:
         received: Received,
         *,
         scan_id: str | None = None,
-        priority: Priority = Priority.WAITED_FOR,
+        priority: Priority = Priority.INTERACTIVE,
     ) -> Scan:
         """Keep an upload and queue the job that reads it.
 

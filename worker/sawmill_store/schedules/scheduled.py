@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 from sqlalchemy import Select, exists, select
 from sqlalchemy.orm import Session
 
-from sawmill_contracts.calibrations import CalibrationAsk
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.choices import ScheduleOutcome
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.schedules import FEWEST_VIEWS, UNSEEN, LogScan, PhantomScan, log_scan_to_check, phantom_scan_to_use
@@ -33,8 +33,8 @@ class Outcome(NamedTuple):
 
 def queue_due(
     session: Session,
-    calibrations: Asked[CalibrationAsk, Any],
-    drifts: Asked[DriftAsk, Any],
+    calibrations: Asked[CalibrationRequest, Any],
+    drifts: Asked[DriftRequest, Any],
     row: ScheduleRow,
     now: datetime,
 ) -> Outcome:
@@ -81,7 +81,7 @@ def next_log(session: Session, scanner_id: str) -> str | None:
 
 
 def _recalibrate(
-    session: Session, calibrations: Asked[CalibrationAsk, Any], row: ScheduleRow, now: datetime
+    session: Session, calibrations: Asked[CalibrationRequest, Any], row: ScheduleRow, now: datetime
 ) -> Outcome:
     """Queue a calibration of the phantom scan that the rule chooses."""
     is_used = exists().where(CalibrationRow.scan_id == ScanRow.id, CalibrationRow.schedule_id.is_not(None))
@@ -90,12 +90,12 @@ def _recalibrate(
     scan_id = phantom_scan_to_use(PhantomScan(*each) for each in session.execute(newest_first))
     if scan_id is None:
         return Outcome("no-new-phantom-scan")
-    ask = CalibrationAsk.model_validate({**row.options, "scan_id": scan_id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
+    ask = CalibrationRequest.model_validate({**row.options, "scan_id": scan_id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
     queued = calibrations.queue(session, ask, now, given={"schedule_id": row.id}, priority=Priority.BATCH)
     return Outcome("queued", calibration_id=queued.id)
 
 
-def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRow, now: datetime) -> Outcome:
+def _check_drift(session: Session, drifts: Asked[DriftRequest, Any], row: ScheduleRow, now: datetime) -> Outcome:
     """Queue a drift check of the log scan that the rule chooses."""
     if active_calibration_id(session, row.scanner_id) is None:
         return Outcome("no-active-calibration")
@@ -104,5 +104,5 @@ def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRo
         return Outcome("no-new-log-scan")
     # A scan that was uploaded as a mean has no rows to choose from.
     is_mean = found(session, ScanRow, "scan", scan_id).spec.get("averaged_rows") is not None
-    ask = DriftAsk(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
+    ask = DriftRequest(scan_id=scan_id, **row.drift_options | ({"rows": None} if is_mean else {}))
     return Outcome("queued", drift_id=drifts.queue(session, ask, now, priority=Priority.BATCH).id)

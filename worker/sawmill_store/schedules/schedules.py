@@ -10,13 +10,13 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from sawmill_contracts import mill_events
-from sawmill_contracts.calibrations import CalibrationAsk
-from sawmill_contracts.drifts import DriftAsk
+from sawmill_contracts.calibrations import CalibrationRequest
+from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_mill.schedules import WHY_NOTHING_WAS_QUEUED, missed_due_time
 from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.base import Page, placed_complaint
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.due_times import latest_due, next_due
@@ -41,7 +41,7 @@ class Schedules:
     """
 
     def __init__(
-        self, database: Database, calibrations: Asked[CalibrationAsk, Any], drifts: Asked[DriftAsk, Any]
+        self, database: Database, calibrations: Asked[CalibrationRequest, Any], drifts: Asked[DriftRequest, Any]
     ) -> None:
         self._database = database
         self._calibrations = calibrations
@@ -198,7 +198,7 @@ def _in_words(error: Exception) -> str:
 def _announce(
     session: Session,
     now: datetime,
-    what: EventKind,
+    what: EventType,
     row: ScheduleRow,
     detail: dict[str, Any] | None = None,
     decided: dict[str, Any] | None = None,

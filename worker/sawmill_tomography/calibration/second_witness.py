@@ -13,7 +13,7 @@ from sawmill_tomography.drift.change import LogMovement
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import predicted_ray_error
-from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, WitnessTaken
+from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation, UsedEstimate
 
 # Chi-squared, 2 degrees of freedom: 95 % of agreeing pairs are below AGREE and 99.9 % below DISAGREE. Between the two
 # limits the answers are combined, and the errors enlarged by the difference (Birge 1932).
@@ -45,7 +45,7 @@ class LogWitness:
     agreement: Agreement
     # The body that moved during the scan, where the scan shows it. A log that moved is not used.
     moved: MovedBody | None
-    taken: WitnessTaken  # the body or bodies whose u_c and tau are reported
+    taken: UsedEstimate  # the body or bodies whose u_c and tau are reported
     vector: FloatArray  # (5,): the geometry (psi, R, SDD, u_c, tau) that follows from both answers
     covariance: FloatArray  # (5, 5)
 
@@ -124,7 +124,7 @@ def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 
-def _taken(moved: MovedBody | None, *, usable: bool) -> WitnessTaken:
+def _taken(moved: MovedBody | None, *, usable: bool) -> UsedEstimate:
     if not usable or moved in {MovedBody.LOG, MovedBody.BOTH}:
         return "phantom"
     return "both" if moved is None else "log"

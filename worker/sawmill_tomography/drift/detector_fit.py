@@ -37,8 +37,8 @@ from sawmill_tomography.drift.opposite_rays.opposite_rays import WITHOUT_DISTANC
 from sawmill_tomography.drift.opposite_rays.paired_rays import fan_angles
 from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG, ScanMotions
 from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
+from sawmill_tomography.geometry.detector_shape import FlatDetector, flat_borders_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
-from sawmill_tomography.geometry.modules import FlatDetector
 from sawmill_vocabulary import Rotation
 
 # Where opposite rays leave u_c uncertain by more than this share of a cell, motions during the scan disturb them: pairs
@@ -72,10 +72,10 @@ def detector_fit(
         Error of `few_view_fit`.
     """
     across_gaps = None
-    if scanner.detector_modules:
+    if scanner.detector_modules or scanner.detector_arc_radius_mm is not None:
         # Opposite rays are interpolated between cells at equal distances.
-        flat = FlatDetector.of(scanner, start)
-        sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=())
+        flat = FlatDetector.of(flat_borders_mm(scanner, start), scanner)
+        sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=(), detector_arc_radius_mm=None)
         across_gaps = flat.across_gaps
         if deviations is not None:
             # Where they jump, a cubic overshoots: below 0 they would be no deviations.

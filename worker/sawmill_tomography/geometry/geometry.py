@@ -1,16 +1,18 @@
 """The scanner's geometry: theta, the source frame, view angles, and the rays they make.
 
 The value classes come from `sawmill_vocabulary` and are exported here for the science; this module adds the arrays.
+`FanViews` is what all methods take; `FanBeamGeometry`, a scanner that turns, is one way to make it.
 Axes, signs and formulas: docs/look-up/conventions.md#axes. image[i, j] has x along i and y along j, in mm, the centre
 of rotation (COR) is the origin, angles count counter-clockwise.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sawmill_tomography.geometry.detector_shape import FloatArray, cell_borders_mm, cell_centres_mm, flat_borders_mm
 from sawmill_vocabulary import (
     TAU,
     GeometryError,
@@ -25,6 +27,7 @@ from sawmill_vocabulary import (
 __all__ = [
     "TAU",
     "FanBeamGeometry",
+    "FanViews",
     "FloatArray",
     "GeometryError",
     "Scanner",
@@ -42,11 +45,11 @@ __all__ = [
     "wrap_angle",
 ]
 
-FloatArray = NDArray[np.float64]
-
 # Limit of theta's lengths in mm, and for the angle and the slope: no scanner exceeds it, and double precision loses the
 # rays.
 LARGEST = 1e5
+# Places that differ by less are the same.
+SAME_MM = 1e-6
 
 
 def rotate(angle_rad: ArrayLike, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -66,21 +69,121 @@ def bounds_array(bounds: ThetaBounds) -> FloatArray:
     return np.array([(0.0, TAU), *vars(bounds).values()])
 
 
-def cell_borders_mm(scanner: Scanner) -> FloatArray:
-    """Return the detector coordinate u of the cells' borders, (cells + 1,) mm."""
-    n = scanner.num_detector_pixels
-    return (np.arange(n + 1, dtype=np.float64) - 0.5 * n) * scanner.detector_pitch_mm
+@dataclass(frozen=True, eq=False)
+class FanViews:
+    """The geometry of a scan: the rays of each view, whatever moved between them, and of each cell.
+
+    Projector, methods of reconstruction and metal take this type. `FanBeamGeometry` makes it from theta and angles.
+    """
+
+    angles_rad: FloatArray  # (views,): angle of the source about the COR, from any zero
+    source_mm: FloatArray  # (views, 2): source, a point of the detector's line, and the line's axis, of unit length
+    middle_mm: FloatArray
+    axis: FloatArray
+    borders_mm: FloatArray  # (cells, 2): borders of each cell, along the line from the point
+
+    @classmethod
+    def of(cls, source_mm: ArrayLike, middle_mm: ArrayLike, axis: ArrayLike, borders_mm: ArrayLike) -> "FanViews":
+        """Return the geometry of views with these vectors, each (views, 2), and cells with borders (cells, 2), mm.
+
+        Raises
+        ------
+        GeometryError
+            The arrays do not fit each other, are not finite, or a source lies on the line of its detector.
+        """
+        source, middle, line, borders = (
+            np.ascontiguousarray(each, np.float64) for each in (source_mm, middle_mm, axis, borders_mm)
+        )
+        if not (source.shape == middle.shape == line.shape == (len(source), 2) and source.size):
+            raise GeometryError("source, middle and axis of the views must be three lists of (x, y), one for each view")
+        if borders.ndim != 2 or borders.shape[1] != 2 or len(borders) < 2 or (np.diff(borders.ravel()[::2]) <= 0).any():
+            raise GeometryError("the cells' borders must be a list of (low, high), mm, that increase from cell to cell")
+        if not (np.abs(np.concatenate([source, middle, line, borders])) <= LARGEST).all():  # false for nan too
+            raise GeometryError(f"the vectors of the views must be numbers of mm between {-LARGEST:g} and {LARGEST:g}")
+        line = line / np.hypot(*line.T)[:, None]
+        views = cls(np.arctan2(source[:, 0], -source[:, 1]), source, middle, line, borders)
+        if not (views.to_line_mm * views.to_cor_mm > 0.0).all():
+            view = int(np.argmin(views.to_line_mm * views.to_cor_mm))
+            raise GeometryError(f"in view {view}, from 0, the centre of rotation is not on the detector's side")
+        return views
+
+    @property
+    def sinogram_shape(self) -> tuple[int, int]:
+        """(views, cells)."""
+        return self.angles_rad.size, len(self.borders_mm)
+
+    @property
+    def to_line_mm(self) -> FloatArray:
+        """Distance of each view's source from the line of the detector, (views,); negative for cells read backwards."""
+        return _cross(self.axis, self.middle_mm - self.source_mm)
+
+    @property
+    def to_cor_mm(self) -> FloatArray:
+        """Distance of the COR from each view's source along the normal of the detector, (views,), signed alike."""
+        return _cross(self.axis, -self.source_mm)
+
+    @property
+    def clear_mm(self) -> float:
+        """Radius of the disc around the COR within which nothing reaches a source, along the detector's normal."""
+        return float(np.abs(self.to_cor_mm).min())
+
+    @property
+    def cell_at_cor_mm(self) -> float:
+        """Width of a cell at the centre of rotation."""
+        widths = np.diff(self.borders_mm, axis=1)
+        return float(np.median(widths) / np.mean(self.to_line_mm / self.to_cor_mm))
+
+    def from_cor_mm(self, u_mm: FloatArray) -> FloatArray:
+        """Return the distance from the COR at which the rays to coordinates u (n,) pass, (views, n)."""
+        to = (self.middle_mm - self.source_mm)[:, None] + u_mm[:, None] * self.axis[:, None]
+        distances: FloatArray = np.abs(_cross(self.source_mm[:, None], to)) / np.hypot(to[..., 0], to[..., 1])
+        return distances
+
+    def vectors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return source, detector centre and detector axis of each view, each (views, 2) in mm (axis: unit length)."""
+        return self.source_mm, self.middle_mm, self.axis
+
+    def at(self, views: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "FanViews":
+        """Return the geometry of some of the views."""
+        source, middle, axis = (each[views] for each in self.vectors())
+        return FanViews(self.angles_rad[views], source, middle, axis, self.borders_mm)
+
+    def in_pairs(self) -> "FanViews":
+        """Return the geometry with the cells, whose number is even, in pairs."""
+        pairs = np.stack([self.borders_mm[::2, 0], self.borders_mm[1::2, 1]], -1)
+        return FanViews(self.angles_rad, self.source_mm, self.middle_mm, self.axis, pairs)
+
+    def astra_vectors(self) -> FloatArray:
+        """Return rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
+
+        ASTRA's image has y up its rows and x along its columns, so image[i, j] with x along i is given to ASTRA
+        unchanged when (x, y) is turned into (y, -x): rows run downwards in ASTRA's y.
+
+        Raises
+        ------
+        GeometryError
+            The cells do not have equal distances on the line, which ASTRA's form cannot hold.
+        """
+        low, high = self.borders_mm[0, 0], self.borders_mm[-1, 1]
+        even = np.linspace(low, high, len(self.borders_mm) + 1)
+        off = float(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max())
+        if off > SAME_MM:
+            raise GeometryError(
+                f"the cells are up to {off:.3g} mm from equal distances on a straight line, and this form knows no "
+                "others: reconstruct with sawmill reconstruct, or resample the sinogram"
+            )
+        centre, step = self.middle_mm + 0.5 * (low + high) * self.axis, (high - low) / len(self.borders_mm) * self.axis
+        return np.concatenate([np.stack([v[:, 1], -v[:, 0]], -1) for v in (self.source_mm, centre, step)], axis=1)
 
 
-def cell_centres_mm(scanner: Scanner) -> FloatArray:
-    """Return u_m = (m + 1/2 - n_D/2) pitch of each cell m, (cells,) mm."""
-    n = scanner.num_detector_pixels
-    return (np.arange(n, dtype=np.float64) + 0.5 - 0.5 * n) * scanner.detector_pitch_mm
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
-@dataclass(frozen=True)
-class FanBeamGeometry:
-    """A fan-beam geometry: one source, one flat line detector, explicit view angles.
+@dataclass(frozen=True, eq=False, init=False)
+class FanBeamGeometry(FanViews):
+    """A fan-beam geometry that turns about one axis: one source, one line detector, explicit view angles.
 
     Attributes
     ----------
@@ -95,17 +198,29 @@ class FanBeamGeometry:
 
     scanner: Scanner
     theta: Theta
-    angles_rad: FloatArray
 
-    def __post_init__(self) -> None:
-        """Refuse angles that are not a list of finite numbers, and a theta that no scanner has."""
-        angles = np.ascontiguousarray(self.angles_rad, dtype=np.float64)
+    def __init__(
+        self, scanner: Scanner, theta: Theta, angles_rad: ArrayLike, borders_mm: FloatArray | None = None
+    ) -> None:
+        """Make the views; refuse angles that are not a list of finite numbers, and a theta that no scanner has.
+
+        `borders_mm` (cells, 2): the cells' borders on the line; None: by the shape of the scanner's detector.
+        """
+        angles = np.ascontiguousarray(angles_rad, dtype=np.float64)
         if angles.ndim != 1 or angles.size == 0 or not np.isfinite(angles).all():
             raise GeometryError("angles_rad must be one finite number of radians for each view")
-        object.__setattr__(self, "angles_rad", angles)
-        for name, value in vars(self.theta).items():
+        for name, value in vars(theta).items():
             if not abs(value) <= LARGEST:  # true for nan too
                 raise GeometryError(f"{name} must lie between {-LARGEST:g} and {LARGEST:g}, not {value:.6g}")
+        if borders_mm is None:
+            borders_mm = flat_borders_mm(scanner, theta.source_frame(scanner.source_to_cor_mm))
+        phi = angles + theta.initial_angle_rad
+        source = rotate(phi, theta.source_shift_mm, -scanner.source_to_cor_mm)
+        middle = rotate(phi, -theta.detector_shift_mm, theta.detector_to_cor_mm)
+        axis = rotate(phi, *(np.array([1.0, theta.detector_tilt]) / math.hypot(1.0, theta.detector_tilt)))
+        super().__init__(angles, np.stack(source, -1), np.stack(middle, -1), np.stack(axis, -1), borders_mm)
+        for name, held in (("scanner", scanner), ("theta", theta)):
+            object.__setattr__(self, name, held)
 
     @property
     def frame(self) -> SourceFrame:
@@ -113,35 +228,18 @@ class FanBeamGeometry:
         return self.theta.source_frame(self.scanner.source_to_cor_mm)
 
     @property
-    def sinogram_shape(self) -> tuple[int, int]:
-        """(views, cells)."""
-        return self.angles_rad.size, self.scanner.num_detector_pixels
+    def is_even(self) -> bool:
+        """True if the cells lie at equal distances on the line, as filtered back-projection needs them."""
+        even = cell_borders_mm(self.scanner)
+        return bool(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max() <= SAME_MM)
+
+    def at(self, views: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "FanBeamGeometry":
+        """Return the geometry of some of the views."""
+        return self.with_angles(self.angles_rad[views])
 
     def with_angles(self, angles_rad: FloatArray) -> "FanBeamGeometry":
         """Return the geometry of the same scanner at other view angles."""
-        return replace(self, angles_rad=angles_rad)
-
-    def vectors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return source, detector centre and detector axis of each view, each (views, 2) in mm (axis: unit length)."""
-        theta, phi = self.theta, self.angles_rad + self.theta.initial_angle_rad
-        source = rotate(phi, theta.source_shift_mm, -self.scanner.source_to_cor_mm)
-        centre = rotate(phi, -theta.detector_shift_mm, theta.detector_to_cor_mm)
-        axis = rotate(phi, *(np.array([1.0, theta.detector_tilt]) / math.hypot(1.0, theta.detector_tilt)))
-        return np.stack(source, -1), np.stack(centre, -1), np.stack(axis, -1)
-
-    def astra_vectors(self) -> FloatArray:
-        """Return rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
-
-        ASTRA's image has y up its rows and x along its columns, so image[i, j] with x along i is given to ASTRA
-        unchanged when (x, y) is turned into (y, -x): rows run downwards in ASTRA's y.
-        """
-        source, centre, axis = self.vectors()
-        step = axis * self.scanner.detector_pitch_mm
-
-        def turn(v: FloatArray) -> FloatArray:
-            return np.stack([v[:, 1], -v[:, 0]], -1)
-
-        return np.concatenate([turn(source), turn(centre), turn(step)], axis=1)
+        return FanBeamGeometry(self.scanner, self.theta, angles_rad, self.borders_mm)
 
 
 def view_weights(angles_rad: FloatArray) -> FloatArray:

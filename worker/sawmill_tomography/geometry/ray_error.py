@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_tomography.geometry.detector_shape import cell_points, lines_of
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
     GeometryError,
     Scanner,
     SourceFrame,
 )
-from sawmill_tomography.geometry.modules import cell_points, lines_of
 from sawmill_tomography.statistics import exceeded_chi_square
 
 POINTS_PER_CHORD = 9
@@ -186,12 +186,12 @@ def _module_moves(
     for cell in (*(module.first_cell for module in scanner.detector_modules), *hidden_cells):
         right = cell > scanner.num_detector_pixels // 2
         # The joint is the end of the module that is nearer to the middle.
-        near = next(line for line in lines if cell - right < line.end)
+        near = np.searchsorted(lines.end, cell - right, side="right")
         side = (cells >= cell).astype(np.float64) - float(not right)
-        c, s = math.cos(near.tilt_rad), math.sin(near.tilt_rad)
-        w = (cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm - near.cor_column_mm
+        c, s = math.cos(lines.tilt_rad[near]), math.sin(lines.tilt_rad[near])
+        w = (cell - 0.5 * scanner.num_detector_pixels) * scanner.detector_pitch_mm - lines.cor_column_mm[near]
         moves.append((side * c, side * s))
-        moves.append((side * (near.sdd_mm + w * s - y), side * (x - w * c)))
+        moves.append((side * (lines.sdd_mm[near] + w * s - y), side * (x - w * c)))
     return moves
 
 

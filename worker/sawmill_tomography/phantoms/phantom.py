@@ -35,8 +35,8 @@ MovePoint = Callable[[tuple[float, float]], tuple[float, float]]
 
 def signed_area(vertices: FloatArray) -> float:
     """Return the area inside a polygon's corners (corners, 2), mm^2; negative where they go round clockwise."""
-    x, y = vertices[:, 0], vertices[:, 1]
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    x, y = (vertices - vertices[:1]).T
+    return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1])
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Phantom:
             if isinstance(shape, Polygon):
                 corners = counter_clockwise(shape)
                 density = np.full((len(corners), 1), shape.density)
-                rows.append(np.concatenate([corners, np.roll(corners, -1, axis=0), density], axis=1))
+                rows.append(np.concatenate([corners, np.concatenate([corners[1:], corners[:1]]), density], axis=1))
         return np.concatenate(rows) if rows else np.zeros((0, 5))
 
     @cached_property
@@ -227,7 +227,7 @@ def _refuse_without_inside(shape: Shape) -> None:
 
 def _divided(corners: FloatArray, longest_mm: float) -> FloatArray:
     """Return a polygon's corners (corners, 2) with further corners on the edges, none longer than `longest_mm`."""
-    along = np.roll(corners, -1, axis=0) - corners
+    along = np.concatenate([corners[1:], corners[:1]]) - corners
     parts = np.maximum(np.ceil(np.hypot(*along.T) / longest_mm).astype(int), 1)
     number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     divided: FloatArray = (

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import scipy
 
+from sawmill_tomography.geometry.detector_shape import lines_of
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
-from sawmill_tomography.geometry.modules import lines_of
 from sawmill_tomography.phantoms.phantom import Polygon, counter_clockwise
 from sawmill_tomography.physics._chords_numba import CROSSINGS, transmit
 from sawmill_tomography.physics.body import Motion, WornBody
@@ -43,21 +43,22 @@ def transmission(
         body.slope_per_mm,
     )
     most, pitch = 0, scanner.detector_pitch_mm
-    for line in lines_of(scanner, frame):
-        part = np.empty((len(out), line.end - line.first))
+    rays, lines = ray_samples(pitch, frame, effects, step_rad), lines_of(scanner, frame)
+    for first, end, *line in zip(*lines[:5], strict=True):
+        part = np.empty((len(out), end - first))
         crossings = transmit(
             *body_arguments,
-            np.array([frame.source_distance_mm, line.sdd_mm, line.cor_column_mm, line.tilt_rad]),
+            np.array([frame.source_distance_mm, *line]),
             np.stack([motion.angles_rad + frame.psi_rad, motion.turn_rad], -1),
             np.ascontiguousarray(motion.offset_mm),
             np.ascontiguousarray(motion.hall_mm),
-            ray_samples(pitch, frame, effects, step_rad),
+            rays,
             _energies(effects.beam.energy_spread),
-            (line.first + 0.5 - 0.5 * scanner.num_detector_pixels) * pitch,
+            (first + 0.5 - 0.5 * scanner.num_detector_pixels) * pitch,
             pitch,
             part,
         )
-        out[:, line.first : line.end], most = part, max(most, crossings)
+        out[:, first:end], most = part, max(most, crossings)
     if most > CROSSINGS:
         raise GeometryError(f"a ray crosses {most} sides of the phantom, where {CROSSINGS} can be followed: smooth it")
     past = effects.beam.past_end_share

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from sawmill_tomography.geometry.detector_shape import detector_lines
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
-from sawmill_tomography.geometry.modules import module_lines
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import _analytic_numba as kernels
 from sawmill_vocabulary import DetectorModule
@@ -17,6 +17,8 @@ PARAMETERS = kernels.PARAMETERS
 Position = tuple[float, float] | FloatArray
 # Below this number of samples one thread ends before further threads have woken up.
 WORTH_THREADS = 40_000
+# The flat pieces of an arc depart from it by this depth, which moves a ray by a tenth of it or less.
+DEEPEST_MM = 0.01
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class DetectorCells:
     width_mm: float
     count: int
     modules: tuple[DetectorModule, ...] = ()  # modules after the first
+    arc_radius_mm: float | None = None
 
     @classmethod
     def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
@@ -39,30 +42,35 @@ class DetectorCells:
             scanner.detector_pitch_mm * binned,
             scanner.num_detector_pixels // binned,
             scanner.detector_modules if binned == 1 else (),
+            scanner.detector_arc_radius_mm,
         )
 
     def divided(self, parts: int) -> "DetectorCells":
         """Return the cells divided into this number of equal parts."""
         modules = tuple(replace(module, first_cell=parts * module.first_cell) for module in self.modules)
-        return DetectorCells(self.first_border_mm, self.width_mm / parts, self.count * parts, modules)
+        return DetectorCells(
+            self.first_border_mm, self.width_mm / parts, self.count * parts, modules, self.arc_radius_mm
+        )
 
     def lines(self, frame: SourceFrame) -> FloatArray:
-        """Return a row for each module: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
-        lines = module_lines(self.modules, self.count, self.first_border_mm, self.width_mm, frame)
-        return np.array(
+        """Return a row for each flat piece: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
+        arc = self.arc_radius_mm
+        cells = 1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm))
+        lines = detector_lines(
+            self.modules, arc, self.count, self.first_border_mm, self.width_mm, frame, piece_cells=cells
+        )
+        one = np.ones(len(lines.first))
+        return np.column_stack(
             [
-                (
-                    line.first,
-                    line.end,
-                    frame.psi_rad,
-                    frame.source_distance_mm,
-                    line.sdd_mm,
-                    line.cor_column_mm,
-                    line.tilt_rad,
-                    *line.sdd_slopes,
-                    *line.column_slopes,
-                )
-                for line in lines
+                lines.first,
+                lines.end,
+                frame.psi_rad * one,
+                frame.source_distance_mm * one,
+                lines.sdd_mm,
+                lines.cor_column_mm,
+                lines.tilt_rad,
+                lines.sdd_slopes,
+                lines.column_slopes,
             ]
         )
 

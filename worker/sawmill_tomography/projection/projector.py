@@ -9,9 +9,8 @@ import numpy as np
 from numba import get_num_threads
 from numpy.typing import ArrayLike, NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_tomography.geometry.geometry import FanViews, FloatArray, GeometryError, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.geometry.modules import flat_centres_mm
 from sawmill_tomography.projection import _projector_numba as kernels
 
 Image = NDArray[np.float32]
@@ -35,7 +34,7 @@ _SAME_ANGLE_RAD = 1e-6
 class Projector:
     """The projector A of one geometry and one image grid; every reconstruction takes it as first argument."""
 
-    geometry: FanBeamGeometry
+    geometry: FanViews
     grid: ImageGrid
 
     def __post_init__(self) -> None:
@@ -46,13 +45,12 @@ class Projector:
         if views * (cells + 2) > MOST_CELLS:
             most = MOST_CELLS // (cells + 2)
             raise GeometryError(f"{views} views of {cells} cells are too many: at most {most} views of as many cells")
-        frame = self.geometry.frame
         corner = self.grid.reach_mm
-        if corner >= frame.source_distance_mm * np.cos(frame.tilt_rad):
+        if corner >= self.geometry.clear_mm:
             cure = "choose a smaller field" + ("" if self.grid.is_centred else ", or one nearer to the rotation centre")
             raise GeometryError(
                 f"field_mm {self.grid.field_mm:.6g} reaches {corner:.6g} mm from the centre of rotation, past the "
-                f"source at {frame.source_distance_mm:.6g} mm: {cure}"
+                f"source at {np.hypot(*self.geometry.source_mm.T).min():.6g} mm: {cure}"
             )
 
     def forward(self, image: ArrayLike) -> Image:
@@ -126,14 +124,16 @@ class Projector:
     @cached_property
     def quarter_turn(self) -> int:
         """Sense, 1 or -1, in which view k + views / 4 is view k after a quarter turn of the image; 0 if none."""
-        angles = self.geometry.angles_rad
+        geometry, views = self.geometry, self.geometry.angles_rad.size
         # Quarter turns of the image onto itself need the centre of rotation in its middle.
-        if angles.size % 4 or not self.grid.is_centred:
+        if views % 4 or not self.grid.is_centred:
             return 0
-        turned = np.roll(angles, -(angles.size // 4)) - angles
+        vectors = geometry.vectors()
+        a_quarter_on = [np.roll(each, -(views // 4), axis=0) for each in vectors]
         for sense in (1, -1):
-            off = np.remainder(turned - sense * 0.5 * math.pi + math.pi, 2.0 * math.pi) - math.pi
-            if np.abs(off).max() < _SAME_ANGLE_RAD:
+            turned = (np.stack(rotate(sense * 0.5 * math.pi, *each.T), -1) for each in vectors)
+            off = [np.abs(after - one).max() for after, one in zip(a_quarter_on, turned, strict=True)]
+            if max(off[:2]) < _SAME_ANGLE_RAD * geometry.clear_mm and off[2] < _SAME_ANGLE_RAD:
                 return sense
         return 0
 
@@ -154,10 +154,10 @@ class Projector:
     def _rays(self) -> tuple[int, FloatArray, FloatArray, FloatArray, FloatArray, float, float]:
         """Arguments of the kernels: image size, the views' vectors, the cells' u, half the field, a pixel's side."""
         grid = self.grid
-        positions = flat_centres_mm(self.geometry.scanner, self.geometry.frame)
         source, middle, axis = self.geometry.vectors()
         # The kernels' field is centred on their origin.
         source, middle = source - grid.centre_mm, middle - grid.centre_mm
+        positions = self.geometry.borders_mm.mean(axis=1)
         return grid.size, source, middle, axis, positions, 0.5 * grid.field_mm, grid.pixel_mm
 
 

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, all_round
+from sawmill_tomography.geometry.geometry import TAU, FanViews, FloatArray, all_round
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.cauchy_map import CauchyMap
@@ -96,12 +96,12 @@ def expected_error(method: ReconstructionMethod, views: int, noise: float) -> fl
     return float(np.exp(np.interp(np.log(views), np.log(VIEWS[: len(rows)]), by_views)))
 
 
-def comparable_noise(geometry: FanBeamGeometry, grid: ImageGrid, share: float) -> float:
+def comparable_noise(geometry: FanViews, grid: ImageGrid, share: float) -> float:
     """Convert a share of noise to the pixels and cells of the table.
 
     A ray's noise counts relative to the attenuation of one pixel, and is averaged over the cells that a pixel covers.
     """
-    cell_mm = geometry.scanner.detector_pitch_mm / geometry.frame.magnification
+    cell_mm = geometry.cell_at_cor_mm
     pixel = grid.pixel_mm / MEASURED_PIXEL_MM
     return share / pixel * float(np.sqrt(cell_mm / MEASURED_CELL_MM / pixel))
 
@@ -115,7 +115,7 @@ def seconds_a_slice(method: ReconstructionMethod, views: int, cells: int, size: 
 
 
 def recommend(
-    geometry: FanBeamGeometry,
+    geometry: FanViews,
     sinogram: ArrayLike,
     grid: ImageGrid,
     *,
@@ -157,7 +157,7 @@ def views_of_step(angles_rad: FloatArray, step: int) -> np.ndarray[tuple[int], n
     return np.sort(np.argsort(np.mod(angles_rad, TAU), kind="stable")[::step])
 
 
-def _candidates(geometry: FanBeamGeometry, noise: float, size: int, fitted_size: int) -> Iterator[_Candidate]:
+def _candidates(geometry: FanViews, noise: float, size: int, fitted_size: int) -> Iterator[_Candidate]:
     views, cells = geometry.sinogram_shape
     for method in EXPECTED_ERRORS:
         fitted = issubclass(METHODS[method], FittedMethod)
@@ -170,7 +170,7 @@ def _candidates(geometry: FanBeamGeometry, noise: float, size: int, fitted_size:
             yield _Candidate(method, step, used, expected_error(method, used, noise), seconds)
 
 
-def _words(one: _Candidate, geometry: FanBeamGeometry) -> str:
+def _words(one: _Candidate, geometry: FanViews) -> str:
     name = one.method.value
     views = geometry.angles_rad.size
     of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"

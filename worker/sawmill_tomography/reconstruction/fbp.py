@@ -10,8 +10,15 @@ import scipy
 from numba import get_num_threads
 from numpy.typing import ArrayLike, NDArray
 
-from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
-from sawmill_tomography.geometry.modules import FlatDetector
+from sawmill_tomography.geometry.detector_shape import FlatDetector
+from sawmill_tomography.geometry.geometry import (
+    FanBeamGeometry,
+    FanViews,
+    FloatArray,
+    GeometryError,
+    cell_centres_mm,
+    view_weights,
+)
 from sawmill_tomography.projection.projector import Image, Projector, aligned
 from sawmill_tomography.reconstruction import _fbp_numba as kernels
 from sawmill_tomography.reconstruction import cost
@@ -136,9 +143,10 @@ def fbp(
     GeometryError
         If the shapes do not fit or the views do not cover the full turn.
     """
-    geometry = projector.geometry
-    if geometry.scanner.detector_modules:
-        sinogram = FlatDetector.of(geometry.scanner, geometry.frame).resampled(np.asarray(sinogram, np.float32))
+    geometry = turning(projector.geometry)
+    if not geometry.is_even:
+        flat = FlatDetector.of(geometry.borders_mm, geometry.scanner)
+        sinogram = flat.resampled(np.asarray(sinogram, np.float32))
     if np.ndim(sinogram) == 3:
         data = _block(projector, sinogram)
         prepared = Preparation.of(projector, weighting, filter_name, frequency_scaling)
@@ -146,6 +154,16 @@ def fbp(
     line = projector.sinogram(sinogram)
     return Estimate.direct(
         _back_projected(projector, line, Preparation.of(projector, weighting, filter_name, frequency_scaling))
+    )
+
+
+def turning(geometry: FanViews) -> FanBeamGeometry:
+    """Return the geometry of a scan that turns about one axis, which filtered back-projection needs, or refuse it."""
+    if isinstance(geometry, FanBeamGeometry):
+        return geometry
+    raise GeometryError(
+        "filtered back-projection needs views that turn about one axis, and each of these stands on its own: choose "
+        "total-variation, cauchy-map or tikhonov"
     )
 
 
@@ -236,7 +254,7 @@ class Preparation:
         cls, projector: Projector, weighting: Weighting, filter_name: FilterName, frequency_scaling: float
     ) -> "Preparation":
         """Prepare a geometry and a grid (docs/look-up/conventions.md#filtered-back-projection)."""
-        geometry, grid = projector.geometry, projector.grid
+        geometry, grid = turning(projector.geometry), projector.grid
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad
         # The ray to cell m from the source: a = (w cos tau, SDD + w sin tau).

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import FanViews, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.metal_bodies import MetalBody, Pixels, fitted_rods
@@ -81,16 +81,16 @@ class MetalFinder:
     step: int
 
     @classmethod
-    def of(cls, geometry: FanBeamGeometry, radius_mm: float) -> Self | None:
+    def of(cls, geometry: FanViews, radius_mm: float) -> Self | None:
         """Search the disc of a radius around the COR; None if there are too few views, or nothing is seen."""
-        frame, step = geometry.frame, max(1, geometry.angles_rad.size // MOST_VIEWS)
+        step = max(1, geometry.angles_rad.size // MOST_VIEWS)
         # A field whose corners reach the source has no rays.
-        radius = min(radius_mm, 0.7 * frame.source_distance_mm * math.cos(frame.tilt_rad))
+        radius = min(radius_mm, 0.7 * geometry.clear_mm)
         if radius <= 0.0 or geometry.angles_rad.size < FEWEST_VIEWS:
             return None
-        size = math.ceil(2.0 * radius / max(PIXEL_MM, at_cor_mm(geometry)))
+        size = math.ceil(2.0 * radius / max(PIXEL_MM, geometry.cell_at_cor_mm))
         grid = ImageGrid(min(max(size, SMALLEST_SIZE), LARGEST_SIZE), 2.0 * radius)
-        coarse = Projector(geometry.with_angles(geometry.angles_rad[::step]), grid)
+        coarse = Projector(geometry.at(slice(None, None, step)), grid)
         seen = coarse.adjoint(np.ones(coarse.geometry.sinogram_shape, np.float32))
         return cls(Projector(geometry, grid), coarse, seen, step)
 
@@ -140,11 +140,6 @@ class MetalFinder:
         thick = self.fine.forward(excess) > THICK * shadows.least
         covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | thick
         return scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
-
-
-def at_cor_mm(geometry: FanBeamGeometry) -> float:
-    """Return the width of a cell at the centre of rotation."""
-    return geometry.scanner.detector_pitch_mm / geometry.frame.magnification
 
 
 def smoothed(lines: Image) -> Image:
@@ -275,9 +270,9 @@ class MetalSearch(MetalFinder):
         return LogMetal(trace, filled, freed, uncertainty, bodies[best], misfit)
 
 
-def _narrow(geometry: FanBeamGeometry, sinogram: Image, longest_mm: float = LONGEST_MM) -> Shadows:
+def _narrow(geometry: FanViews, sinogram: Image, longest_mm: float = LONGEST_MM) -> Shadows:
     """Find the shadows by a grey opening along the detector: it removes what is narrower than its window."""
-    cell_mm = at_cor_mm(geometry)
+    cell_mm = geometry.cell_at_cor_mm
     smooth = smoothed(sinogram)
     wide = _opened(smooth, NARROW_MM / cell_mm)
     if longest_mm > NARROW_MM:

@@ -12,10 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, rotate
+from sawmill_tomography.geometry.geometry import FanViews, FloatArray, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.phantom import Phantom, Polygon
-from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.projector import Image, Projector
 
 # The constants of this file were measured with benchmarks/log_metal.py.
@@ -40,6 +38,8 @@ NUMBERS = 6
 BESIDE_MM = 5.0
 # A rod is drawn with this number of points across its thickness.
 PARTS = 8
+# Least sine of the angle between a ray and a rod's side.
+PARALLEL = 1e-12
 
 Samples = NDArray[np.floating]
 
@@ -47,7 +47,7 @@ Samples = NDArray[np.floating]
 class MetalBody(Protocol):
     """Metal in a slice."""
 
-    def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
+    def line_integrals(self, geometry: FanViews, seen: NDArray[np.bool_]) -> FloatArray:
         """Return what the metal adds to the line integrals of the samples (views, cells) that are True, (samples,)."""
 
     def on(self, grid: ImageGrid) -> Image:
@@ -61,7 +61,7 @@ class Pixels:
     grid: ImageGrid
     excess: Image  # (size, size) float32: attenuation above the wood's, in 1/mm
 
-    def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
+    def line_integrals(self, geometry: FanViews, seen: NDArray[np.bool_]) -> FloatArray:
         """Return `MetalBody.line_integrals`."""
         return Projector(geometry, self.grid).forward(self.excess)[seen].astype(np.float64)
 
@@ -70,7 +70,7 @@ class Pixels:
         x, y = (_overlaps(self.grid, grid, axis) for axis in (0, 1))
         return np.asarray(x @ self.excess @ y.T, np.float32)
 
-    def fitted(self, geometry: FanBeamGeometry, departures: Image, sigma: Samples, seen: NDArray[np.bool_]) -> "Pixels":
+    def fitted(self, geometry: FanViews, departures: Image, sigma: Samples, seen: NDArray[np.bool_]) -> "Pixels":
         """Return the pixels with the mass that explains departures (views, cells) best."""
         alone = self.line_integrals(geometry, seen)
         weighted = alone / sigma[seen] ** 2
@@ -90,14 +90,17 @@ class Rods:
         """Return the rods of the fitted values: the rows and the hardening."""
         return cls(values[:-1].reshape(-1, NUMBERS), float(values[-1]))
 
-    def line_integrals(self, geometry: FanBeamGeometry, seen: NDArray[np.bool_]) -> FloatArray:
+    def line_integrals(self, geometry: FanViews, seen: NDArray[np.bool_]) -> FloatArray:
         """Return `MetalBody.line_integrals`."""
         if not self.rows.size:
             return np.zeros(np.count_nonzero(seen))
-        cells = DetectorCells.of(geometry.scanner).divided(RAYS_PER_CELL)
-        drawn = Phantom("rods", tuple(_rectangle(row) for row in self.rows))
-        rays = project(drawn, cells, geometry.frame, geometry.angles_rad, rays_per_cell=1)
-        of_cells = rays.reshape(*seen.shape, RAYS_PER_CELL)[seen]
+        view, cell = np.nonzero(seen)
+        low, high = geometry.borders_mm[cell].T
+        at = low[:, None] + (np.arange(RAYS_PER_CELL) + 0.5) / RAYS_PER_CELL * (high - low)[:, None]
+        source = geometry.source_mm[view, None]
+        towards = (geometry.middle_mm - geometry.source_mm)[view, None] + at[..., None] * geometry.axis[view, None]
+        towards /= np.hypot(towards[..., 0], towards[..., 1])[..., None]
+        of_cells = np.sum([math.exp(row[5]) * _chords_mm(row, source, towards) for row in self.rows], axis=0)
         least = of_cells.min(axis=-1)
         exact = least - np.log(np.exp(least[:, None] - of_cells).mean(axis=-1))
         return np.asarray(exact / (1.0 + self.hardening * exact))
@@ -118,7 +121,7 @@ class Rods:
 def fitted_rods(
     excess: Image,
     grid: ImageGrid,
-    geometry: FanBeamGeometry,
+    geometry: FanViews,
     departures: Samples,
     sigma: Samples,
     seen: NDArray[np.bool_],
@@ -145,7 +148,7 @@ def fitted_rods(
 def _fitted(
     rods: Rods,
     found: FloatArray,
-    geometry: FanBeamGeometry,
+    geometry: FanViews,
     departures: Samples,
     sigma: Samples,
     seen: NDArray[np.bool_],
@@ -174,9 +177,9 @@ def _fitted(
     return Rods.of(best.x)
 
 
-def _longest_mm(row: FloatArray, geometry: FanBeamGeometry) -> float:
+def _longest_mm(row: FloatArray, geometry: FanViews) -> float:
     """Return the length of a rod that stays clear of the source wherever the fit moves its middle."""
-    clear_mm = CLEAR * geometry.frame.source_distance_mm * math.cos(geometry.frame.tilt_rad)
+    clear_mm = CLEAR * geometry.clear_mm
     return 2.0 * (clear_mm - THICKEST_MM - math.sqrt(2.0) * FARTHEST_MM - math.hypot(row[0], row[1]))
 
 
@@ -197,11 +200,18 @@ def _rod_of(excess: FloatArray, grid: ImageGrid) -> FloatArray:
     return np.array([middle_x, middle_y, direction, math.log(length), math.log(thickness), math.log(density)])
 
 
-def _rectangle(row: FloatArray) -> Polygon:
-    length, thickness = 0.5 * np.exp(row[3:5])
-    x, y = rotate(row[2], length * np.array([-1.0, 1.0, 1.0, -1.0]), thickness * np.array([-1.0, -1.0, 1.0, 1.0]))
-    corners = np.column_stack([row[0] + x, row[1] + y])
-    return Polygon(tuple(map(tuple, corners.tolist())), math.exp(row[5]))
+def _chords_mm(row: FloatArray, source: FloatArray, towards: FloatArray) -> FloatArray:
+    """Return the lengths in a rod of rays (samples, rays) with sources and unit directions (samples, any, 2)."""
+    enter, leave = np.float64(-math.inf), np.float64(math.inf)
+    starts = rotate(-row[2], source[..., 0] - row[0], source[..., 1] - row[1])
+    steps = rotate(-row[2], towards[..., 0], towards[..., 1])
+    for start, step, half in zip(starts, steps, 0.5 * np.exp(row[3:5]), strict=True):
+        # A ray along a side is moved off it.
+        pace = np.where(np.abs(step) < PARALLEL, PARALLEL, step)
+        first, last = (-half - start) / pace, (half - start) / pace
+        enter, leave = np.maximum(enter, np.minimum(first, last)), np.minimum(leave, np.maximum(first, last))
+    chords: FloatArray = np.maximum(leave - enter, 0.0)
+    return chords
 
 
 def _inside(row: FloatArray, x_mm: FloatArray, y_mm: FloatArray, margin_mm: float) -> NDArray[np.bool_]:

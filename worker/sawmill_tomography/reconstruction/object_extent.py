@@ -1,11 +1,8 @@
 """The extent of the object in a scan, as a distance from the rotation centre."""
 
-import math
-
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
-from sawmill_tomography.geometry.modules import flat_centres_mm
+from sawmill_tomography.geometry.geometry import FanViews, FloatArray, GeometryError
 from sawmill_tomography.projection.projector import Image
 from sawmill_tomography.sinograms.air import find_air
 
@@ -19,7 +16,7 @@ def check_shown(lines: Image) -> None:
         )
 
 
-def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
+def object_radius_mm(geometry: FanViews, sinogram: Image) -> float:
     """Return the radius of the disc around the COR that holds the object in a sinogram (views, detector).
 
     It is the distance R sin(gamma) at which the farthest ray through cells that are not air in every view passes the
@@ -28,18 +25,14 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
-    return _radius_mm(geometry, flat_centres_mm(geometry.scanner, geometry.frame)[shadowed]) if shadowed.any() else 0.0
+    return _radius_mm(geometry, geometry.borders_mm[shadowed]) if shadowed.any() else 0.0
 
 
-def seen_radius_mm(geometry: FanBeamGeometry) -> float:
+def seen_radius_mm(geometry: FanViews) -> float:
     """Return the radius of the disc around the COR that the whole detector sees: no object's is larger."""
-    return _radius_mm(geometry, flat_centres_mm(geometry.scanner, geometry.frame))
+    return _radius_mm(geometry, geometry.borders_mm)
 
 
-def _radius_mm(geometry: FanBeamGeometry, centres: FloatArray) -> float:
-    """Return the radius of the disc around the COR that the farthest ray to cells with these centres touches."""
-    scanner, frame = geometry.scanner, geometry.frame
-    half = 0.5 * scanner.detector_pitch_mm
-    ends = np.array([centres.min() - half, centres.max() + half]) - frame.cor_column_mm
-    gamma = np.arctan2(ends * math.cos(frame.tilt_rad), frame.source_to_detector_mm + ends * math.sin(frame.tilt_rad))
-    return float(frame.source_distance_mm * np.abs(np.sin(gamma)).max())
+def _radius_mm(geometry: FanViews, borders: FloatArray) -> float:
+    """Return the radius of the disc around the COR that the farthest ray to cells with these borders touches."""
+    return float(geometry.from_cor_mm(np.array([borders.min(), borders.max()])).max())

@@ -194,9 +194,7 @@ def _by_cross_validation(projector: Projector, line: Image, on_progress: OnProgr
         raise GeometryError("cross-validation leaves views out, and there is one only: give alpha or alpha_rule")
     left_out = np.zeros(views, bool)
     left_out[min(VALIDATION_FIRST, views - 1) :: VALIDATION_EVERY] = True
-    training, validation = (
-        Projector(geometry.with_angles(geometry.angles_rad[part]), projector.grid) for part in (~left_out, left_out)
-    )
+    training, validation = (Projector(geometry.at(part), projector.grid) for part in (~left_out, left_out))
     small = _bidiagonalised(training, line[~left_out], VALIDATION_STEPS, on_progress)
     problem = _Projected.of(small)
     weights = problem.singular[0] ** 2 * VALIDATION_SHARES

@@ -11,7 +11,7 @@ import typer
 from pydantic import TypeAdapter, ValidationError
 
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import CoordinateMm, Rotation, Theta
 from sawmill_worker.commands.command_line import Command, OneOf
@@ -116,5 +116,5 @@ ThetaFlag = typer.Option(
 SourceToCorOfTheta = Annotated[
     float | None, option(ScannerConstants, "source_to_cor_mm", help="r_S, with --theta; a calibration carries it.")
 ]
-RotationOfTheta = Annotated[Rotation | None, option(ReconstructionAsk, "rotation")]
+RotationOfTheta = Annotated[Rotation | None, option(ReconstructionRequest, "rotation")]
 CalibrationFlag = typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=CALIBRATION_HELP)

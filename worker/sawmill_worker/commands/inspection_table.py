@@ -42,7 +42,7 @@ def _sentences(result: InspectionResult) -> Iterator[str]:
     if result.reading is not None:
         yield from result.reading.remarks
     for part in result.missing:
-        yield f"{'missing' if part.needed else 'not in the file'}: {part.what} ({part.flag}): {part.why}"
+        yield f"{'missing' if part.needed else 'not in the file'}: {part.name} ({part.flag}): {part.why}"
     if result.refusal is not None:
         yield f"{result.refusal.code}: {result.refusal.detail}"
 

@@ -57,7 +57,7 @@ def print_drift(result: DriftResult) -> None:
             label, f"{measured:.3f}", f"{calibrated:.3f}", f"{change:+.3f}", f"{spread:.2g}", f"{significance:+.1f}"
         )
     if (zero := result.baseline) is not None:
-        label = f"since {zero.looks} first logs: COR, mm"
+        label = f"since {zero.checks} first logs: COR, mm"
         parts = (zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm)
         table.add_row(label, "", "", f"{parts[0]:+.3f}", f"{parts[1]:.2g}", f"{zero.significance.cor_column_mm:+.1f}")
     if not of_given:

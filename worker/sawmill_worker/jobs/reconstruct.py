@@ -12,7 +12,7 @@ from sawmill_calibration.reconstruction.block_solvers import MOST_FITTED_IMAGES,
 from sawmill_calibration.reconstruction.reconstruct import MEMORY_SHARE, run_reconstruction
 from sawmill_calibration.scans.scan_rows import ScanRows, chosen_rows
 from sawmill_contracts.geometry import ScannerConstants
-from sawmill_contracts.reconstructions import Reconstruction, ReconstructionAsked
+from sawmill_contracts.reconstructions import Reconstruction, StoredReconstructionOptions
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.output.scan_reader import open_scan
 from sawmill_platform.attempts.work import Needs
@@ -45,7 +45,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
 
 
 def _keeper(
-    attempt: MillAttempt, scan: ScanRows, geometry: KnownGeometry, options: ReconstructionAsked
+    attempt: MillAttempt, scan: ScanRows, geometry: KnownGeometry, options: StoredReconstructionOptions
 ) -> AttemptKeeper:
     origin = {
         **{name: getattr(scan, name) for name in ("rows", "row_step", "counts", "sha256", "remarks")},
@@ -80,7 +80,7 @@ def needs(attempt: MillAttempt) -> Needs:
     return Needs(PROCESS_BYTES + int(at_work / MEMORY_SHARE), file_bytes)
 
 
-def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShape) -> int:
+def _fitting(attempt: MillAttempt, options: StoredReconstructionOptions, shape: ScanShape) -> int:
     """Compute the need of the method that needs most, on a grid that holds all that the detector can see."""
     constants = attempt.scanner.constants
     geometry = FanBeamGeometry(constants, _geometry_of(attempt, options, constants).theta, np.zeros(1))
@@ -93,7 +93,9 @@ def _fitting(attempt: MillAttempt, options: ReconstructionAsked, shape: ScanShap
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(attempt: MillAttempt, options: ReconstructionAsked, scanner: ScannerConstants) -> KnownGeometry:
+def _geometry_of(
+    attempt: MillAttempt, options: StoredReconstructionOptions, scanner: ScannerConstants
+) -> KnownGeometry:
     """Return the given theta of the scanner, or the calibration; refuse a calibration without theta."""
     if options.theta is not None:
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN

@@ -16,6 +16,7 @@ from sawmill_service.http.problems import Problem
 from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
 
 TRY = "x-try"
+_NULL = {"type": "null"}
 SECURITY_SCHEMES = {
     "key": {"type": "http", "scheme": "bearer", "description": "A key; each operation states the scope that it needs."},
     "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
@@ -127,8 +128,47 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         describe_answers(operation)
         _describe_parameters(operation)
         _give_examples(operation, operation.pop(TRY, {}))
+    upload = document["paths"]["/v1/uploads/{upload_id}"]
+    upload["head"] = _without_bodies(upload["get"]) | {
+        "operationId": "head_upload",
+        "summary": "Get an upload's offset",
+    }
     components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
+    for part in (*schemas.values(), document["paths"], document["webhooks"]):
+        for inner in part.values():
+            _write_for_generators(inner)
     return document
+
+
+def _without_bodies(operation: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of `HEAD`, whose answers have the headers of `GET` alone."""
+    answers = {
+        status: {name: value for name, value in answer.items() if name != "content"}
+        for status, answer in operation["responses"].items()
+    }
+    return operation | {"responses": answers}
+
+
+def _write_for_generators(part: Any) -> None:  # noqa: ANN401 - any JSON value
+    """Drop titles inside schemas, and write "X or null" of a plain X as a list of types, in place.
+
+    Generators name a class by each title, and make a class for each `anyOf`.
+    """
+    if isinstance(part, list):
+        part = dict(enumerate(part))
+    if not isinstance(part, dict):
+        return
+    for name, inner in part.items():
+        if name not in {"example", "examples", "default"}:
+            _write_for_generators(inner)
+    if isinstance(part.get("title"), str):
+        del part["title"]
+    choices = [choice for choice in part.get("anyOf", []) if choice != _NULL]
+    if len(choices) == 1 < len(part.get("anyOf", [])) and isinstance(choices[0].get("type"), str):
+        del part["anyOf"]
+        part |= choices[0] | part | {"type": [choices[0]["type"], "null"]}
+        if "minimum" in part:  # the smallest value of a request, above the bound that excludes 0
+            part.pop("exclusiveMinimum", None)
 
 
 def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
@@ -203,7 +243,7 @@ def _describe_parameters(operation: dict[str, Any]) -> None:
 
 
 def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
-    choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    choices = [choice for choice in schema.get("anyOf", []) if choice != _NULL]
     return choices[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(choices) == 1 else schema
 
 

@@ -44,10 +44,10 @@ class Hdf5(Response):
     media_type = "application/x-hdf5"
 
 
-AskedPriority = Annotated[
+RequestPriority = Annotated[
     Priority,
     Field(
-        description="Order of jobs: `waited-for` goes first; `batch` next, as for jobs of a schedule; `background` "
+        description="Order of jobs: `interactive` goes first; `batch` next, as for jobs of a schedule; `background` "
         "starts when no other job could, and gives way to any other job."
     ),
 ]

@@ -103,7 +103,7 @@ class JobEnds:
                 number, events = await self._feed.after(number)
             except StorageUnavailable:
                 continue
-            self._wake({event.job_id for event in events if event.what in JOB_ENDS})
+            self._wake({event.job_id for event in events if event.type in JOB_ENDS})
         self._wake(set(self._waiting))
 
     def _wake(self, job_ids: set[str | None]) -> None:

@@ -15,7 +15,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
 from sawmill_contracts import kinds, mill_events
-from sawmill_contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
@@ -108,7 +108,7 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
 def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str, str]) -> Response:
     where = WizardAddress(scan=form["scan_id"])
     try:
-        ask = CalibrationAsk(scan_id=form["scan_id"], phantom_id=form.get("phantom_id") or None)
+        ask = CalibrationRequest(scan_id=form["scan_id"], phantom_id=form.get("phantom_id") or None)
         calibration = store.calibrations.accept(ask)
     except ValidationError as error:
         return _of_scan(page, store, where, form["scan_id"], *_sentences(page, error))
@@ -140,7 +140,7 @@ def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) ->
     received = store.inspections.received_again(inspection_id)
     with store.as_one():
         scan = store.scans.accept(spec, received)
-        calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+        calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
     for job_id in (scan.job_id, calibration.job_id):
         wake(job_id)
     assert isinstance(calibration, CalibrationUnfinished)  # noqa: S101 - it was only just requested

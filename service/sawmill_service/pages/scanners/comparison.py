@@ -7,7 +7,7 @@ from fastapi import Query, Response
 from fastapi.responses import RedirectResponse
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
-from sawmill_contracts.reconstructions import ReconstructionAsk
+from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.calibration_differences import differences
 from sawmill_platform.contracts.base import Identifier
@@ -51,7 +51,7 @@ def reconstruct_with_both(
     made = []
     try:
         for calibration_id in chosen:
-            ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
+            ask = ReconstructionRequest(scan_id=scan_id, calibration_id=calibration_id)
             log = next((log for log in logs if log.options.model_dump() == ask.model_dump()), None)
             if log is None:
                 log = store.reconstructions.accept(ask)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from sawmill_contracts.inspections import InspectedReading
-from sawmill_contracts.scanners import ScannerAsk, ScannerSpec, Tolerances
+from sawmill_contracts.scanners import ScannerRequest, ScannerSpec, Tolerances
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_vocabulary import DataKind
@@ -202,7 +202,7 @@ class ScannerForms:
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
         return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
 
-    def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerAsk | None]:
+    def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
         names = ("name", FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
         form = ScannerForm({name: typed.get(name, "").strip() for name in names})
@@ -215,7 +215,7 @@ class ScannerForms:
         document[FOLDER] = {**(document.get(FOLDER) or {}), **folder} if form.values[FOLDER] else None
         spec = None
         try:
-            spec = ScannerAsk.model_validate(document)
+            spec = ScannerRequest.model_validate(document)
         except ValidationError as error:
             for detail in error.errors():
                 self._place(form, detail)

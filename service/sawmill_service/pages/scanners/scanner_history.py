@@ -133,5 +133,5 @@ def word_of(entry: HistoryEntry) -> Word:
     """Return the outcome of an entry, in a word with its colour."""
     measured = entry.measured
     if measured is None:
-        return EVENT_WORDS.get(entry.what) or Word("idle", entry.what)
+        return EVENT_WORDS.get(entry.type) or Word("idle", entry.type)
     return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]

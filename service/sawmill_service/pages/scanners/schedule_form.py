@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sawmill_contracts.scanners import StoredScanner
-from sawmill_contracts.schedules import ScheduleAsk
+from sawmill_contracts.schedules import ScheduleRequest
 from sawmill_platform.due_times import time_zones
 from sawmill_platform.errors import Invalid
 from sawmill_service.pages.frame.languages import marked
@@ -83,7 +83,7 @@ def added(
     if kind == "check-drift":
         on_pass = ON_PASS[0]  # the field is for calibrations
     try:
-        ask = ScheduleAsk(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
+        ask = ScheduleRequest(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
         schedules.create(ask)
     except Invalid as refused:
         form.errors["cron"] = str(refused)

@@ -13,7 +13,7 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.measurements import Movement
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheStore, TheStreamTimes
 from sawmill_service.http.route_rules import Router
@@ -128,7 +128,7 @@ ForKiosk = Annotated[bool, Depends(_is_kiosk)]
 def today(page: ThePage, store: TheStore, times: TheStreamTimes, kiosk: ForKiosk) -> HTMLResponse:
     """Show the whole page; its script follows the events after the number that was read before the rows."""
     number = store.events.reader().number
-    kinds = " ".join(kind for kind in EventKind.published() if kind not in _NOT_SHOWN)
+    kinds = " ".join(kind for kind in EventType.published() if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html",
         board=_board(page, store, kiosk=kiosk),
@@ -164,7 +164,7 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
         alarm.acknowledged.until
         for row in rows
         for alarm in row.condition.alarms
-        if alarm.acknowledged is not None and alarm.what in row.condition.acknowledged
+        if alarm.acknowledged is not None and alarm.kind in row.condition.acknowledged
     ]
     return Board(
         rows=sorted((row for row in rows if not (kiosk and row.example)), key=lambda row: row.rank),

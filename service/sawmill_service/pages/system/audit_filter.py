@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from fastapi import Query
 
 from sawmill_platform.contracts.audit import AuditEntry
-from sawmill_platform.contracts.event_kinds import EventKind
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 
 PER_PAGE = 50
@@ -20,7 +20,7 @@ class AuditFilter(DaySpan):
     """Selection of the entries that the page lists."""
 
     who: str  # name of the actor; empty: everybody
-    action: EventKind | None  # kind of the action; None: all kinds
+    action: EventType | None  # kind of the action; None: all kinds
     after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
@@ -35,7 +35,7 @@ class AuditFilter(DaySpan):
 def read_filter(
     span: TheSpan,
     who: Annotated[str, Query(max_length=200)] = "",
-    action: EventKind | Literal[""] = "",
+    action: EventType | Literal[""] = "",
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> AuditFilter:
     """Read the selection from a form, which sends an empty text for an empty field."""

@@ -3,7 +3,7 @@ import { showTimes } from "./time.js";
 
 // After something happened; while a job runs, for its progress; and in any case.
 const SOON_MS = 200, PROGRESS_MS = 2000, IDLE_MS = 10_000;
-const HAPPENS = ["queued", "started", "succeeded", "failed", "cancelled", "lost", "put-off", "given-back"];
+const HAPPENS = ["queued", "started", "succeeded", "failed", "cancelled", "lost", "postponed", "given-back"];
 let timer;
 let stream;
 const now = document.querySelector("#now");

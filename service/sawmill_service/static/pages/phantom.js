@@ -49,7 +49,7 @@ async function measure(form) {
     say(form, form.querySelector(".nothing").innerHTML);
     return;
   }
-  const measurements = lengths.map((axis) => ({ what: axis, measured_mm: figure(form, axis), ...shared }));
+  const measurements = lengths.map((axis) => ({ dimension: axis, measured_mm: figure(form, axis), ...shared }));
   const newer = await api("POST", `/v1/phantoms/${form.dataset.phantom}/measurements`, { measurements });
   location.assign(`/phantoms/${newer.id}`);
 }

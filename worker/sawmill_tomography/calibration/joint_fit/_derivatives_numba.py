@@ -341,41 +341,6 @@ def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
 
 
 @njit(cache=True, fastmath=_FAST)
-def whiten(grams, of_base, scores, base, first, white, sensitivity, change, white_scores, information):
-    """Fill each view's scores (views, n) and grams (views, n, n) of n combinations of columns next to others.
-
-    of_base : (views, base, columns), the rows of `base` in grams (views, columns, columns)
-    white : (own, n) weights of the columns from `first` on
-    sensitivity : (base, n) weights of the base's columns, which are subtracted
-    change : (n,) change of the combinations after which the scores hold
-    """
-    own, n = white.shape
-    columns = grams.shape[2]
-    line = np.empty(columns)
-    for k in range(grams.shape[0]):
-        for q in range(n):
-            line[:] = 0.0
-            score = 0.0
-            for i in range(own):
-                score += white[i, q] * scores[k, first + i]
-                for column in range(columns):
-                    line[column] += white[i, q] * grams[k, first + i, column]
-            for i in range(base.size):
-                score -= sensitivity[i, q] * scores[k, base[i]]
-                for column in range(columns):
-                    line[column] -= sensitivity[i, q] * of_base[k, i, column]
-            white_scores[k, q] = score
-            for p in range(n):
-                total = 0.0
-                for i in range(own):
-                    total += white[i, p] * line[first + i]
-                for i in range(base.size):
-                    total -= sensitivity[i, p] * line[base[i]]
-                information[k, q, p] = total
-                white_scores[k, q] -= total * change[p]
-
-
-@njit(cache=True, fastmath=_FAST)
 def largest_power(scores, information, diagonal, blocks):
     """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring views.
 

@@ -63,7 +63,7 @@ class Climb:
     @staticmethod
     def _may_join(group: Group, posterior: Posterior) -> bool:
         """Return whether a group is not in a set, and no slip of its kind that is too near is."""
-        views, view = len(posterior.system.scores), group.one.view
+        views, view = posterior.system.views, group.one.view
         return group not in posterior.sizes and (
             view is None
             or all(

@@ -17,6 +17,7 @@ from sawmill_tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_tomography.calibration.faults.modules import (
     FEWEST_CELLS,
     HIDDEN,
+    NEAR,
     HiddenModule,
     ModuleSearch,
     effect_of,
@@ -275,11 +276,6 @@ class JointFitter:
         if self._relocated_modules(grams, system, used):
             grams, free = self._linearised()
             system, tried, used = self._system(grams, free)
-        further = self._further_modules(grams, system, used)
-        if further:
-            self.waiting += further
-            grams, free = self._linearised()
-            system, tried, used = self._system(grams, free)
         before = list(self.fitted)
         sizes = np.zeros(len(system.columns))
         for one in (*before, *tried):
@@ -302,9 +298,10 @@ class JointFitter:
         self.groups = groups
         self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
         same = set(before) == set(self.fitted)
+        more = self._further_modules(grams, system, posterior.used, first_cells_of(tried) if same else ())
         if share == 0.0:
             return True
-        if share < 1.0 or not small or not same:
+        if share < 1.0 or not small or not same or more:
             return False
         self.converged = self._settled(system, change) and not self._moved_borders(grams, penalised, posterior.used)
         return self.converged
@@ -443,18 +440,20 @@ class JointFitter:
             self.searched = grams, list(used), ModuleSearch(self.model, grams, system, used, self.unneeded)
         return self.searched[2]
 
-    def _further_modules(self, grams: ViewGrams, system: System, used: list[int]) -> list[Fitted]:
-        """Put the likeliest further modules of the detector into the model, and return their effects."""
+    def _further_modules(self, grams: ViewGrams, system: System, used: list[int], tried: Collection[int]) -> bool:
+        """Let the likeliest further modules join in the next round; return whether one is not near those just tried."""
         cells = self.model.data.cells
         most = MOST_MODULES - len(cells.modules)
         few = len(self.model.data.angles_rad) < FEWEST_VIEWS
-        if few or Adjustment.MODULES in self.without or self.rounds > JOINING or most <= 0:
-            return []
+        if few or Adjustment.MODULES in self.without or self.rounds >= JOINING or most <= 0:
+            return False
         search = self._module_search(grams, system, used)
         modules = [DetectorModule(cell) for cell in search.likeliest(self._module_by_chance(system, used), most)]
-        if modules:
-            self.model = with_modules(self.model, (*cells.modules, *modules))
-        return [self._of_module(module, MODULE_TRIALS * self._places_of_modules) for module in modules]
+        if all(any(abs(module.first_cell - cell) <= NEAR for cell in tried) for module in modules):
+            return False
+        self.model = with_modules(self.model, (*cells.modules, *modules))
+        self.waiting += [self._of_module(module, MODULE_TRIALS * self._places_of_modules) for module in modules]
+        return True
 
     def _arc_radius_mm(self, grams: ViewGrams, system: System, used: list[int]) -> float | None:
         """Return the radius of an arc on which the cells seem to lie, mm; None where the scan does not show one."""

@@ -306,13 +306,10 @@ class ViewGrams:
         number, whole = len(columns), self._system([*columns, *self._patches])
         inverse, score = self._densities_alone(whole)
         taken, densities = inverse @ whole.normal[number:, :number], inverse @ score
-        # The columns without what the densities take up of them, and the residual at the best densities.
-        left = np.concatenate([np.eye(number), -taken])
         explained = float(score @ densities) - self._density_precision * float(self._densities @ self._densities)
         return System(
             tuple(columns),
-            left.T @ whole.grams @ left,
-            (whole.scores - whole.grams[:, :, number:] @ densities) @ left,
+            self,
             whole.score[:number] - score @ taken,
             whole.normal[:number, :number] - whole.normal[:number, number:] @ taken,
             max(whole.power - explained, 0.0),
@@ -322,12 +319,43 @@ class ViewGrams:
         )
 
     def _system(self, columns: Sequence[Column]) -> "System":
-        grams, scores = self.of_columns(columns)
-        sums = self._sums_of(columns)
-        normal = grams.sum(axis=0) - (sums * self.stripe_shares) @ sums.T
-        return System(
-            tuple(columns), grams, scores, scores.sum(axis=0), normal, self.power, self.structured, self.samples
-        )
+        score, normal = self._of_all_views(columns)
+        if self.stripe_shares.any():
+            sums = self._sums_of(columns)
+            normal -= (sums * self.stripe_shares) @ sums.T
+        return System(tuple(columns), self, score, normal, self.power, self.structured, self.samples)
+
+    def _of_all_views(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+        """Compute the sums over the views of the columns' products with the residual (n,), and with each other (n, n).
+
+        Shapes belong to few terms: the products are made term by term.
+        """
+        views = len(self.scores)
+        of_term: dict[int, dict[int, FloatArray | float]] = {}
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                of_term.setdefault(self._rows.get(term, term), {})[number] = 1.0 if shape is None else shape
+        score, normal = np.zeros(len(columns)), np.zeros((len(columns), len(columns)))
+        alike = {row: [*one] for row, one in of_term.items() if all(isinstance(shape, float) for shape in one.values())}
+        same, places = [row for row, own in alike.items() for _ in own], [n for own in alike.values() for n in own]
+        sums = self.grams.sum(axis=0)
+        normal[np.ix_(places, places)], score[places] = sums[np.ix_(same, same)], self.scores.sum(axis=0)[same]
+        shaped = [
+            (row, [*one], np.stack([np.broadcast_to(shape, views) for shape in one.values()]))
+            for row, one in of_term.items()
+            if row not in alike
+        ]
+        for number, (row, own, shapes) in enumerate(shaped):
+            score[own] += shapes @ self.scores[:, row]
+            with_same = (shapes @ self.grams[:, row])[:, same]
+            normal[np.ix_(own, places)] += with_same
+            normal[np.ix_(places, own)] += with_same.T
+            for other, others, of_other in shaped[number:]:
+                between = (shapes * self.grams[:, row, other]) @ of_other.T
+                normal[np.ix_(own, others)] += between
+                if other != row:
+                    normal[np.ix_(others, own)] += between.T
+        return score, normal
 
     def _sums_of(self, columns: Sequence[Column]) -> FloatArray:
         """Compute the sums (columns, cells) of the weighted columns over the views."""
@@ -359,8 +387,10 @@ class CellProducts:
 
     def of_shapes(self, shapes: FloatArray) -> FloatArray:
         """Return each cell's part (n, cells) of the products with the derivative times factors (n, cells)."""
+        if not (shapes.size and self.taken.size):
+            return shapes * self.own
         taken, by_stripes = shapes @ self.taken.T, shapes @ self.by_stripes.T
-        return shapes * self.own - taken @ (self.taken - self.by_stripes) + by_stripes @ self.taken
+        return shapes * self.own - (taken - by_stripes) @ self.taken + taken @ self.by_stripes
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,14 +407,35 @@ class System:
     """Normal equations of some columns."""
 
     columns: tuple[Column, ...]
-    grams: FloatArray  # (views, n, n): inner products of each view
-    scores: FloatArray  # (views, n)
+    source: ViewGrams
     score: FloatArray  # (n,): sums over the views, less the part of the stripes
     normal: FloatArray  # (n, n)
     power: float  # power of the residual
     structured: float  # the part of `power` that neighbouring cells share
     samples: float
     patches: Patches | None = None  # the wood's patches; None where the model has one density
+    removed: FloatArray | None = None  # (n,): sizes of columns that the model does not have any more (`without`)
+
+    @property
+    def views(self) -> int:
+        """Number of views."""
+        return len(self.source.scores)
+
+    def of_views(self, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Return each view's inner products of these columns (views, m, m), and with the residual (views, m)."""
+        gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed) if n not in places]
+        every = [*places, *gone]
+        columns, patches = [self.columns[place] for place in every], self.patches
+        grams, scores = self.source.of_columns([*columns, *(() if patches is None else patches.columns)])
+        if patches is not None:
+            # The columns without what the densities take up of them, and the residual at the best densities.
+            left = np.concatenate([np.eye(len(every)), -patches.taken[:, every]])
+            scores = (scores - grams[:, :, len(every) :] @ patches.change) @ left
+            grams = left.T @ grams @ left
+        if self.removed is not None:
+            scores = scores + grams @ self.removed[every]
+        count = len(places)
+        return grams[:, :count, :count], scores[:, :count]
 
     def with_patches(self, change: FloatArray) -> tuple[tuple[Column, ...], FloatArray]:
         """Return all columns and their change, those of the patches with their best change next to this one."""
@@ -396,9 +447,10 @@ class System:
     def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
         """Return, to first order, the system of a model without the columns in these places, which have these sizes."""
         own = list(places)
-        by = self.normal[:, own] @ sizes
+        by, removed = self.normal[:, own] @ sizes, np.zeros(len(self.columns))
+        removed[own] = sizes
         power = self.power + float(sizes @ (2.0 * self.score[own] + by[own]))
-        return replace(self, scores=self.scores + self.grams[:, :, own] @ sizes, score=self.score + by, power=power)
+        return replace(self, score=self.score + by, power=power, removed=removed)
 
     @cached_property
     def scale(self) -> FloatArray:

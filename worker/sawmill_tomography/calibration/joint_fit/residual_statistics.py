@@ -166,16 +166,18 @@ def _refuse_undetermined(joint: JointFit) -> None:
     if (undetermined**2).sum() > RAYS_SHARE:
         raise CalibrationError(
             "too-few-views",
-            f"the {len(system.scores)} views do not determine the geometry: other scanners would show the same; give "
+            f"the {system.views} views do not determine the geometry: other scanners would show the same; give "
             "more views, spread over the turn, or use a phantom with corners",
         )
 
 
 def _scores(joint: JointFit) -> _Scores:
     system, used = joint.system, joint.used
-    rest = system.scores[:, used] - system.grams[:, used] @ joint.change
-    scores = rest[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
-    own = system.grams[:, used][:, :, used].sum(axis=0)
+    going = [place for place in np.flatnonzero(joint.change) if place not in used]
+    grams, scores = system.of_views([*used, *going])
+    scores = (scores - grams @ joint.change[[*used, *going]])[:, : len(used)]
+    scores = scores[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
+    own = grams[:, : len(used), : len(used)].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > SINGULAR * values[-1]

@@ -151,14 +151,22 @@ class ScanModel:
     @cached_property
     def _straight(self) -> tuple[Shape, ...]:
         """Shapes of the drawing with rounded corners and skins, before deformations."""
-        rounded = with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS)))
-        skins = [
+        return (*self._rounded, *self._skins, *self._denser_patches)
+
+    @property
+    def _rounded(self) -> tuple[Shape, ...]:
+        """Shapes of the drawing with rounded corners, before deformations."""
+        return with_rounded_corners(self.drawing, math.sqrt(self.size(Term.CORNERS))).shapes
+
+    @property
+    def _skins(self) -> tuple[Shape, ...]:
+        """Shapes that make the wood denser near its surface, before deformations."""
+        return tuple(
             replace(shape, density=shape.density * self.size(term))
             for term, depth_mm in SKIN_DEPTHS_MM.items()
             if self.size(term)
             for shape in skin(self.drawing, depth_mm)
-        ]
-        return (*rounded.shapes, *skins, *self._denser_patches)
+        )
 
     @property
     def _denser_patches(self) -> tuple[Shape, ...]:
@@ -212,9 +220,13 @@ class ScanModel:
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
-        """The first arguments of the analytic projection's kernels."""
+        """The first arguments of the analytic projection's kernels, for wood of one density.
+
+        What patches of another density change in the derivatives is smaller than a step's own error.
+        """
+        patched = any(map(is_of_patch, self.sizes))
         return analytic.kernel_arguments(
-            self.phantom,
+            self._warped((*self._rounded, *self._skins)) if patched else self.phantom,
             self.data.cells,
             self.frame,
             self.data.angles_rad + self.pose[:, 0],
@@ -418,9 +430,10 @@ class ScanModel:
         if term in SKIN_DEPTHS_MM:
             shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
             return self._warped(shapes) if shapes else None
+        # Skins and patches of other density hardly change what a warp does.
         step = WARP_STEP_MM
         more, less = (
-            self._warped(self._straight, term, way * step).of_density(0.5 / (way * step)) for way in (1.0, -1.0)
+            self._warped(self._rounded, term, way * step).of_density(0.5 / (way * step)) for way in (1.0, -1.0)
         )
         shapes = (*more.shapes, *less.shapes)
         return replace(self.drawing, shapes=shapes)

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 
-from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power, whiten
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power
 from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR, STRUCTURES
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
 from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
@@ -63,17 +63,6 @@ class EffectTester:
         self._sensitivity = inverse @ cross
         self._normal, self._score = system.normal - cross.T @ self._sensitivity, system.score - cross.T @ self._best
 
-    @cached_property
-    def _of_base(self) -> FloatArray:
-        """Inner products of the base's columns with all columns, (views, base, columns)."""
-        return np.take(self._system.grams, self._base, axis=1)
-
-    @cached_property
-    def _scores(self) -> FloatArray:
-        """Scores (views, columns) of each view at the base's best change."""
-        scores: FloatArray = self._system.scores - self._best @ self._of_base
-        return scores
-
     def tested(self, tried: Sequence[int]) -> EffectTest:
         """Test these columns, which must have consecutive indices."""
         system, base, own = self._system, self._base, slice(tried[0], tried[-1] + 1)
@@ -93,19 +82,11 @@ class EffectTester:
         # The score scatters at least by noise: where noise explains the effect, no other scatter is computed.
         if power < variance * chance_limit(BEYOND_CHANCE, degrees):
             return EffectTest(power / variance, power, degrees, sizes, bias)
-        scores, information = np.empty((len(system.scores), degrees)), np.empty((len(system.scores), degrees, degrees))
-        whiten(
-            system.grams,
-            self._of_base,
-            self._scores,
-            np.array(base),
-            own.start,
-            white,
-            sensitivity,
-            score,
-            scores,
-            information,
-        )
+        grams, scores = system.of_views([*base, *tried])
+        # What the base leaves of the effect's columns, and each view's score at the base's best change.
+        left = np.concatenate([-sensitivity, white])
+        information = left.T @ grams @ left
+        scores = (scores - grams[:, :, : len(base)] @ self._best) @ left - information @ score
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
         on_detector = all(is_of_module(system.columns[place].term) for place in tried)

@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray
+from sawmill_tomography.geometry.geometry import FanViews, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import finer
@@ -81,7 +81,7 @@ class CoarseOutside:
     weight: float | None = None  # weight of total variation, in 1 / attenuation; None until it is chosen
 
     @classmethod
-    def of(cls, geometry: FanBeamGeometry, grids: TwoGrids, *, non_negative: bool) -> Self:
+    def of(cls, geometry: FanViews, grids: TwoGrids, *, non_negative: bool) -> Self:
         """Make the grids' projectors for a scan; the weight is still to be chosen."""
         return cls(Projector(geometry, grids.region), Projector(geometry, grids.whole), grids, non_negative)
 
@@ -89,7 +89,7 @@ class CoarseOutside:
         """Return a copy with the weight chosen from a slice (views, detector) and its noise."""
         geometry = self.whole.geometry
         step = max(1, len(line) // CHOOSING_VIEWS)
-        few = Projector(geometry.with_angles(geometry.angles_rad[::step]), self.grids.whole)
+        few = Projector(geometry.at(slice(None, None, step)), self.grids.whole)
         noise = np.broadcast_to(noise, (1, *line.shape))[:, ::step]
         choice = choose_weight(few, line[::step], noise=noise, non_negative=self.non_negative)
         return replace(self, weight=math.sqrt(step) * choice.weight)

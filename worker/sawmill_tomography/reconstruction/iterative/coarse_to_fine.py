@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner
+from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.iterative import descent
@@ -159,13 +159,13 @@ def _can_be_halved(objective: Objective) -> bool:
 
 def _has_narrow_cells(objective: Objective) -> bool:
     geometry = objective.projector.geometry
-    pair_mm = 2.0 * geometry.scanner.detector_pitch_mm / geometry.frame.magnification
-    return geometry.scanner.num_detector_pixels % 2 == 0 and pair_mm <= PAIR_PIXELS * objective.projector.grid.pixel_mm
+    pair_mm = 2.0 * geometry.cell_at_cor_mm
+    return geometry.sinogram_shape[1] % 2 == 0 and pair_mm <= PAIR_PIXELS * objective.projector.grid.pixel_mm
 
 
 def coarser(objective: Objective) -> Objective:
     """Return the objective with pixels of twice the size, and with cells in pairs where their number is even."""
-    if objective.projector.geometry.scanner.num_detector_pixels % 2 == 0:
+    if objective.projector.geometry.sinogram_shape[1] % 2 == 0:
         objective = with_pairs_of_cells(objective)
     projector, grid, prior = objective.projector, objective.projector.grid, objective.prior
     return replace(
@@ -178,15 +178,7 @@ def coarser(objective: Objective) -> Objective:
 
 def with_pairs_of_cells(objective: Objective) -> Objective:
     """Return the objective with detector cells in pairs: the weighted mean of the lines, and the sum of the weights."""
-    geometry, scanner = objective.projector.geometry, objective.projector.geometry.scanner
-    halves = {module.first_cell // 2: module for module in scanner.detector_modules}
-    wide = Scanner(
-        scanner.source_to_cor_mm,
-        scanner.num_detector_pixels // 2,
-        2.0 * scanner.detector_pitch_mm,
-        tuple(replace(module, first_cell=cell) for cell, module in halves.items() if cell > 0),
-    )
-    projector = Projector(FanBeamGeometry(wide, geometry.theta, geometry.angles_rad), objective.projector.grid)
+    projector = Projector(objective.projector.geometry.in_pairs(), objective.projector.grid)
     lines = objective.lines
     weights = np.broadcast_to(objective.weights, np.broadcast_shapes(objective.weights.shape, lines.shape))
     total = weights[..., ::2] + weights[..., 1::2]

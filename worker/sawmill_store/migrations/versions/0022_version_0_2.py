@@ -1,6 +1,6 @@
 """Tables of version 0.2.0, from those of 0.1.0 (revision 0003); measurements and histories are filled from its answers.
 
-Until 0.2.0 is released, a change of the tables is made in this file. The numbers 0004 to 0020 belonged to states that
+Until 0.2.0 is released, a change of the tables is made in this file. The numbers 0004 to 0021 belonged to states that
 no release had: databases of those are refused.
 """
 
@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.types import TypeEngine
 
-revision = "0021"
+revision = "0022"
 down_revision = "0003"
 branch_labels = None
 depends_on = None
@@ -49,7 +49,7 @@ _INDEXES = {
     "ix_events_decisions": ("events", ["number"], "class = 'decision'"),
     "ix_events_removable": ("events", ["number"], "class = 'work' AND topic IS NULL"),
     "ix_measurements_subject_id": ("measurements", ["subject_id"], None),
-    "ix_events_what_number": ("events", ["what", "number"], None),
+    "ix_events_type_number": ("events", ["type", "number"], None),
     "ix_keys_previous_hash": ("keys", ["previous_hash"], None),
     "ix_measurements_at": ("measurements", ["at"], None),
     "ix_measurements_scanner_id_number": ("measurements", ["scanner_id", "number"], None),
@@ -210,7 +210,7 @@ def _create_events() -> sa.Table:
         _counted(),
         *_needed(at=_MOMENT),
         sa.Column("class", _WORD, nullable=False),
-        *_needed(what=_EVENT),
+        *_needed(type=_EVENT),
         *_perhaps(topic=_WORD, group_id=_ID, subject=_WORD, subject_id=_ID),
         *_perhaps(job_id=_ID, attempt=_INTEGER, worker=_NAME),
         *_perhaps(who=_NAME, key_id=_ID, address=_ID, request_id=_ID, why=_TEXT, detail=_JSON, decided=_JSON),
@@ -303,7 +303,7 @@ def _create_tables_of_webhooks() -> None:
     op.create_table(
         "webhook_deliveries",
         _counted(),
-        *_needed(webhook_id=_ID, event_number=_INTEGER, message_id=_ID, what=_EVENT, state=_WORD, attempts=_INTEGER),
+        *_needed(webhook_id=_ID, event_number=_INTEGER, message_id=_ID, type=_EVENT, state=_WORD, attempts=_INTEGER),
         *_needed(first_at=_MOMENT, last_at=_MOMENT),
         *_perhaps(status=_INTEGER, reason=_TEXT),
         sa.ForeignKeyConstraint(
@@ -324,11 +324,11 @@ def _create_tables_of_alarms() -> None:
     """Create the alarms, and the drift chart of each scanner and method."""
     op.create_table(
         "alarms",
-        *_needed(scanner_id=_ID, what=_EVENT, since=_MOMENT),
+        *_needed(scanner_id=_ID, kind=_EVENT, since=_MOMENT),
         *_perhaps(last_at=_MOMENT, limit_hours=_REAL, phantom_id=_ID, expired_on=sa.Date(), drift=_JSON),
         *_perhaps(acknowledged=_JSON),
         sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_alarms_scanner_id", ondelete="CASCADE"),
-        sa.PrimaryKeyConstraint("scanner_id", "what", name="pk_alarms"),
+        sa.PrimaryKeyConstraint("scanner_id", "kind", name="pk_alarms"),
     )
     op.create_table(
         "drift_charts",
@@ -364,7 +364,7 @@ def _create_measurements() -> sa.Table:
         *_perhaps(cor_column_baseline_change_mm=_REAL, tilt_baseline_change_rad=_REAL),
         *_perhaps(pooled_cor_column_mm=_REAL, pooled_cor_column_standard_deviation_mm=_REAL),
         *_perhaps(pooled_tilt_rad=_REAL, pooled_tilt_standard_deviation_rad=_REAL),
-        *_perhaps(baseline_looks=_INTEGER, activation_number=_INTEGER, pooled_looks=_INTEGER),
+        *_perhaps(baseline_checks=_INTEGER, activation_number=_INTEGER, pooled_checks=_INTEGER),
         *_perhaps(method=_WORD, input_sha256=_ID, awaits_chart=_FLAG),
         sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_measurements_scanner_id"),
         sa.PrimaryKeyConstraint("number", name="pk_measurements"),
@@ -385,7 +385,7 @@ _KINDS = {"calibration": "calibration", "drift": "drift-check"}
 
 def _entry(scanner_id: str, at: datetime, topic: str, what: str, subject: str, subject_id: str) -> Values:
     """Return an event of a history, without who did it and why."""
-    about = {"group_id": scanner_id, "at": at, "class": "work", "topic": topic, "what": what, "subject": subject}
+    about = {"group_id": scanner_id, "at": at, "class": "work", "topic": topic, "type": what, "subject": subject}
     return about | {"subject_id": subject_id} | dict.fromkeys(("who", "why"))
 
 
