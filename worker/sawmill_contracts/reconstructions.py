@@ -408,6 +408,16 @@ class MethodReport(Contract):
         "one in the plane, no unit. 0: each slice alone. Null: another method.",
         examples=[0.5],
     )
+    knot_10_mm_contrast: float | None = Field(
+        None,
+        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these weights, no "
+        "unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region of the log, "
+        "a log below 120 mm, pixels above 3.2 mm, or an earlier version.",
+        examples=[0.62],
+    )
+    knot_20_mm_contrast: float | None = Field(
+        None, description="The same of a knot of 20 mm, no unit. Null as for 10 mm.", examples=[0.9]
+    )
     metal: MetalReport | None = Field(
         None, description="Metal in the log. Null: none was found, or the search for metal was off."
     )

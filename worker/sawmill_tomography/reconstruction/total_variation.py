@@ -191,6 +191,12 @@ class TotalVariation(CoupledMethod):
         return replace(self, coupling=f"{choice.coupling:g}", weight=choice.weight)
 
     @property
+    def alone(self) -> Self:
+        """The method for a slice without neighbours, with the weight that smooths it as much."""
+        weight = None if self.weight is None else self.weight / weight_factor(self._coupling)
+        return replace(self, weight=weight, coupling="none")
+
+    @property
     def is_open(self) -> bool:
         """True if the weight is to be chosen."""
         return self.weight is None

@@ -155,8 +155,10 @@ def choose_ring_weight(
         non_negative=non_negative,
         on_progress=phases.of("rings"),
     )
-    errors = np.log(validation.in_views) + np.log(validation.in_rays) - LEAST_GAIN * (rings < 1.0)
+    errors = np.log(validation.in_views) + np.log(validation.in_rays) + LEAST_GAIN * (rings < 1.0)
     best = int(np.argmin(errors))
+    if rings[best] == 1.0 and weight is None:
+        return isotropic
     same = rings == rings[best]
     chosen, _ = parabola_minimum(weights[same], errors[same])
     return WeightChoice(SMOOTHER * chosen, float(rings[best]), support.embedded(validation.images[:, best]))

@@ -54,7 +54,7 @@ def ring_directions(images: Images, grid: ImageGrid, typical: Floats, joined: Fl
         ],
         axis=1,
     )
-    centres, radii, inside = _outlines(relative, grid)
+    centres, radii, inside = outlines(relative, grid)
     piths = _piths(slopes, inside, grid, centres, radii, joined)
     products = np.stack([slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1], slopes[:, 1] ** 2], axis=1)
     window = WINDOW_MM / pixel
@@ -76,8 +76,11 @@ def halved(images: Images) -> Images:
     return images.reshape(slices, n // 2, 2, n // 2, 2).mean(axis=(2, 4))
 
 
-def _outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]:
-    """Return the outlines' centres (slices, 2) and radii (slices,) in mm, and the wood within the bark as 0 or 1."""
+def outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]:
+    """Return the outlines' centres (slices, 2) and radii (slices,) in mm, and the wood within the bark as 0 or 1.
+
+    `relative` (slices, n, n): images in typical attenuations.
+    """
     body = relative > OUTLINE
     area = np.maximum(body.sum(axis=(1, 2)), 1)
     middles = (np.arange(grid.size) + 0.5) * grid.pixel_mm
