@@ -60,8 +60,8 @@ Coupling = Annotated[
     str,
     BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),
     Field(
-        description="Coupling of neighbouring slices, for `total_variation` and `ring_tv`. `auto`: cross-validation on slices in "
-        "the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed alone. A number "
+        description="Coupling of neighbouring slices, for `total_variation` and `ring_tv`. `auto`: cross-validation on "
+        "slices in the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed alone. A number "
         "is the weight of a difference along the axis relative to one in the plane, no unit, below 100.",
         examples=["auto"],
     ),
@@ -153,8 +153,8 @@ class ReconstructionOptions(Contract):
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
         description="Treatment of rays through nails and other metal, where their shadows show any. `auto`: "
-        "`cauchy_map` leaves these rays out, `total_variation` and `ring_tv` as well, but give those through thin metal "
-        "a small weight, less the metal; other methods take values interpolated along the "
+        "`cauchy_map` leaves these rays out, `total_variation` and `ring_tv` as well, but give those through thin "
+        "metal a small weight, less the metal; other methods take values interpolated along the "
         "detector; the metal is put back into the slices. `interpolate`: every method takes interpolated values. "
         "`none`: all rays are used as they are.",
         examples=["auto"],
@@ -404,14 +404,14 @@ class MethodReport(Contract):
     )
     coupling: float | None = Field(
         None,
-        description="Coupling that `total_variation` or `ring_tv` used: the weight of a difference along the axis relative to "
-        "one in the plane, no unit. 0: each slice alone. Null: another method.",
+        description="Coupling that `total_variation` or `ring_tv` used: the weight of a difference along the axis relative "
+        "to one in the plane, no unit. 0: each slice alone. Null: another method.",
         examples=[0.5],
     )
     knot_10_mm_contrast: float | None = Field(
         None,
-        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these weights, no "
-        "unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region of the log, "
+        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these weights, "
+        "no unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region of the log, "
         "a log below 120 mm, pixels above 3.2 mm, or an earlier version.",
         examples=[0.62],
     )

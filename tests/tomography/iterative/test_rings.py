@@ -58,9 +58,7 @@ def test_the_gradient_is_that_of_the_value_and_a_share_of_0_is_total_variation()
     assert value[1] == pytest.approx(isotropic.add(here, which, plain)[1], rel=1e-5)
     np.testing.assert_allclose(gradient[1], plain[1], rtol=1e-4, atol=1e-4)
     ones = np.ones(2)
-    np.testing.assert_allclose(
-        prior.scaling(here, which, ones)[1], isotropic.scaling(here, which, ones)[1], rtol=1e-4
-    )
+    np.testing.assert_allclose(prior.scaling(here, which, ones)[1], isotropic.scaling(here, which, ones)[1], rtol=1e-4)
 
 
 @pytest.mark.parametrize("pith_mm", [(0.0, 0.0), (25.0, -12.0)])

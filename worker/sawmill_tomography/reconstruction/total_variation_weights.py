@@ -236,7 +236,7 @@ def weight_factor(coupling: float) -> float:
 
 
 def smoothed_prior(typical: Floats, weights: Floats, ring_weights: Floats | None = None) -> TotalVariationPrior:
-    """Return total variation for images of these typical attenuations, (images,); ring-aware where a weight is not 1."""
+    """Return the prior for images of these typical attenuations, (images,); ring-aware where a weight is not 1."""
     scale = SMOOTHING_SHARE * typical
     if ring_weights is None or (ring_weights == 1.0).all():
         return TotalVariationPrior(scale, weights, typical)

@@ -102,7 +102,7 @@ def total_variation(images, scales, strengths, gradient, values):
 
 @njit(inline="always")
 def _ring_row(x, row, n, inverse, share, r, p, q):
-    """Fill p and q with the slope of sqrt(d . W d) along x and y in one row, less scale; return the sum of the roots."""
+    """Fill p and q with the root's slopes along x and y in one row; return the sum of the roots, each less 1."""
     one, total = np.float32(1.0), 0.0
     for j in range(n - 1):
         a, b = x[row + 1, j] - x[row, j], x[row, j + 1] - x[row, j]

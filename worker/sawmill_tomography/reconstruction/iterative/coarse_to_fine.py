@@ -147,8 +147,9 @@ def coarser_levels(objective: Objective) -> list[Level]:
         cost *= 0.25
         if objective.prior.has_directions and iterations == ITERATIONS[-1]:
             levels.insert(0, Level(objective, DIRECTED_ITERATIONS, cost, directed=True))
-            iterations = UNDIRECTED_ITERATIONS
-        levels.insert(0, Level(objective, iterations, cost))
+            levels.insert(0, Level(objective, UNDIRECTED_ITERATIONS, cost))
+        else:
+            levels.insert(0, Level(objective, iterations, cost))
     return levels
 
 
