@@ -166,6 +166,10 @@ class ReconstructionMethod(StrEnum):
         *("total_variation", N_("Total variation")),
         N_("Sharp edges and little noise, also from few views; takes longer."),
     )
+    RING_TV = (
+        *("ring_tv", N_("Ring-aware total variation")),
+        N_("As total variation, and keeps growth rings from few views."),
+    )
     AUTO = "auto", N_("Automatic"), N_("Takes the method that suits the scan's number of views and its noise.")
 
     label: str
