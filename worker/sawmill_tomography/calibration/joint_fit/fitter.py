@@ -12,27 +12,11 @@ from itertools import accumulate, chain, pairwise
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
-from sawmill_tomography.calibration.faults.cell_places import places_of_cells
-from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
-from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.intensity_averaging import averaging
-from sawmill_tomography.calibration.faults.modules import (
-    FEWEST_CELLS,
-    HIDDEN,
-    NEAR,
-    HiddenModule,
-    ModuleSearch,
-    effect_of,
-    with_modules,
-)
-from sawmill_tomography.calibration.faults.outliers import (
-    inconsistent_views,
-    views_differ,
-    without_views,
-)
-from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
+from sawmill_tomography.calibration.joint_fit.cell_places import places_of_cells
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.effects import EFFECTS, OF_WOOD, Effect
+from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.groups import (
     ON_DETECTOR,
     STRUCTURES,
@@ -43,9 +27,24 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_module,
     is_on_detector,
 )
+from sawmill_tomography.calibration.joint_fit.intensity_averaging import averaging
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.modules import (
+    FEWEST_CELLS,
+    HIDDEN,
+    NEAR,
+    HiddenModule,
+    ModuleSearch,
+    effect_of,
+    with_modules,
+)
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.outliers import (
+    inconsistent_views,
+    views_differ,
+    without_views,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ARC, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -54,6 +53,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     EffectTester,
     chance_limit,
 )
+from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm
 from sawmill_tomography.geometry.fit_parameters import FitParameter
