@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
 
+    __version__: str
+
 __all__ = [
     "Calibration",
     "Disc",
@@ -68,6 +70,8 @@ if not TYPE_CHECKING:  # so that a type checker sees a wrong name
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""
+        if name == "__version__":
+            return import_module("sawmill_vocabulary.version").VERSION
         if name not in _MODULE_OF:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(import_module(_MODULE_OF[name]), name)

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_calibration import option_types
 from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A calibration: the whole answer is `result`, properties give its most used fields.
 
@@ -149,6 +150,12 @@ class Calibration:
         arrays = None if self.arrays is None else self.arrays()
         Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
 
+    def __repr__(self) -> str:
+        error = self.predicted_ray_error_mm
+        rays = "no error bars" if error is None else f"rays within {error.upper_95:.3f} mm (95 %)"
+        numbers = ", ".join(f"{name}={value:.6g}" for name, value in vars(self.theta).items())
+        return f"<Calibration: {self.verdict}, {rays}, {numbers}>"
+
     def _repr_html_(self) -> str:
         from sawmill_calibration.pictures.report_numbers import calibration_table  # noqa: PLC0415
 
@@ -157,14 +164,15 @@ class Calibration:
         return html_of(title, calibration_table(self.result), verdict=self.verdict, sentences=sentences)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction:
     """A volume and how it was made.
 
     Attributes
     ----------
     volume : (slices, x, y) float32
-        Values in `result.unit`.
+        Values in `result.unit`. **The axes are not (z, y, x)**, as in scikit-image, tomopy and CIL:
+        `volume.transpose(0, 2, 1)` has that order.
     result : ReconstructionResult
         Method, pixel size, unit, rows and remarks, with the field names of the service (docs/look-up/http.md).
     field_centre_mm : (x, y)
@@ -196,6 +204,11 @@ class Reconstruction:
             title=f"slice {shown}, row {row} of the scan",
         )
 
+    def __repr__(self) -> str:
+        method = "" if self.result.method is None else f" by {self.result.method.name}"
+        shape = " x ".join(map(str, self.result.shape))
+        return f"<Reconstruction{method}: {shape} (slices, x, y), {self.result.pixel_mm:.4g} mm a pixel>"
+
     def _repr_html_(self) -> str:
         from sawmill_calibration.pictures.images import image_png  # noqa: PLC0415
 
@@ -212,7 +225,7 @@ class Reconstruction:
         return html_of("Reconstruction", rows, png=png)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drift:
     """A drift check: the whole answer is `result`; properties give the most used fields.
 
@@ -249,6 +262,9 @@ class Drift:
         from sawmill_calibration.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         return drift_figure(self.result)
+
+    def __repr__(self) -> str:
+        return f"<Drift: {self.reason}>"
 
     def _repr_html_(self) -> str:
         result, deviation = self.result, self.result.change_standard_deviation
@@ -290,7 +306,7 @@ def calibrate(
     scale_tolerance_percent: float = 0.5,
     log_radius_mm: float | None = None,
     on_progress: ProgressCallback = unreported,
-    **options: object,
+    **options: Unpack[option_types.CalibrationOptions],
 ) -> Calibration:
     """Find theta from a scan of a phantom, as `sawmill calibrate` does.
 
@@ -341,7 +357,7 @@ def reconstruct(
     *,
     rotation: Rotation | str = Rotation.AS_GIVEN,
     on_progress: ProgressCallback = unreported,
-    **options: object,
+    **options: Unpack[option_types.ReconstructionOptions],
 ) -> Reconstruction:
     """Reconstruct each row of a scan into arrays, as `sawmill reconstruct` does into a file.
 

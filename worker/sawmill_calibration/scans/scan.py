@@ -195,8 +195,15 @@ class Scan:
         return html_of("Scan", table, sentences=self.remarks)
 
 
+def check_is_scan(scan: object) -> None:
+    """Raise `InputError` for anything but a scan, such as an array or a path."""
+    if not isinstance(scan, Scan):
+        raise refused("options", f"scan must be a Scan, which Scan(...) or read_scan(path) makes, not {type(scan)}")
+
+
 def rows_in_file(scan: Scan, rows: str) -> str:
     """Convert rows A:B that count within a scan to rows of the file."""
+    check_is_scan(scan)
     numbers = range(*scan.rows, scan.row_step)[chosen_rows(rows, scan.line_integrals.shape[1])]
     return f"{numbers.start}:{numbers.stop}"
 
@@ -205,6 +212,7 @@ def rows_of_memory(
     scan: Scan, *, rows: str | None = None, views: int | None = None, on_progress: ProgressCallback = unreported
 ) -> ScanRows:
     """Select a part of a scan for a calibration, a drift check or a reconstruction, which can read other rows too."""
+    check_is_scan(scan)
     part, numbers = scan.select(rows=rows, views=views), range(*scan.rows, scan.row_step)
     kept = chosen_views(views, len(scan.line_integrals))
 

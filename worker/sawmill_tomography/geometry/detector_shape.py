@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from sawmill_vocabulary import DetectorModule, Scanner, SourceFrame
 
 FloatArray = NDArray[np.float64]
+# Half waves over the detector of the longest wave by which cells lie at unequal distances.
+FIRST_WAVE = 2
 Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
 
 
@@ -53,8 +55,11 @@ def detector_lines(
     frame: SourceFrame,
     *,
     piece_cells: int = 1,
+    waves_mm: Sequence[float] = (),
 ) -> DetectorLines:
     """Return the flat pieces: a module, or on an arc `piece_cells` cells, which touch it at their middle.
+
+    With waves, which shift the cells along the line, each cell is a piece.
 
     The source frame describes the module that holds the detector's middle, or the line that touches the arc there. A
     gap moves a module along the module before, a kink turns it about the end of that module.
@@ -75,13 +80,30 @@ def detector_lines(
     pieces = []
     for number, (first, end) in enumerate(pairwise(borders)):
         origin, tilt = placed[number]
-        starts = np.arange(first, end, end - first if arc_radius_mm is None else piece_cells)
+        whole = arc_radius_mm is None and not waves_mm
+        starts = np.arange(first, end, end - first if whole else 1 if waves_mm else piece_cells)
         ends = np.append(starts[1:], end)
         flat = np.full(1, frame.cor_column_mm)
-        at = flat if arc_radius_mm is None else first_border_mm + 0.5 * pitch_mm * (starts + ends)
-        point, turn = _on_arc(at, arc_radius_mm)
+        at = flat if whole else first_border_mm + 0.5 * pitch_mm * (starts + ends)
+        point, turn = _on_arc(at + waves(waves_mm, starts, cells) if waves_mm else at, arc_radius_mm)
         pieces.append(_lines(starts, ends, frame, at, origin + point * np.exp(1j * tilt), tilt - turn))
     return DetectorLines(*map(np.concatenate, zip(*pieces, strict=True)))
+
+
+def waves(sizes_mm: Sequence[float], at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return how far some of a detector's cells lie from equal distances, mm."""
+    shifts: FloatArray = np.asarray(sizes_mm) @ wave_shapes(len(sizes_mm), at_cells, cells)
+    return shifts
+
+
+def wave_shapes(count: int, at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return the shapes of the first waves at some cells, (count, cells): cosines of two halves over the detector up.
+
+    A constant is u_c, and half a wave hardly differs from another distance of the source.
+    """
+    order = np.arange(FIRST_WAVE, FIRST_WAVE + count)
+    shapes: FloatArray = np.cos(math.pi / cells * np.multiply.outer(order, at_cells + 0.5))
+    return shapes
 
 
 def _on_arc(at: ArrayLike, radius_mm: float | None) -> tuple[NDArray[np.complex128], FloatArray]:
@@ -117,7 +139,13 @@ def lines_of(scanner: Scanner, frame: SourceFrame) -> DetectorLines:
     """Return the flat pieces of a scanner's detector."""
     cells, pitch = scanner.num_detector_pixels, scanner.detector_pitch_mm
     return detector_lines(
-        scanner.detector_modules, scanner.detector_arc_radius_mm, cells, -0.5 * cells * pitch, pitch, frame
+        scanner.detector_modules,
+        scanner.detector_arc_radius_mm,
+        cells,
+        -0.5 * cells * pitch,
+        pitch,
+        frame,
+        waves_mm=scanner.detector_waves_mm,
     )
 
 
