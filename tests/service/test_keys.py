@@ -124,7 +124,7 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
     assert own == {"name": "scanner of line 2", "scope": "submit", "key_id": key}
     listed = keyed.get("/v1/keys")
     assert secret not in listed.text
-    assert next(item for item in listed.json()["keys"] if item["id"] == key)["last_used_at"] is not None
+    assert next(item for item in listed.json()["items"] if item["id"] == key)["last_used_at"] is not None
     new = keyed.post(f"/v1/keys/{key}/rotate").json()["secret"]
     assert keyed.get("/v1/keys/current", headers=bearer).status_code == 401
     assert keyed.get("/v1/keys/current", headers={"Authorization": f"Bearer {new}"}).status_code == 200

@@ -282,12 +282,12 @@ def later(store):
 
 
 def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
-    assert seeded.get("/v1/alarms").json() == {"alarms": []}
+    assert seeded.get("/v1/alarms").json() == {"items": [], "next": None}
     ((_, opened),) = later.alarms.check()
-    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["alarms"]
+    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["items"]
     assert (alarm["kind"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
     assert datetime.fromisoformat(alarm["since"]) == opened.since
-    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
+    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"items": [], "next": None}
     sentence = "It has sent no scan for longer than is allowed."
     assert sentence in seeded.get("/scanners/example").text
     assert sentence in seeded.get("/").text
@@ -308,7 +308,7 @@ def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seede
     assert seeded.post(path, json=ask).json()["code"] == "acknowledgement-ended"
     assert 'data-changes-at="' not in seeded.get("/").text
     seeded.post("/operator/acknowledge/example/scanner-quiet", data={"reason": "Huolto", "zone": "Europe/Helsinki"})
-    (alarm,) = seeded.get("/v1/alarms").json()["alarms"]
+    (alarm,) = seeded.get("/v1/alarms").json()["items"]
     assert alarm["acknowledged"]["reason"] == "Huolto"
     until = datetime.fromisoformat(alarm["acknowledged"]["until"])
     assert until.astimezone(ZoneInfo("Europe/Helsinki")).hour in {6, 14, 22}

@@ -79,9 +79,3 @@ class Alarm(Contract):
     acknowledged: Acknowledgement | None = Field(
         None, description="The last acknowledgement, which may have ended. Null: nobody acknowledged the alarm."
     )
-
-
-class AlarmList(Contract):
-    """The alarms that are open."""
-
-    alarms: list[Alarm] = Field(description="Open alarms by scanner; closed ones are among the events.")

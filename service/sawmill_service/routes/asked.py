@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import Depends, Path, Query, Response
-from pydantic import create_model
+from pydantic import Field, create_model
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.declared_kinds import asked_kinds
@@ -104,7 +104,10 @@ def _described(
 
 def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
     fields: dict[str, Any] = {
-        name: (JobState | None if name == "state" else Identifier | None, None) for name in declared.listed_by
+        name: (JobState | None, None)
+        if name == "state"
+        else (Identifier | None, Field(None, description=f"Id of the {name.removesuffix('_id')}. Default: any."))
+        for name in declared.listed_by
     }
     return create_model(f"{declared.noun}_filter", __base__=Dated, **fields)
 

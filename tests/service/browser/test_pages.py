@@ -166,7 +166,7 @@ def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
     page.get_by_text("Revoke", exact=True).click()
     page.get_by_role("button", name="Yes, revoke it").click()
     expect(page.locator(".key")).to_contain_text("Revoked")
-    assert store.keys.all().keys[0].revoked_at is not None
+    assert store.keys.all()[0].revoked_at is not None
 
 
 FOLLOW = """path => {

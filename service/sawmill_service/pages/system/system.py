@@ -87,7 +87,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         clock=clock_remarks(store.events),
         versions=versions(),
         limits=limits_of(settings, store.settings),
-        keys=store.keys.all().keys if admin else None,
+        keys=store.keys.all() if admin else None,
         scopes=SCOPES,
         now=now,
     )
