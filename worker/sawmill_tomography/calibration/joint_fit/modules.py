@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
-from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
 from sawmill_tomography.geometry.geometry import FloatArray
