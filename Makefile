@@ -61,6 +61,7 @@ test: lint
 # What needs many repetitions: statistics over many seeds, kills by the hundred, all of storage on both databases, a
 # long schemathesis run. Half an hour on two cores.
 nightly: install-dev
+	-@$(PIP) --no-deps openapi-generator-cli
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
 	@$(BIN)/python -m tests.faults.inject_faults
 	@$(BIN)/python tests/faults/planted.py
