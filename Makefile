@@ -72,7 +72,7 @@ lowest:
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
 	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --constraint .venv-lowest/lowest.txt \
 		--editable '.[dev]'
-	@.venv-lowest/bin/python -m pytest -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
+	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel

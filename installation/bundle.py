@@ -120,7 +120,11 @@ def pinned(root: Path) -> dict[str, str]:
     versions = {canonicalize_name(name): version for name, version in pins.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     extras = (text for name in ("service", "celery", "postgresql") for text in project["optional-dependencies"][name])
-    texts = (*project["dependencies"], *(text for text in extras if not text.startswith(project["name"])), *CLIENT_NEEDS)
+    texts = (
+        *project["dependencies"],
+        *(text for text in extras if not text.startswith(project["name"])),
+        *CLIENT_NEEDS,
+    )
     asked = list(of_this_machine(texts, ()))
     found: dict[tuple[str, frozenset[str], bool], str] = {}
     while asked:
