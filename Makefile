@@ -169,6 +169,10 @@ study-machines: install-dev
 measured: install-dev
 	@$(BIN)/python benchmarks/measured.py $(OPTIONS)
 
+# The tables of docs/understand/wood.md, where the CT slice is; five minutes.
+wood: install-dev
+	@$(BIN)/python benchmarks/tree_disc.py
+
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900

@@ -1,13 +1,13 @@
 """Expected error of each reconstruction method, by views and noise: the table that `auto` chooses by.
 
-Simulated logs of three kinds (thin bright rings, broad zones, smooth rings; choosing.py), analytic data averaged over
+Simulated logs with the rings of real wood, every second one cut through a whorl of knots; analytic data averaged over
 the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
 its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
 number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
 worker/sawmill_tomography/reconstruction/choosing.py has it. With --published the same methods reconstruct the
 published log (256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) compared with the table's values.
 
-    python benchmarks/expected_error.py [--logs 4] [--size 128] [--methods fbp,...] [--views 20 45] [--published]
+    python benchmarks/expected_error.py [--logs 3] [--size 256] [--methods fbp,...] [--views 20 45] [--published]
 """
 
 import argparse
@@ -15,13 +15,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from choosing import smooth_log, zoned_log
+from ringed_logs import RingedLog
 from scanners import SCANNER
 from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner
 from sawmill_tomography.geometry.image_grid import ImageGrid
-from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
@@ -31,7 +30,7 @@ from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
-from sawmill_tomography.reconstruction.total_variation import total_variation
+from sawmill_tomography.reconstruction.total_variation import ring_tv, total_variation
 from sawmill_vocabulary import ReconstructionMethod
 
 FIELD_MM, DETECTOR_MM = GRID.field_mm, SCANNER.num_detector_pixels * SCANNER.detector_pitch_mm
@@ -40,6 +39,7 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
     ReconstructionMethod.FBP: fbp,
     ReconstructionMethod.TIKHONOV: tikhonov,
     ReconstructionMethod.TOTAL_VARIATION: total_variation,
+    ReconstructionMethod.RING_TV: ring_tv,
     ReconstructionMethod.CAUCHY_MAP: cauchy_map,
 }
 # Seed of the logs and their noise.
@@ -47,13 +47,10 @@ SEED = 9600
 
 
 def simulated_log(index: int) -> Phantom:
-    """Draw a log: thin rings, broad zones, smooth rings, thin rings, ..."""
+    """Draw a log's slice: through a whorl, in clear wood, ..."""
     rng = np.random.default_rng(SEED + index)
-    if index % 3 == 1:
-        return zoned_log(rng)
-    if index % 3 == 2:
-        return smooth_log(rng)
-    return LogModel.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0))).slice_at(180.0)
+    log = RingedLog.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0)))
+    return log.slice_at(120.0 if index % 2 else 180.0)
 
 
 def error(method: ReconstructionMethod, index: int, views: int, noise: float, size: int) -> float:
@@ -108,8 +105,8 @@ def check_published(methods: Sequence[ReconstructionMethod], all_views: Sequence
 def main() -> None:
     """Print the table, or the check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--logs", type=int, default=4)
-    parser.add_argument("--size", type=int, default=128)
+    parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--methods", type=lambda text: [ReconstructionMethod(name) for name in text.split(",")])
     parser.add_argument("--views", type=int, nargs="+", default=VIEWS)
     parser.add_argument("--published", action="store_true")

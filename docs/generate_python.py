@@ -24,7 +24,7 @@ GROUPS = {
     "Calibrate": ("calibrate", "read_calibration", "Calibration"),
     "Reconstruct": ("reconstruct", "Reconstruction"),
     "Check for drift": ("drift", "Drift"),
-    "Geometry": ("Scanner", "Theta", "FanBeamGeometry"),
+    "Geometry": ("Scanner", "Theta", "FanBeamGeometry", "FanViews", "read_views"),
     "Phantoms": ("Phantom", "Polygon", "Disc"),
     "Errors": ("InputError",),
 }

@@ -132,6 +132,6 @@ def test_what_was_asked_before_slices_were_coupled_is_read_as_it_was_answered():
 
 @pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "fbp"])
 def test_other_methods_are_not_coupled(method):
-    with pytest.raises(ValidationError, match=f"coupling belongs to method total_variation, not {method}"):
+    with pytest.raises(ValidationError, match=f"coupling belongs to method ring_tv or total_variation, not {method}"):
         ReconstructionOptions(method=method, coupling="0.5")
     assert ReconstructionOptions(method=method, coupling="none").coupling == "none"

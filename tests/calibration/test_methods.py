@@ -269,7 +269,7 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
         ({"method": "tikhonov", "filter": "ram-lak"}, "filter belongs to method auto or fbp, not tikhonov"),
         ({"method": "tikhonov", "alpha": 1.0, "alpha_rule": "gcv"}, "alpha_rule has nothing to choose"),
         ({"method": "fbp", "prefer": "speed"}, "prefer belongs to method auto, not fbp"),
-        ({"non_negative": False}, "non_negative belongs to method cauchy_map or total_variation, not auto"),
+        ({"non_negative": False}, "non_negative belongs to method cauchy_map or ring_tv or total_variation, not auto"),
         ({"method": "cauchy_map", "preset": "paper", "beta": 0.1}, "preset brings its own sigma and beta"),
         ({"method": "cauchy_map", "sigma": -1.0}, "greater than 0"),
     ],

@@ -12,7 +12,7 @@ from PIL import Image
 import sawmill_calibration as sawmill
 from sawmill_calibration import InputError
 from sawmill_contracts.plans import PlanResult
-from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_arguments
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.analytic import DetectorCells, project
@@ -175,6 +175,31 @@ def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
     assert np.allclose(np.loadtxt(tmp_path / "out.txt"), fan.astra_vectors(), rtol=1e-10)
 
 
+def test_vectors_on_an_arc_give_images_and_drift_checks(run, tmp_path):
+    arc, scan = ("--detector-arc-radius-mm", 1500), ("--data", "line-integrals")
+    run("simulate", "l-shape", *scan, *THETA, *SMALL, *arc, "--views", 60, "--noise", 0.01, "-o", tmp_path / "scan.h5")
+    given = (tmp_path / "scan.h5", *scan, *arc, "--source-to-cor-mm", SCANNER.source_to_cor_mm)
+    answer = run("calibrate", *given, "--phantom", "l-shape", "--json").stdout
+    (tmp_path / "answer.json").write_text(answer)
+    assert json.loads(answer)["scanner"]["detector_arc_radius_mm"] == 1500
+    flags = (
+        "--calibration",
+        tmp_path / "answer.json",
+        "--views",
+        60,
+        "--angles-deg",
+        "3:6",
+        "-o",
+        tmp_path / "views.json",
+    )
+    run("export", "--to", "vectors", *flags)
+    known = (tmp_path / "scan.h5", *scan, "--geometry", tmp_path / "views.json")
+    run("reconstruct", *known, "--size", 32, "--method", "fbp", "-o", tmp_path / "volume.h5")
+    found = json.loads(run("drift", *known, "--json").stdout)
+    assert found["reference"] == "given-geometry"
+    assert abs(found["change"]["cor_column_mm"]) < 0.2
+
+
 def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path):
     known = json.loads(result_file.read_text())
     (tmp_path / "reversed.json").write_text(json.dumps({**known, "rotation": "reversed"}))
@@ -196,10 +221,10 @@ def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
     flags = ("--views", 3, "--angles-deg", "10:120", "-o", tmp_path / "out.xml")
     run("export", "--to", "rtk", "--calibration", result_file, *flags)
     root = ET.parse(tmp_path / "out.xml").getroot()  # noqa: S314 - our own text
-    expected = rtk_geometry(calibrated(result_file, np.array([10.0, 130.0, 250.0])))
+    expected = rtk_arguments(calibrated(result_file, np.array([10.0, 130.0, 250.0])))
     matrices = [np.array(view.findtext("Matrix").split(), float) for view in root.findall("Projection")]
-    assert np.array_equal(np.reshape(matrices, (3, 3, 4)), expected.matrices)
-    assert float(root.findtext("SourceToDetectorDistance")) == expected.source_to_detector_mm
+    assert np.array_equal(np.reshape(matrices, (3, 3, 4)), expected["Matrix"])
+    assert float(root.findtext("SourceToDetectorDistance")) == expected["SourceToDetectorDistance"]
     assert "256 cells, spacing 4.508593749 mm, origin -574.8457" in (tmp_path / "out.xml").read_text()
 
 

@@ -37,7 +37,8 @@ PARAMETERS = {
     "fbp": set(),
     "tikhonov": {"alpha"},
     "cauchy_map": {"sigma", "beta"},
-    "total_variation": {"weight", "coupling"},
+    "total_variation": {"weight", "ring_weight", "coupling"},
+    "ring_tv": {"weight", "ring_weight", "coupling"},
 }
 
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
-    from sawmill_tomography.geometry.geometry import FanBeamGeometry
+    from sawmill_calibration.view_vectors import read_views
+    from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
 
@@ -30,6 +31,7 @@ __all__ = [
     "Disc",
     "Drift",
     "FanBeamGeometry",
+    "FanViews",
     "InputError",
     "Phantom",
     "Polygon",
@@ -41,6 +43,7 @@ __all__ = [
     "drift",
     "read_calibration",
     "read_scan",
+    "read_views",
     "reconstruct",
     "simulate_log_scan",
     "simulate_phantom_scan",
@@ -55,7 +58,8 @@ _MODULES = {
     "sawmill_calibration.failures": ("InputError",),
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
-    "sawmill_tomography.geometry.geometry": ("FanBeamGeometry",),
+    "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
+    "sawmill_calibration.view_vectors": ("read_views",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
     "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
 }

@@ -6,8 +6,8 @@ from typing import Literal, TypedDict
 Adjustment = Literal[
     "faulty-cells", "corrupt-views", "metal", "intensity-averaging", "blur", "outliers", "view-gain",
     "beam-hardening", "density-gradient", "scattered-radiation", "lag", "rotation-during-exposure", "flat-field",
-    "modules", "deformation", "bow", "surface-density", "wood-density", "corners", "pace", "creep", "slip", "encoder",
-    "wobble", "angle-jitter", "phantom-rows",
+    "modules", "cell-places", "deformation", "bow", "surface-density", "wood-density", "corners", "pace", "creep",
+    "slip", "encoder", "wobble", "angle-jitter", "phantom-rows",
 ]
 AlphaRule = Literal["cross-validation", "discrepancy", "gcv", "l-curve"]
 Axis = Literal["x", "y"]
@@ -20,7 +20,7 @@ PaperCorrelation = Literal["unnormalised", "normalised"]
 PaperObjective = Literal["image", "projection"]
 PaperStop = Literal["published", "tight"]
 Preference = Literal["quality", "speed"]
-ReconstructionMethod = Literal["fbp", "tikhonov", "cauchy_map", "total_variation", "auto"]
+ReconstructionMethod = Literal["fbp", "tikhonov", "cauchy_map", "total_variation", "ring_tv", "auto"]
 Rotation = Literal["as-given", "reversed"]
 Weighting = Literal["exact", "none"]
 
@@ -74,6 +74,7 @@ class ReconstructionOptions(TypedDict, total=False):
     beta: float | None
     preset: Literal["paper"] | None
     weight: float | None
+    ring_weight: float | None
     coupling: str | float
     non_negative: bool
     uncertainty: bool

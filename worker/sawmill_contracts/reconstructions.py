@@ -41,6 +41,7 @@ def _one_number(value: object, info: ValidationInfo) -> object:
 
 OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
+RingWeight = Annotated[float, Field(ge=1e-3, le=1)]
 
 # For clients: a word, or a number from 0 to below 100.
 _COUPLING = r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$"
@@ -59,9 +60,10 @@ Coupling = Annotated[
     str,
     BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),
     Field(
-        description="Coupling of neighbouring slices, for `total_variation`. `auto`: cross-validation on slices in "
-        "the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed alone. A number "
-        "is the weight of a difference along the axis relative to one in the plane, no unit, below 100.",
+        description="Coupling of neighbouring slices, for `total_variation` and `ring_tv`. `auto`: cross-validation "
+        "on slices in the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed "
+        "alone. A number is the weight of a difference along the axis relative to one in the plane, no unit, below "
+        "100.",
         examples=["auto"],
     ),
 ]
@@ -86,8 +88,11 @@ OfFbp = OptionOf((ReconstructionMethod.FBP, ReconstructionMethod.AUTO))
 OfAuto = OptionOf((ReconstructionMethod.AUTO,))
 OfTikhonov = OptionOf((ReconstructionMethod.TIKHONOV,))
 OfCauchyMap = OptionOf((ReconstructionMethod.CAUCHY_MAP,))
-OfTotalVariation = OptionOf((ReconstructionMethod.TOTAL_VARIATION,))
-OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION))
+OfRingTv = OptionOf((ReconstructionMethod.RING_TV,))
+OfTotalVariation = OptionOf((ReconstructionMethod.TOTAL_VARIATION, ReconstructionMethod.RING_TV))
+OfEdgePreserving = OptionOf(
+    (ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION, ReconstructionMethod.RING_TV)
+)
 
 # Requests that an earlier version stored carry its defaults, whatever their method.
 EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY, "coupling": "none"}
@@ -149,8 +154,8 @@ class ReconstructionOptions(Contract):
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
         description="Treatment of rays through nails and other metal, where their shadows show any. `auto`: "
-        "`cauchy_map` leaves these rays out, `total_variation` as well, but gives those through thin metal a small "
-        "weight, less the metal; other methods take values interpolated along the "
+        "`cauchy_map` leaves these rays out, `total_variation` and `ring_tv` as well, but give those through thin "
+        "metal a small weight, less the metal; other methods take values interpolated along the "
         "detector; the metal is put back into the slices. `interpolate`: every method takes interpolated values. "
         "`none`: all rays are used as they are.",
         examples=["auto"],
@@ -188,14 +193,20 @@ class ReconstructionOptions(Contract):
     )
     weight: Annotated[Positive | None, OfTotalVariation] = Field(
         None,
-        description="Weight of the penalty in `total_variation`, in 1 / attenuation. Default: chosen by "
+        description="Weight of the penalty in `total_variation` and `ring_tv`, in 1 / attenuation. Default: chosen by "
         "cross-validation.",
         examples=[0.5],
+    )
+    ring_weight: Annotated[RingWeight | None, OfRingTv] = Field(
+        None,
+        description="Weight of a difference across growth rings relative to one along them, for `ring_tv`, no unit: "
+        "1 is total variation. Default: chosen by cross-validation.",
+        examples=[0.03],
     )
     coupling: Annotated[Coupling, OfTotalVariation] = "auto"
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True,
-        description="Constraint of `cauchy_map` and `total_variation`: no attenuation below zero.",
+        description="Constraint of `cauchy_map`, `total_variation` and `ring_tv`: no attenuation below zero.",
         examples=[True],
     )
     uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="leave it out")] = Field(
@@ -383,14 +394,30 @@ class MethodReport(Contract):
     )
     weight: float | None = Field(
         None,
-        description="Weight that `total_variation` used, in 1 / attenuation. Null: another method.",
+        description="Weight that `total_variation` or `ring_tv` used, in 1 / attenuation. Null: another method.",
         examples=[0.5],
+    )
+    ring_weight: float | None = Field(
+        None,
+        description="Weight across growth rings that `ring_tv` used, no unit: 1 is total variation. Null: another "
+        "method, or an earlier version.",
+        examples=[0.03],
     )
     coupling: float | None = Field(
         None,
-        description="Coupling that `total_variation` used: the weight of a difference along the axis relative to "
-        "one in the plane, no unit. 0: each slice alone. Null: another method.",
+        description="Coupling that `total_variation` or `ring_tv` used: the weight of a difference along the axis "
+        "relative to one in the plane, no unit. 0: each slice alone. Null: another method.",
         examples=[0.5],
+    )
+    knot_10_mm_contrast: float | None = Field(
+        None,
+        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these "
+        "weights, no unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region "
+        "of the log, a log below 120 mm, pixels above 3.2 mm, or an earlier version.",
+        examples=[0.62],
+    )
+    knot_20_mm_contrast: float | None = Field(
+        None, description="The same of a knot of 20 mm, no unit. Null as for 10 mm.", examples=[0.9]
     )
     metal: MetalReport | None = Field(
         None, description="Metal in the log. Null: none was found, or the search for metal was off."
@@ -424,7 +451,9 @@ class ReconstructionResult(Contract):
         "percentile, so that metal does not darken the wood.",
         examples=[[0.0, 0.031]],
     )
-    theta: Theta = Field(description="Geometry of the reconstruction.")
+    theta: Theta | None = Field(
+        description="Geometry of the reconstruction. Null: each view has a geometry of its own, from a file."
+    )
     rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     handedness: Handedness = Field(
         description="Handedness, from which end the phantom was seen; recorded with the geometry.",

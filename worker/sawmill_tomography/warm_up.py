@@ -73,15 +73,17 @@ def _iterative_methods() -> None:
     # Imported by this part alone: a calibration does not wait for it.
     from sawmill_tomography.reconstruction.cauchy_map import cauchy_map  # noqa: PLC0415
     from sawmill_tomography.reconstruction.tikhonov import tikhonov  # noqa: PLC0415
-    from sawmill_tomography.reconstruction.total_variation import total_variation  # noqa: PLC0415
+    from sawmill_tomography.reconstruction.total_variation import ring_tv, total_variation  # noqa: PLC0415
 
     geometry, sinogram = _scan(20)
     projector = Projector(geometry, ImageGrid(32, 600.0))
     noise = 0.02 * float(sinogram.std())
     noisy = sinogram + np.random.default_rng(0).normal(scale=noise, size=sinogram.shape)
-    for method in (tikhonov, cauchy_map, total_variation):
+    for method in (tikhonov, cauchy_map, ring_tv):
         method(projector, noisy)
-    total_variation(projector, np.stack([noisy, noisy]), weight=1.0, coupling=0.5, iterations=2)
+    for ring_weight in (1.0, 0.5):
+        pair = np.stack([noisy, noisy])
+        total_variation(projector, pair, weight=1.0, ring_weight=ring_weight, coupling=0.5, iterations=2)
     # One view fewer, and no view is a quarter turn from another: kernels of one lane.
     tikhonov(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), noisy[1:])
     _log_with_metal()

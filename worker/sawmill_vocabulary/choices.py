@@ -100,6 +100,7 @@ class Adjustment(StrEnum):
     ROTATION_DURING_EXPOSURE = "rotation-during-exposure"
     FLAT_FIELD = "flat-field"
     MODULES = "modules"
+    CELL_PLACES = "cell-places"
     DEFORMATION = "deformation"
     BOW = "bow"
     SURFACE_DENSITY = "surface-density"
@@ -164,6 +165,10 @@ class ReconstructionMethod(StrEnum):
     TOTAL_VARIATION = (
         *("total_variation", N_("Total variation")),
         N_("Sharp edges and little noise, also from few views; takes longer."),
+    )
+    RING_TV = (
+        *("ring_tv", N_("Ring-aware total variation")),
+        N_("As total variation, and keeps growth rings from few views."),
     )
     AUTO = "auto", N_("Automatic"), N_("Takes the method that suits the scan's number of views and its noise.")
 

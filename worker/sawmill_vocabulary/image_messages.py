@@ -56,3 +56,15 @@ class ImageMessage(Message):
             "all rays, and streaks are to be expected."
         ),
     )
+    KNOTS_FADE = (
+        "knots-fade",
+        N_(
+            "With these views and this noise, a knot of 10 mm keeps %(contrast_10_mm_percent).0f %% of its contrast, "
+            "and one of 20 mm %(contrast_20_mm_percent).0f %%."
+        ),
+        N_("For smaller knots take more views, or a longer exposure."),
+    )
+    EDGES_DOUBLED = (
+        "edges-doubled",
+        N_("By the calibration's bound, edges may be doubled by up to %(pixels).1f pixels."),
+    )

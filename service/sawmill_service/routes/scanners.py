@@ -9,9 +9,9 @@ from fastapi import Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
-from sawmill_contracts.alarms import NextStepAnswer
 from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_contracts.measurements import Measurement
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanner_drift import ScannerDrift
 from sawmill_contracts.scanners import ScannerRequest, StoredScanner
 from sawmill_platform.contracts import patterns

@@ -18,30 +18,25 @@ def matrix(gantry_deg: float) -> np.ndarray:
     return shift @ magnify @ turn
 
 
+NAMED = {
+    "SourceToIsocenterDistance": SID,
+    "SourceToDetectorDistance": SDD,
+    "SourceOffsetX": SOURCE,
+    "ProjectionOffsetX": PROJECTION,
+}
+
+
 @pytest.fixture
 def text():
-    return rtk_xml(
-        source_to_isocenter_mm=SID,
-        source_to_detector_mm=SDD,
-        source_offset_x_mm=SOURCE,
-        projection_offset_x_mm=PROJECTION,
-        gantry_angles_deg=GANTRY_DEG,
-        matrices=np.stack([matrix(angle) for angle in GANTRY_DEG]),
-        remark="three views",
-    )
+    matrices = np.stack([matrix(angle) for angle in GANTRY_DEG])
+    return rtk_xml({**NAMED, "GantryAngle": GANTRY_DEG, "Matrix": matrices}, "three views")
 
 
 def test_the_file_holds_every_number_to_the_last_digit(text):
     assert text.startswith('<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n')
     root = ET.fromstring(text)  # noqa: S314 - our own text
     assert (root.tag, root.get("version")) == ("RTKThreeDCircularGeometry", "3")
-    named = {
-        "SourceToIsocenterDistance": SID,
-        "SourceToDetectorDistance": SDD,
-        "SourceOffsetX": SOURCE,
-        "ProjectionOffsetX": PROJECTION,
-    }
-    assert {name: float(root.findtext(name)) for name in named} == named
+    assert {name: float(root.findtext(name)) for name in NAMED} == NAMED
     views = root.findall("Projection")
     assert [float(view.findtext("GantryAngle")) for view in views] == GANTRY_DEG.tolist()
     for view, angle in zip(views, GANTRY_DEG, strict=True):

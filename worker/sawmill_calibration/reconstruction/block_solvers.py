@@ -29,6 +29,7 @@ from sawmill_tomography.reconstruction.choosing import METHODS, Recommendation
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.iterative.coarse_outside import CoarseOutside, TwoGrids
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
+from sawmill_tomography.reconstruction.knot_contrast import knot_contrasts
 from sawmill_tomography.reconstruction.method import (
     CANDIDATES_AT_ONCE,
     IMAGES_OF_A_DESCENT,
@@ -38,6 +39,7 @@ from sawmill_tomography.reconstruction.method import (
     Method,
 )
 from sawmill_tomography.reconstruction.stack import most_concurrent
+from sawmill_tomography.reconstruction.total_variation import TotalVariation
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.noise import data_misfit, estimated_noise, noise_of_rays
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
@@ -62,6 +64,8 @@ NO_UNCERTAINTY = (
     "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
     "(docs/understand/reconstruction.md#the-uncertainty-map)"
 )
+# A knot of 10 mm that keeps less than this share of its contrast is worth a remark.
+FADED = 0.9
 # A background below this share of the noise is treated as 0.
 BACKGROUND = 0.5
 # Largest number of images that a fitted method has in memory at once.
@@ -344,7 +348,7 @@ class _FittedSolver:
                 self._projector,
                 lines,
                 numbers=numbers[shown],
-                others_stay=not self._method.is_open,
+                others_stay=not self._method.is_open or self._task.options.weight is not None,
                 noise=noise,
                 on_progress=phases.of("couple"),
             )
@@ -387,7 +391,31 @@ class _FittedSolver:
         return CurvePoints(int(distances[index]), {**columns, **chosen})
 
     def report(self, findings: BlockFindings) -> MethodReport:
-        return self._report(gathered([self._general, findings]), self._metal.report(findings.metal))
+        merged = gathered([self._general, findings])
+        if self._outside is None and isinstance(self._method, TotalVariation) and findings.misfit:
+            self._find_knot_contrasts(self._method, merged)
+        return self._report(merged, self._metal.report(findings.metal))
+
+    def _find_knot_contrasts(self, method: TotalVariation, findings: BlockFindings) -> None:
+        """Add the contrast that knots keep in the middle slice, and a remark where small knots fade."""
+        weights = {name: float(np.median(values)) for name, values in findings.parameters.items()}
+        sample = self._metal(_levelled(self._task.sample[None], self._general))
+        if not sample.lines.any():
+            return
+        contrasts = knot_contrasts(
+            self._projector,
+            sample.lines[0],
+            method.with_choice(weights),
+            noise=self._noise(sample.lines, sample.uncertainty),
+        )
+        if contrasts is None:
+            return
+        ten, twenty = contrasts.values()
+        findings.parameters.update(knot_10_mm_contrast=[ten], knot_20_mm_contrast=[twenty])
+        if ten < FADED:
+            findings.remark(
+                ImageMessage.KNOTS_FADE(contrast_10_mm_percent=100.0 * ten, contrast_20_mm_percent=100.0 * twenty)
+            )
 
 
 def _metal_reduction(task: LogTask, *, leave_out: bool = False, weigh: bool = False) -> MetalReduction:

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
 
 def bare_scanner(constants: ScannerConstants) -> Scanner:
-    """Return the three constants without the rows' pitch: a dataclass equals only one of the same class."""
-    return Scanner(constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm)
+    """Return the constants without modules and the rows' pitch: a dataclass equals only one of the same class."""
+    three = constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm
+    return Scanner(*three, detector_arc_radius_mm=constants.detector_arc_radius_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +238,7 @@ def rows_of_memory(
         averaged_rows=scan.averaged_rows,
         deviations=part.deviations,
         saturated_share=scan.saturated_share,
+        used_views=np.isin(np.arange(len(scan.line_integrals)), kept),
     )
 
 
@@ -248,6 +250,7 @@ def read_scan(
     angles_deg: str | Sequence[float] | None = None,
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
+    detector_arc_radius_mm: float | None = None,
     dataset: str | None = None,
     follow_links: bool = False,
     flats: str | Path | None = None,
@@ -279,6 +282,8 @@ def read_scan(
         Distance between two cells, mm; for a file that does not carry it.
     row_pitch_mm : float, optional
         Distance between two rows of the detector, mm; for a file that does not carry it.
+    detector_arc_radius_mm : float, optional
+        Radius of the detector, mm, where its cells lie on an arc.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
     follow_links : bool
@@ -320,6 +325,7 @@ def read_scan(
             "dataset": dataset,
             "detector_pitch_mm": detector_pitch_mm,
             "row_pitch_mm": row_pitch_mm,
+            "detector_arc_radius_mm": detector_arc_radius_mm,
             "follow_links": follow_links,
             "flats": None if flats is None else Path(flats),
             "darks": None if darks is None else Path(darks),

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import Enum
 
 from sawmill_tomography.calibration.alternatives import Alternatives
-from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
+from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
@@ -294,12 +294,6 @@ def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Rem
         yield Remark(degree, reason, status, comes_first=bool(structure.cells))
 
 
-def _arc(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
-    radius_mm = evidence.residual.arc_radius_mm
-    if radius_mm is not None:
-        yield Remark(Degree.WATCH, CalibrationMessage.CELLS_ON_ARC(radius_mm=radius_mm), comes_first=True)
-
-
 def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Check the scanner's bounds of theta; a phantom smaller than its drawing shows as a source shift beyond them."""
     if evidence.theta_in_bounds:
@@ -347,7 +341,6 @@ KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _held_distance,
     _precision,
     _structured_residual,
-    _arc,
     _bounds,
     _source_shift,
     _scale,

@@ -7,14 +7,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_tomography.geometry.geometry import TAU, FanViews, FloatArray, all_round
+from sawmill_tomography.geometry.geometry import TAU, FanViews, FloatArray, turns_all_round
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.cauchy_map import CauchyMap
 from sawmill_tomography.reconstruction.fbp import FilteredBackProjection
 from sawmill_tomography.reconstruction.method import FittedMethod, Method
 from sawmill_tomography.reconstruction.tikhonov import Tikhonov
-from sawmill_tomography.reconstruction.total_variation import TotalVariation
+from sawmill_tomography.reconstruction.total_variation import RingTotalVariation, TotalVariation
 from sawmill_tomography.sinograms.noise import estimated_noise
 from sawmill_vocabulary import Preference, ReconstructionMethod
 
@@ -24,10 +24,10 @@ PRICE_SECONDS, PRICE_SIZE = 0.1, 256
 SPEED_VIEWS = 90
 # Views are left out of a scan down to this number, the least that was measured.
 LEAST_VIEWS = 20
-# Relative errors with the parameters that each method chooses: the geometric mean over four simulated logs, by views
-# and by noise as a share of the signal (benchmarks/expected_error.py). The Cauchy MAP is beyond the price from 20 views
-# on and was not measured beyond 45; there its error is assumed to stay constant.
-VIEWS = (20, 45, 90, 180, 360)
+# Relative errors with the parameters that each method chooses: the geometric mean over four simulated logs with the
+# rings of real wood, by views and by noise as a share of the signal (benchmarks/expected_error.py). The Cauchy MAP is
+# beyond the price from 20 views on and was not measured beyond 45; there its error is assumed to stay constant.
+VIEWS = (12, 20, 45, 90, 180, 360)
 NOISES = (0.005, 0.02, 0.08)
 EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = MappingProxyType(
     {
@@ -59,7 +59,7 @@ EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = 
     }
 )
 # The logs of the table were measured with pixels and cells (at the rotation centre) of this size.
-MEASURED_PIXEL_MM, MEASURED_CELL_MM = 3.125, 1.702
+MEASURED_PIXEL_MM, MEASURED_CELL_MM = 1.5625, 0.851
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def recommend(
         return Recommendation(cheapest.method, cheapest.step, cheapest.error, reason)
     best = min(affordable, key=lambda one: one.error)
     if direct is None:
-        reason = f"the views leave a gap that filtered back-projection cannot bridge: {_words(best, geometry)}"
+        reason = f"the views are no full turn, which filtered back-projection needs: {_words(best, geometry)}"
         return Recommendation(best.method, best.step, None, reason)
     reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
     alternative = "" if best is direct else f"; {_words(direct, geometry)}"
@@ -161,7 +161,7 @@ def _candidates(geometry: FanViews, noise: float, size: int, fitted_size: int) -
     views, cells = geometry.sinogram_shape
     for method in EXPECTED_ERRORS:
         fitted = issubclass(METHODS[method], FittedMethod)
-        if not (fitted or all_round(geometry.angles_rad)):
+        if not (fitted or turns_all_round(geometry)):
             continue
         pixels = fitted_size if fitted else size
         for step in range(1, max(views // LEAST_VIEWS, 1) + 1) if fitted else (1,):
@@ -174,7 +174,7 @@ def _words(one: _Candidate, geometry: FanViews) -> str:
     name = one.method.value
     views = geometry.angles_rad.size
     of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"
-    if not all_round(geometry.angles_rad):
+    if not turns_all_round(geometry):
         return f"{name} from {of}, {_milliseconds(one.seconds)}"
     return f"{name} from {of}, relative error {one.error:.2g}, {_milliseconds(one.seconds)}"
 
@@ -189,5 +189,6 @@ METHODS: Mapping[ReconstructionMethod, type[Method]] = MappingProxyType(
         ReconstructionMethod.TIKHONOV: Tikhonov,
         ReconstructionMethod.CAUCHY_MAP: CauchyMap,
         ReconstructionMethod.TOTAL_VARIATION: TotalVariation,
+        ReconstructionMethod.RING_TV: RingTotalVariation,
     }
 )

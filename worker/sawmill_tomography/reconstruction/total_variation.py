@@ -1,6 +1,6 @@
-"""Smoothed total variation: convex, and the reference for other edge-preserving methods."""
+"""Smoothed total variation: convex, and the reference for other edge-preserving methods; and ring-aware variation."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Self
@@ -27,6 +27,7 @@ from sawmill_tomography.reconstruction.total_variation_weights import (
     WeightChoice,
     axial_neighbours,
     choose_coupling,
+    choose_ring_weight,
     choose_weight,
     smoothed_prior,
     weight_factor,
@@ -36,6 +37,8 @@ ITERATIONS = 300
 # Price of a slice in projections forward and back, with the own pixels; a step comes with each
 # (benchmarks/slice_price.py, 20 views).
 USUAL_PAIRS = 24.0
+# With directions across rings (benchmarks/tree_disc.py).
+RING_PAIRS = 34.0
 # A slice farther away changes a slice by less than the noise does.
 HALO = 2
 # The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
@@ -48,6 +51,7 @@ def total_variation(
     sinogram: ArrayLike,
     *,
     weight: float | None = None,
+    ring_weight: float | None = 1.0,
     noise: ArrayLike | None = None,
     non_negative: bool = True,
     iterations: int = ITERATIONS,
@@ -57,8 +61,11 @@ def total_variation(
 ) -> Estimate:
     """Reconstruct one slice or a block of slices by penalising the sum of differences (Rudin, Osher and Fatemi 1992).
 
-    The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameter is
-    `weight`, (slices,).
+    The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameters are
+    `weight`, `ring_weight` and `coupling`.
+
+    With a ring weight below 1, |d|^2 is d_t^2 + ring_weight d_r^2: d_r across the growth rings, or across other
+    structures that the slice's own first image shows, and d_t along them (docs/understand/reconstruction.md).
 
     With coupling, weight * coupling * sum (sqrt(d^2 + s^2) - s) of the differences along the axis is added.
 
@@ -68,6 +75,8 @@ def total_variation(
         Line integrals whose air is at 0.
     weight : float, optional
         Weight in 1 / attenuation; by default chosen from the middle slice by cross-validation.
+    ring_weight : float or None
+        Weight of a difference across rings relative to one along them, above 0 to 1; None: chosen like the weight.
     coupling : float or (slices - 1,) float
         Coupling of each slice with the next one, 0 or more; 0 where they are not neighbours.
     noise, non_negative, iterations, tolerance, on_progress
@@ -80,6 +89,8 @@ def total_variation(
     """
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
+    if ring_weight is not None and not 0.0 < ring_weight <= 1.0:
+        raise GeometryError(f"ring_weight must be above 0 and at most 1, not {ring_weight}")
 
     problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
     couplings, slices = np.asarray(coupling, np.float64), len(problem.lines)
@@ -95,17 +106,27 @@ def total_variation(
     def settings(problem: PriorProblem, choice: WeightChoice | None) -> Settings:
         typical = problem.typical_attenuation
         weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
-        parameters = {"weight": weights, "coupling": np.array([strongest])}
-        return Settings(problem.noises, smoothed_prior(typical, weights), parameters, between)
+        rings = np.full(typical.shape, ring_weight if choice is None else choice.ring_weight)
+        parameters = {"weight": weights, "ring_weight": rings, "coupling": np.array([strongest])}
+        return Settings(problem.noises, smoothed_prior(typical, weights, rings), parameters, between)
 
+    choose: Callable[..., WeightChoice] | None = None
+    if ring_weight is None or (weight is None and ring_weight < 1.0):
+        choose = partial(choose_ring_weight, weight=weight, ring_weight=ring_weight, non_negative=non_negative)
+    elif weight is None:
+        choose = partial(choose_weight, non_negative=non_negative)
     method = EdgePreservingMethod(
-        choose=partial(choose_weight, non_negative=non_negative) if weight is None else None,
+        choose=choose,
         settings=settings,
         choosing_cost=CHOOSING_COST,
         usual_iterations=USUAL_ITERATIONS,
         convex=True,
     )
     return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
+
+
+# Ring-aware total variation: `total_variation` with the weight across rings chosen too.
+ring_tv = partial(total_variation, ring_weight=None)
 
 
 @dataclass(frozen=True)
@@ -135,6 +156,11 @@ class TotalVariation(CoupledMethod):
         return 0.0 if self.coupling in {"auto", "none"} else float(self.coupling)
 
     @property
+    def _ring_weight(self) -> float | None:
+        """Weight across rings; None while it is open."""
+        return 1.0
+
+    @property
     def halo(self) -> int:
         """Slices beyond either end that affect a block; 0 unless slices are coupled or may be."""
         return HALO if self.coupling_is_open or self._coupling > 0.0 else 0
@@ -150,11 +176,12 @@ class TotalVariation(CoupledMethod):
         on_progress: OnProgress,
     ) -> Self:
         """Return the method with the coupling chosen by `choose_coupling`."""
-        assert self.weight is not None  # noqa: S101 - chosen before
+        assert self.weight is not None and self._ring_weight is not None  # noqa: S101, PT018 - chosen before
         choice = choose_coupling(
             projector,
             lines,
             self.weight,
+            ring_weight=self._ring_weight,
             numbers=numbers,
             weight_stays=others_stay,
             noise=noise,
@@ -162,6 +189,12 @@ class TotalVariation(CoupledMethod):
             on_progress=on_progress,
         )
         return replace(self, coupling=f"{choice.coupling:g}", weight=choice.weight)
+
+    @property
+    def alone(self) -> Self:
+        """The method for a slice without neighbours, with the weight that smooths it as much."""
+        weight = None if self.weight is None else self.weight / weight_factor(self._coupling)
+        return replace(self, weight=weight, coupling="none")
 
     @property
     def is_open(self) -> bool:
@@ -211,8 +244,59 @@ class TotalVariation(CoupledMethod):
             projector,
             lines,
             weight=self.weight,
+            ring_weight=self._ring_weight,
             noise=noise,
             non_negative=self.non_negative,
             coupling=self._coupling * axial_neighbours(len(lines), numbers),
             on_progress=on_progress,
         )
+
+
+@dataclass(frozen=True)
+class RingTotalVariation(TotalVariation):
+    """The method `ring_tv` in the table of methods."""
+
+    pairs_a_slice: ClassVar[float] = RING_PAIRS
+    choosing_cost_slices: ClassVar[float] = 2.0 * TotalVariation.choosing_cost_slices
+
+    ring_weight: float | None = None
+
+    @property
+    def _ring_weight(self) -> float | None:
+        return self.ring_weight
+
+    @property
+    def is_open(self) -> bool:
+        """True if the weight or the weight across rings is to be chosen."""
+        return self.weight is None or self.ring_weight is None
+
+    def chosen(
+        self,
+        projector: Projector,
+        line: Image,
+        *,
+        noise: FloatArray,
+        on_progress: OnProgress,
+    ) -> Self:
+        """Return the method with both weights chosen for one slice."""
+        choice = choose_ring_weight(
+            projector,
+            line,
+            weight=self.weight,
+            ring_weight=self.ring_weight,
+            noise=noise,
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
+        weight = weight_factor(self._coupling) * choice.weight if self.weight is None else self.weight
+        return replace(self, weight=weight, ring_weight=choice.ring_weight)
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """The weights and the coupling, unless one of them is open."""
+        chosen = super().choice
+        return {**chosen, "ring_weight": self.ring_weight} if chosen and self.ring_weight is not None else {}
+
+    def with_choice(self, choice: Mapping[str, float]) -> Self:
+        """Return the method with chosen weights and coupling."""
+        return replace(super().with_choice(choice), ring_weight=choice["ring_weight"])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.iterative.coarse_to_fine import MULTIPLE, descend_by_levels
 from sawmill_tomography.reconstruction.iterative.cross_validation import (
@@ -16,8 +17,9 @@ from sawmill_tomography.reconstruction.iterative.cross_validation import (
 from sawmill_tomography.reconstruction.iterative.descent import Floats
 from sawmill_tomography.reconstruction.iterative.edge_preserving import PriorProblem
 from sawmill_tomography.reconstruction.iterative.penalised import Objective, weights_of
-from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
+from sawmill_tomography.reconstruction.iterative.priors import RingPrior, TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Phases
+from sawmill_tomography.reconstruction.iterative.ring_directions import halved, ring_directions
 
 # Differences below this share of the wood's attenuation are smoothed quadratically. This and the constants below were
 # found on simulated logs (benchmarks/choosing.py).
@@ -39,6 +41,12 @@ USUAL_ITERATIONS = 4
 # need a smaller weight in the plane. Found on simulated logs with known truth (seeds from 4000 of
 # benchmarks/whole_logs.py).
 COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
+# Candidates for the weight across rings, each with ratios of the weight to the one of total variation
+# (benchmarks/tree_disc.py).
+RING_CANDIDATES = ((1.0, (1.0,)), (0.1, (1.5,)), (0.03, (0.7, 1.4, 2.8)), (0.01, (2.0,)))
+# Least gain, in the sum of the errors' logarithms, for which directions across rings are taken: objects without rings
+# gain less.
+LEAST_GAIN = 0.06
 VALIDATION_VIEWS = 4
 # Limit of the iterations with the own pixels.
 COUPLING_ITERATIONS = 10
@@ -46,9 +54,10 @@ COUPLING_ITERATIONS = 10
 
 @dataclass(frozen=True, eq=False)
 class WeightChoice:
-    """The weight for one slice."""
+    """The weight for one slice, and the weight across rings."""
 
     weight: float
+    ring_weight: float
     images: Image  # (folds, size, size) float32
 
     @property
@@ -71,7 +80,12 @@ def choose_weight(
     Parameters are documented in `total_variation`, here for one sinogram.
     """
     problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
-    lines, noises, support = problem.lines, problem.noises, problem.support
+    return _chosen_weight(problem, on_progress)
+
+
+def _chosen_weight(problem: PriorProblem, on_progress: OnProgress | None) -> WeightChoice:
+    """Choose the weight for a problem of one slice."""
+    lines, noises, support, non_negative = problem.lines, problem.noises, problem.support, problem.non_negative
     typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
     weights = weights_of(noises, lines.shape)
@@ -96,7 +110,58 @@ def choose_weight(
     )
     errors = np.log(validation.in_views) + np.log(validation.in_rays)
     weight, _ = parabola_minimum(candidates, errors)
-    return WeightChoice(SMOOTHER * weight, support.embedded(validation.images[:, np.argmin(errors)]))
+    return WeightChoice(SMOOTHER * weight, 1.0, support.embedded(validation.images[:, np.argmin(errors)]))
+
+
+def choose_ring_weight(
+    projector: Projector,
+    sinogram: ArrayLike,
+    *,
+    weight: float | None = None,
+    ring_weight: float | None = None,
+    noise: ArrayLike | None = None,
+    non_negative: bool = True,
+    on_progress: OnProgress | None = None,
+) -> WeightChoice:
+    """Choose the weight across rings of `total_variation`, and the weight for it, by cross-validation.
+
+    The images of total variation without the validation data show the directions.
+
+    Parameters are documented in `total_variation`, here for one sinogram; a weight that is given is kept.
+    """
+    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
+    support, typical = problem.support, problem.typical_attenuation
+    phases = Phases(on_progress, first=1.0, rings=1.0)
+    isotropic = _chosen_weight(problem, phases.of("first"))
+    starts = np.ascontiguousarray(isotropic.images[:, *support.part])
+    grid, mean = support.projector.grid, starts.mean(axis=0, keepdims=True)
+    if grid.size % 2 == 0:
+        mean = halved(mean)
+    directions = ring_directions(mean, ImageGrid(mean.shape[1], grid.field_mm, grid.centre_mm), typical, np.zeros(0))
+    base = isotropic.weight / SMOOTHER
+    candidates = [
+        (ring, base * ratio if weight is None else weight / SMOOTHER)
+        for ring, ratios in (RING_CANDIDATES if ring_weight is None else ((ring_weight, RING_CANDIDATES[2][1]),))
+        for ratio in (ratios if weight is None else (1.0,))
+    ]
+    rings, weights = (np.array(column) for column in zip(*candidates, strict=True))
+    prior = smoothed_prior(np.broadcast_to(typical, weights.shape), weights, rings).directed(directions, grid.size)
+    validation = cross_validate(
+        Objective(support.projector, problem.lines, weights_of(problem.noises, problem.lines.shape), prior),
+        problem.noises[0],
+        starts,
+        exponent=1.0,
+        iterations=CANDIDATE_ITERATIONS,
+        non_negative=non_negative,
+        on_progress=phases.of("rings"),
+    )
+    errors = np.log(validation.in_views) + np.log(validation.in_rays) + LEAST_GAIN * (rings < 1.0)
+    best = int(np.argmin(errors))
+    if rings[best] == 1.0 and weight is None:
+        return isotropic
+    same = rings == rings[best]
+    chosen, _ = parabola_minimum(weights[same], errors[same])
+    return WeightChoice(SMOOTHER * chosen, float(rings[best]), support.embedded(validation.images[:, best]))
 
 
 @dataclass(frozen=True)
@@ -112,6 +177,7 @@ def choose_coupling(
     lines: Image,
     weight: float,
     *,
+    ring_weight: float = 1.0,
     numbers: NDArray[np.int64] | None = None,
     weight_stays: bool = False,
     noise: ArrayLike | None = None,
@@ -139,7 +205,7 @@ def choose_coupling(
     phases = Phases(on_progress, **{f"{coupling:g}": 1.0 for coupling in weights})
 
     def error(coupling: float) -> float:
-        prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]))
+        prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]), np.full(len(lines), ring_weight))
         objective = Objective(problem.support.projector, problem.lines, training, prior)
         minimum = descend_by_levels(
             objective,
@@ -169,6 +235,9 @@ def weight_factor(coupling: float) -> float:
     return float(np.interp(coupling, couplings, factors))
 
 
-def smoothed_prior(typical: Floats, weights: Floats) -> TotalVariationPrior:
-    """Return total variation for images of these typical attenuations, (images,)."""
-    return TotalVariationPrior(SMOOTHING_SHARE * typical, weights, typical)
+def smoothed_prior(typical: Floats, weights: Floats, ring_weights: Floats | None = None) -> TotalVariationPrior:
+    """Return the prior for images of these typical attenuations, (images,); ring-aware where a weight is not 1."""
+    scale = SMOOTHING_SHARE * typical
+    if ring_weights is None or (ring_weights == 1.0).all():
+        return TotalVariationPrior(scale, weights, typical)
+    return RingPrior(scale, weights, typical, 1.0 - ring_weights)

@@ -41,6 +41,8 @@ ACTIONS = {
     mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
     mill_events.CALIBRATION_DISCARDED: marked("discarded the calibration"),
     mill_events.ALARM_ACKNOWLEDGED: marked("acknowledged an alarm of the scanner"),
+    mill_events.RED_ACKNOWLEDGED: marked("knows why this scanner is red:"),
+    mill_events.TIME_ZONE_SET: marked("set the time zone of"),
     mill_events.SCANNER_CREATED: marked("added the scanner"),
     mill_events.SCANNER_CHANGED: marked("changed the scanner"),
     mill_events.SCANNER_DELETED: marked("deleted the scanner"),

@@ -100,6 +100,76 @@ def total_variation(images, scales, strengths, gradient, values):
         values[s, band] = strengths[s] * scales[s] * total
 
 
+@njit(inline="always")
+def _ring_row(x, row, n, inverse, share, r, p, q):
+    """Fill p and q with the root's slopes along x and y in one row; return the sum of the roots, each less 1."""
+    one, total = np.float32(1.0), 0.0
+    for j in range(n - 1):
+        a, b = x[row + 1, j] - x[row, j], x[row, j + 1] - x[row, j]
+        across = r[0, row, j] * a + r[1, row, j] * b
+        inner = share * across
+        root = math.sqrt(one + (a * a + b * b - inner * across) * inverse)
+        total += root - one
+        p[j] = (a - inner * r[0, row, j]) / root
+        q[j] = (b - inner * r[1, row, j]) / root
+    return total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def ring_variation(images, scales, strengths, shares, directions, which, gradient, values):
+    """Do the work of `total_variation` with |d|^2 - share (r . d)^2 in place of |d|^2.
+
+    shares are (images,); directions (fields, 2, n, n) hold r, one field for each problem or one for all.
+    """
+    count, n, _ = images.shape
+    bands = values.shape[1]
+    for task in prange(count * bands):
+        s, band = np.int64(task) // bands, np.int64(task) % bands
+        x, g, r = images[s], gradient[s], directions[min(which[s], len(directions) - 1)]
+        inverse, share = np.float32(1.0 / scales[s] ** 2), np.float32(shares[s])
+        weight = np.float32(strengths[s] / scales[s])
+        before, here, along = np.zeros(n, np.float32), np.zeros(n, np.float32), np.zeros(n, np.float32)
+        first, last = band * BAND, min((band + 1) * BAND, n)
+        if first > 0:
+            _ring_row(x, first - 1, n, inverse, share, r, before, along)
+        total = 0.0
+        for i in range(first, last):
+            if i < n - 1:
+                total += _ring_row(x, i, n, inverse, share, r, here, along)
+                for j in range(n - 1):
+                    g[i, j] -= weight * (here[j] + along[j])
+                for j in range(n - 1):
+                    g[i, j + 1] += weight * along[j]
+            for j in range(n - 1):
+                g[i, j] += weight * before[j]
+            before, here = here, before
+        values[s, band] = strengths[s] * scales[s] * total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def ring_scaling(images, scales, stiffest, data, shares, directions, which, out):
+    """Do the work of `scaling` for `ring_variation`."""
+    count, n, _ = images.shape
+    one = np.float32(1.0)
+    for ss in prange(count):
+        s = np.int64(ss)
+        x, g, r = images[s], out[s], directions[min(which[s], len(directions) - 1)]
+        inverse, stiff, share = np.float32(1.0 / scales[s] ** 2), np.float32(stiffest[s]), np.float32(shares[s])
+        rest, flat = np.float32(data[s]), np.float32(data[s] + 4.0 * stiffest[s])
+        g[:] = rest
+        for i in range(n - 1):
+            for j in range(n - 1):
+                a, b, u, v = x[i + 1, j] - x[i, j], x[i, j + 1] - x[i, j], r[0, i, j], r[1, i, j]
+                across = u * a + v * b
+                here = stiff / math.sqrt(one + (a * a + b * b - share * across * across) * inverse)
+                g[i, j] += here * (np.float32(2.0) - share * (u + v) * (u + v))
+                g[i + 1, j] += here * (one - share * u * u)
+                g[i, j + 1] += here * (one - share * v * v)
+        for i in range(n):
+            for j in range(n):
+                g[i, j] = math.sqrt(flat / g[i, j])
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def scaling(images, scales, stiffest, data, power, out):
     """Fill out with sqrt((data + 4 stiffest) / (data + diagonal)), the diagonal of the prior's reweighted quadratic.

@@ -27,6 +27,9 @@ from sawmill_tomography.reconstruction.iterative.progress import OnProgress, Pha
 # Iterations with pixels of four and of two times the size; large shapes that have not converged there do so slowly
 # later.
 ITERATIONS = (14, 40)
+# Iterations with pixels of two times the size until they show directions across rings, and with these directions
+# (benchmarks/tree_disc.py).
+UNDIRECTED_ITERATIONS, DIRECTED_ITERATIONS = 24, 20
 # Iterations with the own pixels and pairs of cells.
 PAIRED_ITERATIONS = 6
 # Tolerance of the levels before the last one.
@@ -54,6 +57,7 @@ class Level:
     objective: Objective
     iterations: int
     cost: float  # cost of an iteration, relative to one of the objective itself
+    directed: bool = False  # True if the prior has directions, of the images of the level before
 
 
 def descend_by_levels(
@@ -80,11 +84,17 @@ def descend_by_levels(
     if start is None:
         scale, first = FROM_MEAN, levels[0].objective if levels else objective
         start = mean_along_rays(first.projector, first.lines)
+    joined = np.zeros(len(start) - 1) if coupling is None else coupling
+    directions: Images | None = None
     for name, level in zip(names, levels, strict=True):
+        own = level.objective
+        if level.directed:
+            directions = _directions(objective, start, joined) if directions is None else directions
+            own = _directed(own, directions)
         minimum = _descend(
-            level.objective,
+            own,
             coupling,
-            _on_grid_of(level.objective, start),
+            _on_grid_of(own, start),
             non_negative=non_negative,
             iterations=level.iterations,
             tolerance=COARSER_TOLERANCE,
@@ -93,6 +103,9 @@ def descend_by_levels(
             on_iteration=phases.descent(name, level.iterations),
         )
         start, scale = minimum.images, FROM_LEVEL
+    if directions is None:
+        directions = _directions(objective, start, joined)
+    objective = _directed(objective, directions)
     start = _on_grid_of(objective, start)
     return _descend(
         objective,
@@ -126,13 +139,17 @@ def coarser_levels(objective: Objective) -> list[Level]:
     if _can_be_halved(objective) and _has_narrow_cells(objective):
         objective = with_pairs_of_cells(objective)
         cost *= 0.5
-        levels.insert(0, Level(objective, PAIRED_ITERATIONS, cost))
+        levels.insert(0, Level(objective, PAIRED_ITERATIONS, cost, directed=True))
     for iterations in reversed(ITERATIONS):
         if not _can_be_halved(objective):
             break
         objective = coarser(objective)
         cost *= 0.25
-        levels.insert(0, Level(objective, iterations, cost))
+        if objective.prior.has_directions and iterations == ITERATIONS[-1]:
+            levels.insert(0, Level(objective, DIRECTED_ITERATIONS, cost, directed=True))
+            levels.insert(0, Level(objective, UNDIRECTED_ITERATIONS, cost))
+        else:
+            levels.insert(0, Level(objective, iterations, cost))
     return levels
 
 
@@ -169,6 +186,17 @@ def with_pairs_of_cells(objective: Objective) -> Objective:
     both = lines[..., ::2] * weights[..., ::2] + lines[..., 1::2] * weights[..., 1::2]
     mean = np.divide(both, total, out=np.zeros_like(both), where=total > 0.0)
     return replace(objective, projector=projector, lines=mean, weights=total)
+
+
+def _directions(objective: Objective, images: Images, joined: Floats) -> Images | None:
+    """Return the directions that images on the objective's field show to its prior."""
+    grid = objective.projector.grid
+    return objective.prior.directions_of(images, ImageGrid(images.shape[1], grid.field_mm, grid.centre_mm), joined)
+
+
+def _directed(objective: Objective, directions: Images | None) -> Objective:
+    """Return the objective with the directions in its prior."""
+    return replace(objective, prior=objective.prior.directed(directions, objective.projector.grid.size))
 
 
 def _on_grid_of(objective: Objective, images: Images) -> Images:
