@@ -60,9 +60,10 @@ Coupling = Annotated[
     str,
     BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven),
     Field(
-        description="Coupling of neighbouring slices, for `total_variation` and `ring_tv`. `auto`: cross-validation on "
-        "slices in the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed alone. A number "
-        "is the weight of a difference along the axis relative to one in the plane, no unit, below 100.",
+        description="Coupling of neighbouring slices, for `total_variation` and `ring_tv`. `auto`: cross-validation "
+        "on slices in the middle chooses whether to couple, and the weight. `none`: each slice is reconstructed "
+        "alone. A number is the weight of a difference along the axis relative to one in the plane, no unit, below "
+        "100.",
         examples=["auto"],
     ),
 ]
@@ -404,15 +405,15 @@ class MethodReport(Contract):
     )
     coupling: float | None = Field(
         None,
-        description="Coupling that `total_variation` or `ring_tv` used: the weight of a difference along the axis relative "
-        "to one in the plane, no unit. 0: each slice alone. Null: another method.",
+        description="Coupling that `total_variation` or `ring_tv` used: the weight of a difference along the axis "
+        "relative to one in the plane, no unit. 0: each slice alone. Null: another method.",
         examples=[0.5],
     )
     knot_10_mm_contrast: float | None = Field(
         None,
-        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these weights, "
-        "no unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region of the log, "
-        "a log below 120 mm, pixels above 3.2 mm, or an earlier version.",
+        description="Share of its contrast that a knot of 10 mm keeps with these views, this noise and these "
+        "weights, no unit: known inserts in the middle slice. Null: neither `total_variation` nor `ring_tv`, a region "
+        "of the log, a log below 120 mm, pixels above 3.2 mm, or an earlier version.",
         examples=[0.62],
     )
     knot_20_mm_contrast: float | None = Field(

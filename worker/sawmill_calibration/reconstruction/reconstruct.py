@@ -386,7 +386,7 @@ class _Run:
         return result, merged.curve
 
 
-def _doubled_pixels(geometry: KnownGeometry, pixel_mm: float) -> float:
+def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:
     """Return the bound of the ray error in pixels, by which opposite rays may part; 0 where no bound is known."""
     predicted = geometry.predicted_ray_error_mm if isinstance(geometry, CalibrationResult) else None
     return 0.0 if predicted is None else predicted.upper_95 / pixel_mm

@@ -47,16 +47,17 @@ def ring_directions(images: Images, grid: ImageGrid, typical: Floats, joined: Fl
     pixel, low = grid.pixel_mm, np.asarray(grid.low_mm, np.float64)
     smoothing = max(GRADIENT_MM / pixel, GRADIENT_PIXELS)
     relative = images / np.asarray(typical, np.float32)[:, None, None]
-    slopes = np.stack(
+    slopes: Images = np.stack(
         [
-            smoothing * scipy.ndimage.gaussian_filter(relative, (0.0, smoothing, smoothing), order=(0, *order))
+            np.float32(smoothing)
+            * scipy.ndimage.gaussian_filter(relative, (0.0, smoothing, smoothing), order=(0, *order))
             for order in ((1, 0), (0, 1))
         ],
         axis=1,
     )
     centres, radii, inside = outlines(relative, grid)
     piths = _piths(slopes, inside, grid, centres, radii, joined)
-    products = np.stack([slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1], slopes[:, 1] ** 2], axis=1)
+    products: Images = np.stack([slopes[:, 0] ** 2, slopes[:, 0] * slopes[:, 1], slopes[:, 1] ** 2], axis=1)
     window = WINDOW_MM / pixel
     tensor = scipy.ndimage.gaussian_filter(products, (0.0, 0.0, window, window), truncate=3.0)
     out = np.empty_like(slopes)
@@ -73,7 +74,8 @@ def enlarged(directions: Images, size: int) -> Images:
 def halved(images: Images) -> Images:
     """Return images (slices, n, n) of an even size with pixels of twice the size."""
     slices, n, _ = images.shape
-    return images.reshape(slices, n // 2, 2, n // 2, 2).mean(axis=(2, 4))
+    means: Images = images.reshape(slices, n // 2, 2, n // 2, 2).mean(axis=(2, 4))
+    return means
 
 
 def outlines(relative: Images, grid: ImageGrid) -> tuple[Floats, Floats, Images]:
@@ -103,10 +105,10 @@ def _piths(slopes: Images, inside: Images, grid: ImageGrid, centres: Floats, rad
     scores = np.empty((len(slopes), len(shifts)))
     low = np.asarray(grid.low_mm) - 0.5 * (EVERY - 1) * grid.pixel_mm
     kernels.score(across, weights, low, EVERY * grid.pixel_mm, centres, radii, shifts, WIDTH, scores)
-    scores = _along_the_log(scores, joined).reshape(-1, side.size, side.size)
+    maps = _along_the_log(scores, joined).reshape(-1, side.size, side.size)
     usual = np.exp(-0.5 * np.square(shifts / USUAL_REACH).sum(axis=1)).reshape(side.size, side.size)
     piths = np.empty((len(slopes), 2))
-    for k, of_slice in enumerate(scores):
+    for k, of_slice in enumerate(maps):
         i, j = _top(of_slice, _highest(of_slice * usual))
         piths[k] = _peak(of_slice[i - 1 : i + 2, j], side[i]), _peak(of_slice[i, j - 1 : j + 2], side[j])
     return piths
