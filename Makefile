@@ -19,6 +19,9 @@ $(BIN)/python:
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing sawmill-calibration (about half a minute) ..."
 	@$(PIP) --editable .
+	@# Type checkers follow these paths, and no import hook of an editable installation.
+	@printf '%s\n' $(CURDIR)/service $(CURDIR)/worker > \
+		"$$($(BIN)/python -c 'import site; print(site.getsitepackages()[0])')/sawmill-calibration.pth"
 	@touch $@
 
 # Numba keeps a compiled kernel until its own file changes; it does not know the kernels of other files that it contains.

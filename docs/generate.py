@@ -19,6 +19,7 @@ from pathlib import Path
 import httpx
 import typer
 from generate_notebook import notebook_page, pictures
+from generate_options import OPTION_TYPES, option_types
 from generate_python import python_page
 from prometheus_client.core import Metric
 from pydantic_settings import BaseSettings
@@ -53,7 +54,8 @@ SETTINGS: tuple[type[BaseSettings], ...] = (ServiceSettings, StorageSettings, Ex
 
 
 def main() -> int:
-    """Write the pictures of the first notebook and every page, the list of the pages last."""
+    """Write the types of options, the pictures of the first notebook and every page, the list of the pages last."""
+    OPTION_TYPES.write_text(option_types())
     for name, png in pictures().items():
         (DOCUMENTS / name).write_bytes(png)
     for name, page in PAGES.items():

@@ -24,7 +24,7 @@ GROUPS = {
     "Calibrate": ("calibrate", "read_calibration", "Calibration"),
     "Reconstruct": ("reconstruct", "Reconstruction"),
     "Check for drift": ("drift", "Drift"),
-    "Geometry": ("Scanner", "Theta", "FanBeamGeometry"),
+    "Geometry": ("Scanner", "Theta", "FanBeamGeometry", "FanViews", "read_views"),
     "Phantoms": ("Phantom", "Polygon", "Disc"),
     "Errors": ("InputError",),
 }
@@ -298,6 +298,8 @@ def attributes(public: type, docstring: Docstring) -> Iterator[tuple[str, str]]:
         entry = docstring.entry(name)
         kind = f"{entry.kind}. " if entry is not None and entry.kind else ""
         text = described.get(name) or (entry.text if entry is not None else "")
+        if not text and name not in public.__annotations__:  # of a base that is not public
+            continue
         if not text:
             raise LookupError(f"the docstring of {public.__name__} has no attribute {name}")
         yield f"`{name}`", _linked(kind + text)

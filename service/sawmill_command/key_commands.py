@@ -89,11 +89,11 @@ def list_keys(data: Data = None, as_json: AsJson = False) -> None:
     with opened(data) as store:
         keys = store.keys.all()
     if as_json:
-        print_json(keys.model_dump(mode="json"))
+        print_json({"items": [key.model_dump(mode="json") for key in keys], "next": None})
         return
-    for key in keys.keys:
+    for key in keys:
         typer.echo(f"{key.id}  {key.scope:8}  {_standing(key):30}  {_use(key):27}  {key.name}")
-    if not keys.keys:
+    if not keys:
         say("There is no key yet: sawmill key create --name NAME --scope SCOPE makes one.")
 
 

@@ -62,7 +62,7 @@ def calibration_picture(files: MillFiles, calibration_id: str, picture: Calibrat
             return _log_png(path, calibration_id, _LOGS[picture])
         from sawmill_calibration.pictures.calibration_report import overlay_png
 
-        return overlay_png(*_answer(path))
+        return overlay_png(_answer(path)[1])
 
     return files.kept(kinds.CALIBRATE, calibration_id, picture, draw, one_at_a_time=DRAWING)
 

@@ -83,7 +83,7 @@ def _database(store: Store) -> Iterator[Metric]:
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
         places = list(_places(store))
         scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
-        webhooks = list(webhook_measures(store.webhooks.all().webhooks, tally.at))
+        webhooks = list(webhook_measures(store.webhooks.all(), tally.at))
     except (StorageUnavailable, StorageMisconfigured):
         yield gauge("sawmill_database_up", DATABASE_UP, 0)
         return

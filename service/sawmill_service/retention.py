@@ -3,7 +3,7 @@
 import re
 from typing import Annotated, NamedTuple
 
-from fastapi import Query
+from fastapi import Query, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 from pydantic import ValidationError
 
@@ -23,6 +23,7 @@ from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
@@ -42,10 +43,10 @@ router = Router(prefix="/v1/retention", tags=["retention"], reading=Scope.READ)
 pages = Router(include_in_schema=False, reading=Scope.ADMIN)
 
 
-@router.get("", summary="Get the rules of retention")
-def get_retention(retention: TheRetention) -> Retention:
+@router.get("", summary="Get the rules of retention", responses=TAGGED)
+def get_retention(retention: TheRetention, response: Response) -> Retention:
     """Return how long each kind is kept, and what has been removed so far. Without rules everything is kept."""
-    return retention.get()
+    return tagged(response, retention.get())
 
 
 @router.get(
@@ -66,14 +67,16 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], retention: TheR
     needs=Scope.ADMIN,
     summary="Replace the rules of retention",
     openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
-    responses=refuses("retention-unconfirmed"),
+    responses=REPLACED | refuses("retention-unconfirmed"),
 )
-def replace_retention(ask: Sent[RetentionRequest], retention: TheRetention) -> Retention:
+def replace_retention(
+    ask: Sent[RetentionRequest], retention: TheRetention, precondition: ThePrecondition, response: Response
+) -> Retention:
     """Put rules into force from now on, unless they remove more at once than `remove_at_most`.
 
     Objects beyond the rules are removed at once, in small batches, and others later when they are.
     """
-    return retention.replace(ask)
+    return tagged(response, retention.replace(ask, check=precondition))
 
 
 class Typed(NamedTuple):

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from itertools import chain
 
-from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.alarms import Alarm, AlarmKind, KnownRed
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.history import HistoryKind
@@ -31,7 +31,8 @@ class ScannerCondition:
     one in use; `red` is the newest of these that shows the scanner red; `failed` is a newer one that failed; `active`
     is in use; `drift` is the newest drift check that succeeded or failed, `seen` the newest that could tell whether it
     has moved since `active`. `alarms` are those that are open. `discarded_at` is when a calibration was last discarded
-    since the last acceptance. `step` is what a person does next.
+    since the last acceptance. `noticed` is the newest notice of a red that has not ended. `step` is what a person does
+    next.
     """
 
     scanner: StoredScanner
@@ -46,6 +47,7 @@ class ScannerCondition:
     alarms: tuple[Alarm, ...]
     acknowledged: frozenset[AlarmKind]
     discarded_at: datetime | None
+    noticed: KnownRed | None
 
     @property
     def failure(self) -> Failure | None:
@@ -72,6 +74,23 @@ class ScannerCondition:
     def step(self) -> NextStep:
         """The next step with the scanner, and with its newest calibration."""
         return next_step(self.state)
+
+    @property
+    def red_results(self) -> frozenset[str]:
+        """Ids of the results that show the scanner red; empty where it is not red."""
+        if self.step.tone != "bad":
+            return frozenset()
+        fails = self.newest is not None and self.newest.verdict_on_rays == "fail"
+        beyond = self.seen is not None and self.seen.result is not None and not self.seen.result.within_tolerance
+        failed = self.failed if self.newest is None else None
+        shown = (self.newest if fails else None, self.red, self.seen if beyond else None, failed)
+        return frozenset(each.id for each in shown if each is not None)
+
+    @property
+    def known(self) -> KnownRed | None:
+        """The notice that somebody took of all that shows the scanner red; None where something newer does."""
+        results = self.red_results
+        return self.noticed if self.noticed is not None and results and results <= self.noticed.results else None
 
     def step_with(self, calibration: CalibrationSucceeded, *, discarded: bool) -> NextStep:
         """Return the next step with one of the scanner's calibrations."""
@@ -122,7 +141,7 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
     calibrations = store.calibrations.several([one for one in {*chain.from_iterable(shown)} if one is not None])
     check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
     checks = store.drifts.several([one for one in check_ids if one is not None])
-    now = store.now()
+    now, noticed = store.now(), store.alarms.known_reds()
     alarms: defaultdict[str, list[Alarm]] = defaultdict(list)
     for alarm in opened:
         alarms[alarm.scanner_id].append(alarm)
@@ -147,6 +166,7 @@ def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Al
             alarms=tuple(mine),
             acknowledged=frozenset(alarm.kind for alarm in mine if is_acknowledged(alarm, now)),
             discarded_at=of.discarded_at,
+            noticed=noticed.get(of.scanner.id),
         )
 
     return [condition(each) for each in overviews]

@@ -17,6 +17,7 @@ _TEXTS = {
     "calibration; calibration, the newest one against the one that was active.",
     "movement_tolerance_millimeters": "Largest ray change that is allowed.",
     "in_tolerance": "0: the page shows the scanner red; 1: good or to be watched; absent without a calibration.",
+    "red_known": "1: the page shows the scanner red, and somebody has acknowledged that until a time.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
     "calibration_age_seconds": "Time since the newest calibration that succeeded was requested.",
     "drift_check_age_seconds": "Time since the newest drift check that ended was requested.",
@@ -56,6 +57,7 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
     yield "ray_error_tolerance_millimeters", None, scanner.tolerances.predicted_ray_error_mm
     yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
     failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
+    yield "red_known", None, int(condition.known is not None)
     yield "calibration_failed", None, int(failed)
     yield from _ray_errors("active", condition.active)
     if newest is not None:

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 from generate_notebook import pictures
+from generate_options import OPTION_TYPES, option_types
 from generate_python import option_rows, parameters
 
 import sawmill_calibration
 from sawmill_contracts.calibrations import CalibrationOptions, PaperOptions
 from sawmill_contracts.reconstructions import ReconstructionOptions
+from sawmill_vocabulary.version import VERSION
 
 DOCUMENTS = Path(__file__).parents[2] / "docs"
 PYTHON_PAGE = DOCUMENTS / "look-up/python.md"
@@ -94,3 +96,20 @@ def test_the_page_s_example_runs_beside_files_named_as_our_folders(tmp_path):
     (example,) = re.findall(r"^```python\n(.*?)^```$", PYTHON_PAGE.read_text(), re.MULTILINE | re.DOTALL)
     assert run(example, tmp_path).startswith("pass Theta(")
     assert (tmp_path / "RESULT.json").exists()
+
+
+def test_the_types_of_options_are_those_of_the_contracts():
+    assert OPTION_TYPES.read_text() == option_types(), "run make docs"
+    assert sawmill_calibration.__version__ == VERSION
+
+
+@pytest.mark.slow
+def test_a_type_checker_outside_finds_the_package_and_a_misspelt_option(tmp_path):
+    head = "from sawmill_calibration import Scan, Theta, reconstruct\n\n\ndef make(scan: Scan, theta: Theta) -> None:"
+    calls = ("size=128", "method='fbp'", "metod='fbp'", "method='fpb'")
+    lines = [head, *(f"    reconstruct(scan, theta, {call})" for call in calls)]
+    (tmp_path / "program.py").write_text("\n".join([*lines, ""]))
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--follow-imports=silent", "program.py"]
+    environment = {name: value for name, value in os.environ.items() if name not in {"MYPYPATH", "PYTHONPATH"}}
+    checked = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert re.findall(r"program.py:(\d+): error: .*(metod|fbp)", checked.stdout) == [("7", "metod"), ("8", "fbp")]

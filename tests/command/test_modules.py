@@ -55,7 +55,7 @@ def test_no_toolkit_is_told_of_a_straight_detector(calibrated, run, tmp_path):
     folder, _ = calibrated
     flags = ("--calibration", folder / "answer.json", "--angles-deg", "0:8", "--views", VIEWS)
     refused = run("export", "--to", "astra", *flags, "-o", tmp_path / "vectors.txt", code=1)
-    assert "modules, which meet at cell 128" in refused.stderr
+    assert "only the form vectors holds modules and arcs" in refused.stderr
     assert not (tmp_path / "vectors.txt").exists()
 
 

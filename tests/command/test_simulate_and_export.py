@@ -175,6 +175,31 @@ def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
     assert np.allclose(np.loadtxt(tmp_path / "out.txt"), fan.astra_vectors(), rtol=1e-10)
 
 
+def test_vectors_on_an_arc_give_images_and_drift_checks(run, tmp_path):
+    arc, scan = ("--detector-arc-radius-mm", 1500), ("--data", "line-integrals")
+    run("simulate", "l-shape", *scan, *THETA, *SMALL, *arc, "--views", 60, "--noise", 0.01, "-o", tmp_path / "scan.h5")
+    given = (tmp_path / "scan.h5", *scan, *arc, "--source-to-cor-mm", SCANNER.source_to_cor_mm)
+    answer = run("calibrate", *given, "--phantom", "l-shape", "--json").stdout
+    (tmp_path / "answer.json").write_text(answer)
+    assert json.loads(answer)["scanner"]["detector_arc_radius_mm"] == 1500
+    flags = (
+        "--calibration",
+        tmp_path / "answer.json",
+        "--views",
+        60,
+        "--angles-deg",
+        "3:6",
+        "-o",
+        tmp_path / "views.json",
+    )
+    run("export", "--to", "vectors", *flags)
+    known = (tmp_path / "scan.h5", *scan, "--geometry", tmp_path / "views.json")
+    run("reconstruct", *known, "--size", 32, "--method", "fbp", "-o", tmp_path / "volume.h5")
+    found = json.loads(run("drift", *known, "--json").stdout)
+    assert found["reference"] == "given-geometry"
+    assert abs(found["change"]["cor_column_mm"]) < 0.2
+
+
 def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path):
     known = json.loads(result_file.read_text())
     (tmp_path / "reversed.json").write_text(json.dumps({**known, "rotation": "reversed"}))

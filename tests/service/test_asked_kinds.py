@@ -8,7 +8,7 @@ import pytest
 from asgi import asynchronous, refusal
 from damaged_files import written_by_its_job
 from PIL import Image
-from results import THETA
+from results import SCANNER_SPEC, THETA
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import StoredReconstructionOptions
@@ -290,3 +290,22 @@ def test_a_reconstruction_that_an_earlier_version_accepted_is_listed(seeded, sto
         assert words in seeded.post("/v1/reconstructions", json=EXAMPLE | asked).json()["detail"]
         kept = store.reconstructions.accept(StoredReconstructionOptions(**EXAMPLE, **asked))
         assert asked.items() <= seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"].items()
+
+
+@pytest.mark.parametrize("verdict", ["pass", "fail"])
+def test_a_job_s_last_answer_alone_is_waited_for_with_a_new_scanner(client, store, worker, verdict):
+    """The reconstruction waits for the first activation; a calibration that does not pass makes no log."""
+    scanner_id = client.post("/v1/scanners", json=SCANNER_SPEC).json()["id"]
+    about = {"scanner_id": scanner_id, "data": "line-integrals", "phantom_id": "l-shape"}
+    scan = client.post("/v1/scans", params=about, content=b"x").json()["id"]
+    assert client.post("/v1/reconstructions", json={"scan_id": scan}).json()["code"] == "no-active-calibration"
+    calibration = client.post("/v1/calibrations", json={"scan_id": scan, "activate": True}).json()["id"]
+    log = client.post("/v1/reconstructions", json={"scan_id": scan}).json()
+    given = client.post("/v1/reconstructions", json={"scan_id": scan, "theta": THETA}).json()
+    assert (log["state"], log["calibration_id"]) == ("queued", None)
+    worker.finish_scan()
+    worker.finish_calibration(rays_verdict=verdict, verdict=verdict)
+    awaited = client.get(f"/v1/reconstructions/{log['id']}").json()["calibration_id"]
+    handed = store.jobs.handed_over(log["job_id"]).calibration
+    assert (awaited, handed and handed.id) == ((calibration,) * 2 if verdict == "pass" else (None, None))
+    assert client.get(f"/v1/reconstructions/{given['id']}").json()["calibration_id"] is None

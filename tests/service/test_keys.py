@@ -71,6 +71,8 @@ def test_what_decides_or_removes_needs_more_than_work_and_a_route_without_a_scop
         *("PUT /v1/schedules/{schedule_id}", "DELETE /v1/schedules/{schedule_id}"),
         *(f"POST /v1/calibrations/{{calibration_id}}/{act}" for act in ("activate", "discard")),
         *(f"POST /operator/{act}/{{calibration_id}}" for act in ("activate", "discard")),
+        "POST /operator/acknowledge/{scanner_id}",
+        "POST /operator/time-zone",
         *("POST /operator/acknowledge/{scanner_id}/{kind}", "POST /v1/scanners/{scanner_id}/alarms/{kind}/acknowledge"),
         *("POST /scanners/{scanner_id}/settings", "POST /scanners/{scanner_id}/schedules"),
         "POST /scanners/{scanner_id}/schedules/{schedule_id}/delete",
@@ -122,7 +124,7 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
     assert own == {"name": "scanner of line 2", "scope": "submit", "key_id": key}
     listed = keyed.get("/v1/keys")
     assert secret not in listed.text
-    assert next(item for item in listed.json()["keys"] if item["id"] == key)["last_used_at"] is not None
+    assert next(item for item in listed.json()["items"] if item["id"] == key)["last_used_at"] is not None
     new = keyed.post(f"/v1/keys/{key}/rotate").json()["secret"]
     assert keyed.get("/v1/keys/current", headers=bearer).status_code == 401
     assert keyed.get("/v1/keys/current", headers={"Authorization": f"Bearer {new}"}).status_code == 200

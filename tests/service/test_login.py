@@ -220,6 +220,8 @@ def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(br
     assert ({entry.who for entry in (came, went)}, {entry.key_id for entry in (came, went)}) == ({key.name}, {key.id})
     assert came.address == "127.0.0.1"
     log_in(browser, TOKEN)
+    shown = [browser.get(f"/audit{query}").text.count("<td>logged in with") for query in ("", "?logins=yes")]
+    assert (shown[0], shown[1] > 0) == (0, True)
     before = session_of(browser)
     log_in(browser, key_of(store, Scope.READ).secret)
     assert session_of(browser) != before

@@ -52,7 +52,7 @@ def test_the_language_is_the_one_chosen_and_writes_numbers_and_times_its_way():
 def test_each_answer_of_the_three_questions_has_its_colour_word_and_limit():
     for changes, active, badges in (
         ({"comparison": comparison()}, False, [("good", "Yes"), ("good", "Yes"), ("good", "No")]),
-        ({"comparison": comparison(0.9)}, False, [("good", "Yes"), ("good", "Yes"), ("watch", "Look at it")]),
+        ({"comparison": comparison(0.9)}, False, [("good", "Yes"), ("good", "Yes"), ("bad", "Yes")]),
         ({"comparison": comparison(0.9)}, True, [("good", "Yes"), ("good", "Yes"), ("idle", "Accepted")]),
         ({"predicted_ray_error_mm": None, "scale_uncertainty_percent": None}, False, [("idle", "Not known")] * 3),
         (

@@ -268,10 +268,17 @@ def test_a_new_scanner_is_added_its_settings_changed_and_decimals_have_a_comma_o
     path = made.headers["location"]
     identifier = path.rsplit("/", 1)[1]
     assert store.scanners.get(identifier).tolerances.ray_change_mm == 0.4
-    changed = {**SCANNER_FORM, "name": "Line 3", "log_radius_mm": "180", "row_pitch_mm": "2"}
+    changed = {
+        **SCANNER_FORM,
+        "name": "Line 3",
+        "log_radius_mm": "180",
+        "row_pitch_mm": "2",
+        "detector_arc_radius_mm": "1574",
+    }
     assert seeded.post(f"{path}/settings", data=changed).status_code == 303
     scanner = store.scanners.get(identifier)
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
+    assert "on an arc of 1574" in seeded.get(path).text.replace(",", "")
     wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
     page = seeded.post("/scanners/new", data={**SCANNER_FORM, **wrong}).text
     assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)

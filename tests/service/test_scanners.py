@@ -16,8 +16,11 @@ from sawmill_contracts import mill_events
 from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.history import HistoryEntry, HistoryKind, HistoryMark
 from sawmill_contracts.measurements import Measurement, MeasurementKind, Movement
+from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts import event_kinds
-from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.contracts.keys import KeyRequest, Scope
+from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.database.tables import EventRow
 from sawmill_service.pages.charts import MOST_MARKS, TREND_PX, Span, trend_chart
 from sawmill_service.routes.scanners import COLUMNS, history_csv
@@ -308,3 +311,50 @@ def plan_of(store, **which):
     with engine.connect() as connection:
         rows = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", parameters)
         return "\n".join(row[-1] for row in rows)
+
+
+def test_a_replacement_of_what_another_editor_has_changed_is_refused(seeded):
+    """Of everything that can be replaced; the tag does not change with what no editor changes."""
+    webhook = {"url": "https://alarms.mill.example/sawmill", "enabled": False}
+    spec = seeded.get("/v1/scanners/example-spare").json()
+    spec = {name: spec[name] for name in ScannerSpec.model_fields}
+    schedule = seeded.get("/v1/schedules/example").json()
+    schedule = {name: schedule[name] for name in ScheduleSpec.model_fields}
+    for path, body, changes in (
+        ("/v1/scanners/example-spare", spec, {"name": "another"}),
+        ("/v1/schedules/example", schedule, {"enabled": False}),
+        ("/v1/webhooks/example", webhook, {"description": "another"}),
+        ("/v1/retention", {"drifts_days": 300}, {"drifts_days": 400}),
+    ):
+        read = seeded.get(path).headers["ETag"]
+        first = seeded.put(path, json=body | changes, headers={"If-Match": read})
+        assert (first.status_code, first.headers["ETag"]) == (200, seeded.get(path).headers["ETag"]), first.text
+        assert first.headers["ETag"] != read
+        assert refusal(seeded.put(path, json=body, headers={"If-Match": read})) == (412, "precondition-failed")
+        assert seeded.get(path).headers["ETag"] == first.headers["ETag"], "nothing was replaced"
+        for condition in ({"If-Match": f'"other", {first.headers["ETag"]}'}, {"If-Match": "*"}, {}):
+            assert seeded.put(path, json=body | changes, headers=condition).status_code == 200
+    tag = seeded.get("/v1/scanners/example").headers["ETag"]
+    assert seeded.post("/v1/calibrations/example/activate").status_code == 200
+    assert seeded.get("/v1/scanners/example").headers["ETag"] == tag
+
+
+def test_a_list_has_short_items_with_the_fields_of_the_query_alone(seeded):
+    whole = seeded.get("/v1/calibrations").json()
+    short = seeded.get("/v1/calibrations", params={"fields": "id,state,verdict"}).json()
+    assert short["items"] == [{name: item[name] for name in ("id", "state", "verdict")} for item in whole["items"]]
+    assert (short["next"], len(short["items"])) == (whole["next"], len(whole["items"]))
+    wrong = seeded.get("/v1/calibrations", params={"fields": "id,stat"})
+    assert refusal(wrong) == (422, "invalid-request")
+    assert "query.fields.stat is not a known field: 'state' is" in wrong.text
+
+
+def test_keys_and_webhooks_are_lists_with_pages(seeded, store):
+    for name in ("first", "second"):
+        store.keys.create(KeyRequest(name=name, scope=Scope.READ))
+        store.webhooks.create(WebhookRequest(url="https://alarms.mill.example/sawmill", description=name))
+    for path, field in (("/v1/keys", "name"), ("/v1/webhooks", "description")):
+        newest = seeded.get(path, params={"limit": 1, "fields": field}).json()
+        assert newest["items"] == [{field: "second"}]
+        older = seeded.get(path, params={"limit": 1, "fields": field, "after": newest["next"]}).json()
+        assert older["items"] == [{field: "first"}]

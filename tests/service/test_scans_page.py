@@ -191,7 +191,7 @@ def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, s
     for fact in (
         "Cauchy MAP",
         "1.04 times the noise, at worst 1.31",
-        "beta 0.0021 1/mm",
+        "β 0.0021 1/mm",
         "in 1 slice",
         "2 slices",
         "the rays &lt;cross&gt; a nail",
@@ -203,7 +203,7 @@ def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, s
     with store.database.write() as session:
         row = session.get(ReconstructionRow, "example")
         row.result = row.result | {"method": coupled}
-    assert "weight 120 coupling 0.4" in words(seeded.get("/logs/example"))
+    assert "Weight of the total variation 120 Coupling of neighbouring slices 0.4" in words(seeded.get("/logs/example"))
 
 
 def test_a_log_that_failed_or_whose_file_or_scan_is_gone_is_still_described(seeded, store):

@@ -38,7 +38,7 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     assert f"Plan of a calibration Failed {sentence} phantom-too-large Asked for by the service" in shown
     assert "The queue" not in shown
     history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
-    assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good: {sentence}") == []
+    assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good {sentence}") == []
     asked(store)
     claim = worker.claim()
     store.jobs.heartbeat(claim, Progress(fraction=0.42, stage="search", seconds_left=75.0))
@@ -47,7 +47,10 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     text = text_of(seeded.get("/jobs").text)
     assert "1 job runs, 2 wait." in text
     now = text[text.index(" Now ") :]
-    assert re.search(r"Now Plan of a calibration Runs 42 % search , about 1 minute left Asked for by the service", now)
+    assert re.search(
+        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Asked for by the service",
+        now,
+    )
     assert re.search(r"The queue Plan of a calibration Next in line .* After 1 other ", now)
     assert re.search(r"Ended, those asked for last first .*Drift check Done", now)
 

@@ -161,13 +161,13 @@ def test_without_a_scanner_the_page_leads_to_the_first_in_three_steps(client):
     assert re.findall(r'href="([^"]+)"', steps) == ["/scanners/new", "/phantoms", "/calibrate"]
 
 
-def test_of_many_scanners_those_that_need_nobody_are_folded_and_they_take_no_more_questions_than_few(seeded, store):
+def test_of_many_scanners_equal_states_are_one_tile_and_they_take_no_more_questions_than_few(seeded, store):
     spec = store.scanners.get("example")
     for number in range(6):
         store.scanners.create(ScannerSpec(name=f"Line {number}", constants=spec.constants))
-    shown, folded = seeded.get("/").text.split('<details id="folded">')
-    assert (shown.count('<li class="scanner'), folded.count('<li class="scanner')) == (7, 1)
-    assert "Fine (1)" in folded
+    shown, grey, fine = seeded.get("/").text.split('<details class="folded"')
+    assert [part.count('<li class="scanner') for part in (shown, grey, fine)] == [0, 7, 1]
+    assert ("Without a calibration: 7" in grey, "Fine: 1" in fine) == (True, True)
     assert "1 fine, 7 need you" in shown
 
     def statements() -> int:
@@ -282,12 +282,12 @@ def later(store):
 
 
 def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
-    assert seeded.get("/v1/alarms").json() == {"alarms": []}
+    assert seeded.get("/v1/alarms").json() == {"items": [], "next": None}
     ((_, opened),) = later.alarms.check()
-    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["alarms"]
+    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["items"]
     assert (alarm["kind"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
     assert datetime.fromisoformat(alarm["since"]) == opened.since
-    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
+    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"items": [], "next": None}
     sentence = "It has sent no scan for longer than is allowed."
     assert sentence in seeded.get("/scanners/example").text
     assert sentence in seeded.get("/").text
@@ -308,7 +308,7 @@ def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seede
     assert seeded.post(path, json=ask).json()["code"] == "acknowledgement-ended"
     assert 'data-changes-at="' not in seeded.get("/").text
     seeded.post("/operator/acknowledge/example/scanner-quiet", data={"reason": "Huolto", "zone": "Europe/Helsinki"})
-    (alarm,) = seeded.get("/v1/alarms").json()["alarms"]
+    (alarm,) = seeded.get("/v1/alarms").json()["items"]
     assert alarm["acknowledged"]["reason"] == "Huolto"
     until = datetime.fromisoformat(alarm["acknowledged"]["until"])
     assert until.astimezone(ZoneInfo("Europe/Helsinki")).hour in {6, 14, 22}
@@ -317,8 +317,29 @@ def test_an_acknowledged_alarm_is_shown_and_colours_nothing_until_its_time(seede
     assert (condition_of(store, store.scanners.get("example")).state.alarms) == ()
     assert f'data-changes-at="{until:%Y-%m-%dT%H:%M}' in seeded.get("/").text
     wrong = seeded.post("/operator/acknowledge/example/scanner-quiet", data={"until": "noon"})
-    assert wrong.json()["detail"] == "until must be a time such as 14:00, not 'noon'"
+    assert wrong.json()["detail"] == "until must be a time such as 2026-03-16T14:00, not 'noon'"
     assert "Acknowledged" in seeded.get("/scanners/example/history?kind=alarm").text
+
+
+def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_red(seeded, store, checked):
+    assert seeded.post("/operator/acknowledge/example").json()["code"] == "scanner-not-red"
+    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    asked = {"until": "2026-01-01T00:00", "zone": "Europe/Helsinki", "reason": "Laakeri vaihdetaan"}
+    assert seeded.post("/operator/acknowledge/example", data=asked).json()["code"] == "acknowledgement-ended"
+    assert seeded.post("/operator/acknowledge/example", data=asked | {"until": "2099-01-01T00:00"}).status_code == 422
+    until = (store.now() + timedelta(days=2)).astimezone(ZoneInfo("Europe/Helsinki"))
+    seeded.post("/operator/acknowledge/example", data=asked | {"until": f"{until:%Y-%m-%dT%H:%M}"})
+    assert headline(seeded) == "0 fine, 1 needs you, 1 red and known"
+    for page in ("/", "/?kiosk", "/scanners/example"):
+        html = seeded.get(page).text
+        assert re.search(r"<strong>Known until .*, by .+: Laakeri vaihdetaan</strong>", html), page
+        assert 'class="badge bad"' in html, page
+    assert "Acknowledge the red" not in seeded.get("/scanners/example").text
+    assert 'sawmill_scanner_red_known{scanner="example"} 1.0' in seeded.get("/metrics").text
+    assert "Laakeri vaihdetaan" in seeded.get("/scanners/example/history?kind=alarm").text
+    checked(ray_change_mm=0.9, within_tolerance=False, reason="the COR moved on")
+    assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
+    assert "Acknowledge the red" in seeded.get("/scanners/example").text
 
 
 def test_limits_are_set_on_the_scanner_s_page_and_every_alarm_of_one_is_on_the_first_page(seeded, store, later):

@@ -41,7 +41,7 @@ def test_a_webhook_lives_from_creation_to_deletion_and_can_be_led_to_no_other_ho
     webhook = made.json()
     secret, path = webhook.pop("secret"), made.headers["Location"]
     assert secret.startswith("whsec_")
-    assert (client.get(path).json(), client.get("/v1/webhooks").json()) == (webhook, {"webhooks": [webhook]})
+    assert (client.get(path).json(), client.get("/v1/webhooks").json()) == (webhook, {"items": [webhook], "next": None})
     changed = client.put(path, json={"url": f"{URL}/2", "description": "office", "events": ["*"], "enabled": False})
     assert (changed.json()["state"], changed.json()["description"]) == ("disabled", "office")
     rotated = client.post(f"{path}/rotate", json={"grace_s": 60}).json()
@@ -70,7 +70,7 @@ def test_at_first_every_webhook_is_refused_with_what_to_set_and_nothing_is_looke
     refused = client.post("/v1/webhooks", json={"url": URL})
     assert refusal(refused) == (422, "destination-not-allowed")
     what_to_set = 'set SAWMILL_WEBHOOK_DESTINATIONS to ["alarms.mill.example"] and start the service again'
-    assert (refused.json()["detail"], store.webhooks.all().webhooks) == (f"nothing is sent anywhere: {what_to_set}", [])
+    assert (refused.json()["detail"], store.webhooks.all()) == (f"nothing is sent anywhere: {what_to_set}", [])
     assert "Nothing is sent anywhere: no destination is allowed." in text_of(client.get("/system/webhooks").text)
     webhook = store.webhooks.create(WebhookRequest(url=URL))
     assert "nothing is sent anywhere" in client.post(f"/v1/webhooks/{webhook.id}/test").json()["reason"]

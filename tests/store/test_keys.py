@@ -29,7 +29,7 @@ def test_a_secret_is_shown_once_and_stored_as_a_hash(store):
     assert len(key.secret) == len(PREFIX) + 43  # 256 bits, in base64
     assert key.secret not in repr(key)
     assert opens(store, key)
-    assert not hasattr(store.keys.all().keys[0], "secret")
+    assert not hasattr(store.keys.all()[0], "secret")
     with store.database.read() as session:
         assert key.secret not in str(session.execute(text("SELECT * FROM keys")).all())
     assert [entry for entry in store.audit.all() if key.secret in str(entry)] == []
@@ -70,8 +70,8 @@ def test_the_last_use_is_kept_to_a_minute(store, clock):
     store.keys.used(key)
     for _ in range(2):
         clock.advance(seconds=USE_STEP.total_seconds() / 2)
-        store.keys.used(store.keys.all().keys[0])
-    assert store.keys.all().keys[0].last_used_at == first + USE_STEP
+        store.keys.used(store.keys.all()[0])
+    assert store.keys.all()[0].last_used_at == first + USE_STEP
 
 
 @pytest.mark.dialect
@@ -89,7 +89,7 @@ def test_the_audit_names_who_and_only_grows(store):
         store.audit.page(after="-1")
     changes = ["UPDATE events SET who = 'nobody'", "DELETE FROM events"]
     if store.database.engine.dialect.name == "sqlite":
-        names = "number, at, class, what, who, subject_id"
+        names = "number, at, class, type, who, subject_id"
         changes.append(f"INSERT OR REPLACE INTO events ({names}) SELECT {names} FROM events")  # noqa: S608 - constants
     for change in changes:
         with (

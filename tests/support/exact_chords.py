@@ -55,6 +55,26 @@ class Detector:
         return places
 
 
+@dataclass(frozen=True)
+class BentDetector(Detector):
+    """Cells on an arc that touches the line at the detector's middle, or shifted along it."""
+
+    radius_mm: float = math.inf
+    shifts_mm: Array | float = 0.0  # (cells,)
+
+    def points(self, frame: SourceFrame, rays: int) -> Array:
+        """Return the ends of the rays, as those of a straight detector."""
+        inside = (np.arange(rays) + 0.5) / rays
+        first = np.arange(self.cells)[:, None] - 0.5 * self.cells
+        at = (first + inside) * self.pitch_mm + np.broadcast_to(self.shifts_mm, self.cells)[:, None]
+        depth = 0.0 * at
+        if math.isfinite(self.radius_mm):
+            at, depth = self.radius_mm * np.sin(at / self.radius_mm), self.radius_mm * (1 - np.cos(at / self.radius_mm))
+        c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
+        w = at - frame.cor_column_mm
+        return np.stack([w * c + depth * s, frame.source_to_detector_mm + w * s - depth * c], -1)
+
+
 def _turned(vector: Array, angle_rad: float) -> Array:
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

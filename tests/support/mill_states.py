@@ -9,6 +9,7 @@ from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.inspections import InspectionOptions
 from sawmill_contracts.phantoms import MeasurementsRequest, PhantomPicture, SizeMeasurement
+from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scanners import AlarmLimits, ScannerSpec
 from sawmill_contracts.scans import ScanSpec
@@ -17,20 +18,32 @@ from sawmill_platform.contracts.webhooks import WebhookRequest
 from sawmill_platform.jobs.job_store import Claim
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Progress
+from sawmill_vocabulary.calibration_messages import CalibrationMessage
+from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
 
 SCANNER, PHANTOM = "sorting-line-4", "l-shape"
 NAME = "Sorting line 4, log scanner behind the debarker (Pohjois-Karjala)"
-MOVED = (
-    "the rays moved 0.66 mm RMS where 0.50 mm is allowed: the COR moved -2.12 mm on the detector and the tilt followed"
-)
-SLIPPED = "the phantom slipped by 2.5 mm in view 131: fasten the phantom on the log's end, and repeat the scan"
+MOVED = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=-2.12), moved_mm=0.66, allowed_mm=0.5)
+SLIPPED = CalibrationMessage.PHANTOM_SLIPPED(CalibrationMessage.LOG_DISAGREES(column_mm=2.5, tilt_deg=0.02))
+NOTHING_MOVED = LogMessage.NOTHING_MOVED(column_error_mm=0.04, tilt_error_deg=0.01)
+
+
+def of(reason: str) -> dict[str, Any]:
+    """A reason as a worker stores it, with its code."""
+    return {"reason": reason, "coded_reason": CodedReason.of(reason).model_dump(mode="json")}
+
+
+def all_of(*reasons: str) -> dict[str, Any]:
+    return {"reasons": [*reasons], "coded_reasons": [of(each)["coded_reason"] for each in reasons]}
+
+
 COMPARISON = comparison(
-    0.66, calibration_id="passed", scale_change_percent=0.12, cor_column_change_mm=-2.12, reason=MOVED
+    0.66, calibration_id="passed", scale_change_percent=0.12, cor_column_change_mm=-2.12, **of(MOVED)
 )
 FAILURE = Failure(
     kind=FailureKind.INPUT,
     code="phantom-not-seen",
-    detail="no row from 0 to 4 shows the phantom L-shape: the best of them leaves 31 % of the sinogram unexplained",
+    detail="the phantom 'L-shape' was not found: the best geometry leaves 31% of the sinogram unexplained",
 )
 
 
@@ -45,7 +58,7 @@ class Finisher(Protocol):
     def finish_inspection(self, **changes: Any) -> None: ...
 
 
-def fill(store: Store, worker: Finisher) -> dict[str, str]:
+def fill(store: Store, worker: Finisher, language: str = "en") -> dict[str, str]:
     """Bring a seeded store into every state; return the paths of the pages by the names of the states."""
     _scans_and_calibrations(store, worker)
     _inspected(store, "refused")
@@ -74,7 +87,7 @@ def fill(store: Store, worker: Finisher) -> dict[str, str]:
         "questions": "/calibrate?inspection=example",
         "refused": "/calibrate?inspection=refused",
         **{f"calibration-{each}": f"/calibrate?calibration={each}" for each in results},
-        **{f"report-{each}": f"/calibrations/{each}/report" for each in results[:4]},
+        **{f"report-{each}": f"/calibrations/{each}/report?language={language}" for each in results[:4]},
         "scan": "/scans/example",
         "scan-refused": "/scans/unreadable",
         "log": "/logs/example",
@@ -107,20 +120,20 @@ def _scans_and_calibrations(store: Store, worker: Finisher) -> None:
     store.scans.accept(spec, store.files.receive([b"a scan"], max_bytes=100), scan_id="scan")
     worker.finish_scan()
     store.scans.accept(spec, store.files.receive([b"no scan"], max_bytes=100), scan_id="unreadable")
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="unreadable-file", detail=SLIPPED))
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="broken-file", detail=str(SLIPPED)))
     _calibrated(store, worker, "passed", activate=True)
     for number in range(12):
         store.drifts.accept(DriftRequest(scan_id="scan"))
-        worker.finish_drift(ray_change_mm=0.02 + 0.03 * number)
-    _calibrated(store, worker, "watched", verdict="watch", rays_verdict="watch", reasons=[SLIPPED, MOVED])
-    _calibrated(store, worker, "slipped", verdict="fail", rays_verdict="fail", reasons=[SLIPPED])
-    _calibrated(store, worker, "moved", comparison=COMPARISON, adjustments=[MOVED])
+        worker.finish_drift(ray_change_mm=0.02 + 0.03 * number, **of(NOTHING_MOVED))
+    _calibrated(store, worker, "watched", verdict="watch", rays_verdict="watch", **all_of(SLIPPED, MOVED))
+    _calibrated(store, worker, "slipped", verdict="fail", rays_verdict="fail", **all_of(SLIPPED))
+    _calibrated(store, worker, "moved", comparison=COMPARISON, **all_of(MOVED))
     store.drifts.accept(DriftRequest(scan_id="scan"))
-    worker.finish_drift(within_tolerance=False, ray_change_mm=0.8, reason=MOVED)
+    worker.finish_drift(within_tolerance=False, ray_change_mm=0.8, **of(MOVED))
     store.calibrations.accept(CalibrationRequest(scan_id="example"), identifier="failed")
     store.jobs.fail(worker.claim(), FAILURE)
     store.reconstructions.accept(ReconstructionRequest(scan_id="example"), identifier="failed")
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=SLIPPED))
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=str(SLIPPED)))
 
 
 def _calibrated(store: Store, worker: Finisher, identifier: str, *, activate: bool = False, **changes: Any) -> None:
@@ -139,7 +152,7 @@ def _phantoms(store: Store, worker: Finisher) -> None:
     for identifier in ("traced", "untraced"):
         store.phantoms.accept_picture(picture, store.files.receive([b"PNG"], max_bytes=100), phantom_id=identifier)
     worker.finish_tracing()
-    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-outline", detail=SLIPPED))
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-signal", detail=str(SLIPPED)))
 
 
 def _unfinished(store: Store, worker: Finisher) -> None:

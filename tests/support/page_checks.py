@@ -22,6 +22,12 @@ WIDER = """() => [...document.querySelectorAll('main *, header, footer')]
     .map(each => each.outerHTML.slice(0, 80))"""
 
 
+# What a card or a table within one hides at its edge, though the page itself does not scroll; documents may.
+CLIPPED = """() => [...document.querySelectorAll('main .card, main .card .scrolls')]
+    .filter(each => each.checkVisibility() && each.scrollWidth > each.clientWidth + 1 && !each.closest('article.card'))
+    .map(each => `clipped: ${each.outerHTML.slice(0, 80)}`)"""
+
+
 def shot(page: Page, name: str) -> None:
     """Keep the whole page as a picture in the folder that SAWMILL_SCREENSHOTS names: it takes a while."""
     if folder := os.environ.get("SAWMILL_SCREENSHOTS"):
@@ -38,10 +44,10 @@ def axe_findings(page: Page, *rules: str) -> list[str]:
 
 
 def overflowing(page: Page) -> list[str]:
-    """What reaches beyond the window's right edge, if that makes the page scroll sideways, once it has its styles."""
+    """What reaches beyond the window's right edge, if the page scrolls sideways, or beyond that of a card."""
     page.wait_for_load_state()
     scrolls = page.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth + 1")
-    return page.evaluate(WIDER) if scrolls else []
+    return (page.evaluate(WIDER) if scrolls else []) + page.evaluate(CLIPPED)
 
 
 def small_targets(page: Page) -> list[str]:

@@ -19,15 +19,19 @@ if TYPE_CHECKING:
     from sawmill_calibration.failures import InputError
     from sawmill_calibration.scans.scan import Scan, read_scan
     from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
-    from sawmill_tomography.geometry.geometry import FanBeamGeometry
+    from sawmill_calibration.view_vectors import read_views
+    from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews
     from sawmill_tomography.phantoms.phantom import Phantom
     from sawmill_vocabulary import Disc, Polygon, Scanner, Theta
+
+    __version__: str
 
 __all__ = [
     "Calibration",
     "Disc",
     "Drift",
     "FanBeamGeometry",
+    "FanViews",
     "InputError",
     "Phantom",
     "Polygon",
@@ -39,6 +43,7 @@ __all__ = [
     "drift",
     "read_calibration",
     "read_scan",
+    "read_views",
     "reconstruct",
     "simulate_log_scan",
     "simulate_phantom_scan",
@@ -53,7 +58,8 @@ _MODULES = {
     "sawmill_calibration.failures": ("InputError",),
     "sawmill_calibration.scans.scan": ("Scan", "read_scan"),
     "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
-    "sawmill_tomography.geometry.geometry": ("FanBeamGeometry",),
+    "sawmill_tomography.geometry.geometry": ("FanBeamGeometry", "FanViews"),
+    "sawmill_calibration.view_vectors": ("read_views",),
     "sawmill_tomography.phantoms.phantom": ("Phantom",),
     "sawmill_vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
 }
@@ -64,6 +70,8 @@ if not TYPE_CHECKING:  # so that a type checker sees a wrong name
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used."""
+        if name == "__version__":
+            return import_module("sawmill_vocabulary.version").VERSION
         if name not in _MODULE_OF:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(import_module(_MODULE_OF[name]), name)

@@ -5,22 +5,24 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_calibration import option_types
 from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of
-from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
+from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner
 from sawmill_calibration.phantom_drawings import drawing_of
 from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
 from sawmill_calibration.result_file import read_calibration as read_result
 from sawmill_calibration.scans.scan import Scan, bare_scanner, rows_in_file, rows_of_memory
 from sawmill_calibration.scans.scan_rows import ScanRows, unreported
+from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
 from sawmill_contracts.calibrations import (
     CalibrationFile,
     CalibrationLimits,
@@ -32,7 +34,8 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.geometry import GivenTheta
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_mill.next_step import step_alone
-from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
@@ -41,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A calibration: the whole answer is `result`, properties give its most used fields.
 
@@ -101,6 +104,23 @@ class Calibration:
         """Covariance (5, 5) of (psi, R, SDD, u_c, tau) in rad and mm; None without error bars."""
         return None if self.result.covariance is None else np.array(self.result.covariance)
 
+    def vectors(self, angles_rad: FloatArray) -> FanBeamGeometry:
+        """Return the rays of views at these angles, (views,) rad as the scan counts them."""
+        return FanBeamGeometry(self.result.scanner, self.theta, self.rotation.apply(np.asarray(angles_rad, np.float64)))
+
+    def to_astra(self, angles_rad: FloatArray) -> dict[str, Any]:
+        """Return ASTRA's projection geometry, `fanflat_vec` in mm; refuse a detector of modules or on an arc."""
+        views = self.vectors(angles_rad)
+        return {"type": "fanflat_vec", "DetectorCount": len(views.borders_mm), "Vectors": views.astra_vectors()}
+
+    def to_odl(self, angles_rad: FloatArray) -> dict[str, Any]:
+        """Return the arguments of ODL's `FanBeamGeometry` as `sawmill export --to odl` writes them."""
+        return odl_arguments(self.vectors(angles_rad))
+
+    def to_cil(self, angles_rad: FloatArray) -> dict[str, Any]:
+        """Return the arguments of CIL's `AcquisitionGeometry` as `sawmill export --to cil` writes them."""
+        return cil_arguments(self.vectors(angles_rad))
+
     def save(self, path: str | Path) -> None:
         """Write RESULT.json as `sawmill calibrate --json` prints it; `read_calibration` reads the file."""
         document = CalibrationFile.of(self.result).model_dump(mode="json")
@@ -130,6 +150,12 @@ class Calibration:
         arrays = None if self.arrays is None else self.arrays()
         Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
 
+    def __repr__(self) -> str:
+        error = self.predicted_ray_error_mm
+        rays = "no error bars" if error is None else f"rays within {error.upper_95:.3f} mm (95 %)"
+        numbers = ", ".join(f"{name}={value:.6g}" for name, value in vars(self.theta).items())
+        return f"<Calibration: {self.verdict}, {rays}, {numbers}>"
+
     def _repr_html_(self) -> str:
         from sawmill_calibration.pictures.report_numbers import calibration_table  # noqa: PLC0415
 
@@ -138,14 +164,15 @@ class Calibration:
         return html_of(title, calibration_table(self.result), verdict=self.verdict, sentences=sentences)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reconstruction:
     """A volume and how it was made.
 
     Attributes
     ----------
     volume : (slices, x, y) float32
-        Values in `result.unit`.
+        Values in `result.unit`. **The axes are not (z, y, x)**, as in scikit-image, tomopy and CIL:
+        `volume.transpose(0, 2, 1)` has that order.
     result : ReconstructionResult
         Method, pixel size, unit, rows and remarks, with the field names of the service (docs/look-up/http.md).
     field_centre_mm : (x, y)
@@ -177,6 +204,11 @@ class Reconstruction:
             title=f"slice {shown}, row {row} of the scan",
         )
 
+    def __repr__(self) -> str:
+        method = "" if self.result.method is None else f" by {self.result.method.name}"
+        shape = " x ".join(map(str, self.result.shape))
+        return f"<Reconstruction{method}: {shape} (slices, x, y), {self.result.pixel_mm:.4g} mm a pixel>"
+
     def _repr_html_(self) -> str:
         from sawmill_calibration.pictures.images import image_png  # noqa: PLC0415
 
@@ -193,7 +225,7 @@ class Reconstruction:
         return html_of("Reconstruction", rows, png=png)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Drift:
     """A drift check: the whole answer is `result`; properties give the most used fields.
 
@@ -230,6 +262,9 @@ class Drift:
         from sawmill_calibration.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
 
         return drift_figure(self.result)
+
+    def __repr__(self) -> str:
+        return f"<Drift: {self.reason}>"
 
     def _repr_html_(self) -> str:
         result, deviation = self.result, self.result.change_standard_deviation
@@ -271,7 +306,7 @@ def calibrate(
     scale_tolerance_percent: float = 0.5,
     log_radius_mm: float | None = None,
     on_progress: ProgressCallback = unreported,
-    **options: object,
+    **options: Unpack[option_types.CalibrationOptions],
 ) -> Calibration:
     """Find theta from a scan of a phantom, as `sawmill calibrate` does.
 
@@ -318,11 +353,11 @@ def calibrate(
 
 def reconstruct(
     scan: Scan,
-    geometry: Calibration | Theta,
+    geometry: Calibration | Theta | FanViews,
     *,
     rotation: Rotation | str = Rotation.AS_GIVEN,
     on_progress: ProgressCallback = unreported,
-    **options: object,
+    **options: Unpack[option_types.ReconstructionOptions],
 ) -> Reconstruction:
     """Reconstruct each row of a scan into arrays, as `sawmill reconstruct` does into a file.
 
@@ -330,8 +365,8 @@ def reconstruct(
     ----------
     scan : Scan
         Scan of a log.
-    geometry : Calibration or Theta
-        Geometry of the scanner that made the scan.
+    geometry : Calibration, Theta or FanViews
+        Geometry of the scanner that made the scan; views replace the scan's angles.
     rotation : str
         Sense of rotation for a Theta, `as-given` or `reversed`: which way the angles count. A calibration has its own.
     on_progress : callable, optional
@@ -347,13 +382,13 @@ def reconstruct(
     chosen = options_of(ReconstructionOptions, options)
     with input_errors_translated():
         rows = rows_of_memory(scan, rows=chosen.rows, views=chosen.views)
-        volume, result = reconstruct_in_memory(rows, _geometry(rows, geometry, rotation), chosen, on_progress)
+        volume, result = reconstruct_in_memory(*_geometry(rows, geometry, rotation), chosen, on_progress)
     return Reconstruction(volume, result, chosen.field_centre_mm)
 
 
 def drift(
     scan: Scan,
-    calibration: Calibration | Theta,
+    calibration: Calibration | Theta | FanViews,
     *,
     rotation: Rotation | str = Rotation.AS_GIVEN,
     baseline: Sequence[Drift | str | Path] = (),
@@ -365,9 +400,9 @@ def drift(
     ----------
     scan : Scan
         Scan of a log.
-    calibration : Calibration or Theta
-        Geometry to compare with. For a Theta of nominal distances the answer is where the centre of rotation is, and
-        `result.theta` is the geometry to reconstruct with.
+    calibration : Calibration, Theta or FanViews
+        Geometry to compare with. For a Theta of nominal distances, or views that turn about one axis, the answer is
+        where the centre of rotation is, and `result.theta` is the geometry to reconstruct with.
     rotation : str
         Sense of rotation for a Theta, `as-given` or `reversed`: which way the angles count. A calibration has its own.
     baseline : sequence of Drift, or of paths
@@ -386,8 +421,7 @@ def drift(
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors_translated():
-        rows = rows_of_memory(scan)
-        known = _geometry(rows, calibration, rotation)
+        rows, known = _geometry(rows_of_memory(scan), calibration, rotation)
         baselines = baselines_of(_named_answers(baseline), known, scan.sha256) if baseline else ()
         result = check_drift(rows, known, tolerance_mm=tolerance_mm, baselines=baselines)
     return Drift(result.ended(datetime.now(UTC)))
@@ -401,9 +435,13 @@ def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str,
             yield from read_answers([Path(answer)])
 
 
-def _geometry(rows: ScanRows, geometry: Calibration | Theta, rotation: Rotation | str) -> KnownGeometry:
-    """Return the result of a calibration of the same scanner, or a theta with the sense of rotation."""
+def _geometry(
+    rows: ScanRows, geometry: Calibration | Theta | FanViews, rotation: Rotation | str
+) -> tuple[ScanRows, AnyGeometry]:
+    """Return the rows, with the angles of given views, and what the geometry is known by."""
+    if isinstance(geometry, FanViews):
+        return ImportedGeometry.of(geometry, rows)
     if not isinstance(geometry, Calibration):
-        return GivenGeometry(rows.scanner, options_of(GivenTheta, vars(geometry)), Rotation(rotation))
+        return rows, GivenGeometry(rows.scanner, options_of(GivenTheta, vars(geometry)), Rotation(rotation))
     check_same_scanner(geometry.result.scanner, rows.scanner)
-    return geometry.result
+    return rows, geometry.result

@@ -12,7 +12,7 @@ from pydantic_core import to_json
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_platform.contracts.attempts import JobFailure
-from sawmill_platform.contracts.base import placed_complaint, read_strictly
+from sawmill_platform.contracts.base import near_name, placed_complaint, read_strictly
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import DamagedResult
 from sawmill_tomography.calibration.errors import CalibrationError
@@ -86,10 +86,18 @@ def options_of(contract: type[Held], raw_options: object) -> Held:
         sent = to_json(raw_options, inf_nan_mode="constants", fallback=_plain)
         options: Held = read_strictly(TypeAdapter(contract), sent)
     except ValidationError as error:
-        raise InputError("options", placed_complaint(error)) from error
+        raise InputError("options", _unknown(contract, error) or placed_complaint(error)) from error
     except ValueError as error:  # half a surrogate, or a list that contains itself
         raise InputError("options", f"an option cannot be read: {error}") from error
     return options
+
+
+def _unknown(contract: object, error: ValidationError) -> str | None:
+    """Return a sentence about the first option that the contract does not have; None if it has all."""
+    known = getattr(contract, "model_fields", {})
+    names = [str(fault["loc"][0]) for fault in error.errors() if fault["type"] == "extra_forbidden"]
+    unknown = [name for name in names if name not in known]
+    return f"{unknown[0]} is not a known option{near_name(unknown[0], known)}" if unknown else None
 
 
 def _plain(value: object) -> object:

@@ -28,21 +28,13 @@ class GivenGeometry:
     theta: Theta
     rotation: Rotation = Rotation.AS_GIVEN
     handedness: Handedness = Handedness.AS_DRAWN
+    covariance: None = None
+    beam: BeamCorrection = NOTHING_FOUND
 
     @property
     def source_frame(self) -> SourceFrame:
         """Source frame of theta."""
         return self.theta.source_frame(self.scanner.source_to_cor_mm)
-
-    @property
-    def covariance(self) -> None:
-        """Covariance, which a given geometry does not have."""
-        return
-
-    @property
-    def beam(self) -> BeamCorrection:
-        """Corrections of line integrals, which a given geometry does not have."""
-        return NOTHING_FOUND
 
     @property
     def radius_mm(self) -> float:

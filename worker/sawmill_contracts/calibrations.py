@@ -28,6 +28,7 @@ from sawmill_contracts.geometry import (
     ThetaDeviation,
 )
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.phantoms import SizeTolerancePercent
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, Rows
@@ -654,6 +655,12 @@ class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
 
     state: Literal["succeeded"] = Field(
         "succeeded", description="State of the job, which has succeeded.", examples=["succeeded"]
+    )
+    next_step: NextStepAnswer | None = Field(
+        None,
+        description="Next step of a person with this calibration, by its own numbers and before anybody decides about "
+        "it: its button is `scan-again` after a phantom slipped, also where `verdict` is `pass`. The route `next-step` "
+        "takes the state of the scanner into account too. Null: only where a job reads the calibration.",
     )
     links: CalibrationLinks | None = Field(None, description="Links to the calibration and its files.")
 

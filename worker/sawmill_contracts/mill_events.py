@@ -2,6 +2,7 @@
 
 from sawmill_platform.contracts.event_kinds import EventType
 
+TIME_ZONE_SET = EventType.register("time-zone-set", "a person set the time zone of the mill", is_decision=True)
 SCANNER_CREATED = EventType.register("scanner-created", is_decision=True, topic="settings")
 SCANNER_CHANGED = EventType.register("scanner-changed", is_decision=True, topic="settings")
 SCANNER_DELETED = EventType.register("scanner-deleted", is_decision=True)
@@ -30,5 +31,11 @@ ALARM_OPENED = EventType.register(
 )
 ALARM_ACKNOWLEDGED = EventType.register(
     "alarm-acknowledged", "a person took notice of an open alarm, `until` a time", is_decision=True, topic="alarm"
+)
+RED_ACKNOWLEDGED = EventType.register(
+    "red-acknowledged",
+    "a person knows why the scanner is red, `until` a time: the `results` that showed it are named",
+    is_decision=True,
+    topic="alarm",
 )
 ALARM_CLOSED = EventType.register("alarm-closed", topic="alarm")

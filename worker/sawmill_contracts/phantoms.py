@@ -238,19 +238,15 @@ class MeasurementsRequest(Given):
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
 
 
-def _state_newness(schema: dict[str, Any]) -> None:
-    schema["properties"]["follows"] = {
-        "type": "null",
-        "title": "Follows",
-        "description": "Set by the service where a stored phantom is measured again; to be left out.",
-        "examples": [None],
-    }
+def _leave_out_follows(schema: dict[str, Any]) -> None:
+    """Leave out the field that the service alone sets, where a stored phantom is measured again."""
+    del schema["properties"]["follows"]
 
 
 class PhantomRequest(PhantomDrawing, Given):
     """A phantom's drawing in a request, every shape with an interior. Also the JSON file of `--phantom FILE.json`."""
 
-    model_config = ConfigDict(json_schema_extra=_state_newness)
+    model_config = ConfigDict(json_schema_extra=_leave_out_follows)
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
 

@@ -451,7 +451,9 @@ class ReconstructionResult(Contract):
         "percentile, so that metal does not darken the wood.",
         examples=[[0.0, 0.031]],
     )
-    theta: Theta = Field(description="Geometry of the reconstruction.")
+    theta: Theta | None = Field(
+        description="Geometry of the reconstruction. Null: each view has a geometry of its own, from a file."
+    )
     rotation: Rotation = Field(description="Sense of rotation, which way the view angles count.", examples=["as-given"])
     handedness: Handedness = Field(
         description="Handedness, from which end the phantom was seen; recorded with the geometry.",
@@ -552,7 +554,8 @@ class Reconstruction(Stamped):
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration. Null: a theta was given.", examples=["example"]
+        description="Id of the calibration. Null: a theta was given, or a new scanner's first one is awaited.",
+        examples=["example"],
     )
     job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])
     options: StoredReconstructionOptions = Field(description="Options of the request.")

@@ -142,6 +142,9 @@ class UnregisteredScanOptions(ScanFileOptions):
         None, description="Distance between detector cells; needed where the file does not carry the distance."
     )
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
+    detector_arc_radius_mm: PositiveMm | None = Field(
+        None, description="Radius of the detector, where its cells lie on an arc; the distance of cells is along it."
+    )
     follow_links: bool = Field(
         default=False,
         description="Whether HDF5 files are read that links, virtual datasets and raw data of the file lead to.",

@@ -47,6 +47,8 @@ class ScannerFacts:
     expiry_days: tuple[date, ...] = ()
     # Found since the active calibration: another calibration ends them.
     chart_alarms: tuple[ChartAlarm, ...] = ()
+    # Until when somebody knows why the scanner is red, so that its drift is no news; None: nobody does.
+    known_until: datetime | None = None
 
 
 class ExpectedAlarm(NamedTuple):
@@ -172,11 +174,12 @@ def _phantom_expired(facts: ScannerFacts) -> ExpectedAlarm | None:
 
 
 def _drift(facts: ScannerFacts) -> ExpectedAlarm | None:
-    """Expect no change in the charts; the first one that was found opens the alarm."""
+    """Expect no change in the charts; the first one that was found opens the alarm, once no red is known."""
     if not facts.chart_alarms:
         return None
     since, finding = min(facts.chart_alarms, key=lambda each: each.at)
-    return ExpectedAlarm(Alarm(scanner_id=facts.scanner_id, kind=AlarmKind.DRIFT, since=since, drift=finding), since)
+    alarm = Alarm(scanner_id=facts.scanner_id, kind=AlarmKind.DRIFT, since=since, drift=finding)
+    return ExpectedAlarm(alarm, max(since, facts.known_until or since))
 
 
 def _latest(*times: datetime | None) -> datetime | None:

@@ -39,8 +39,9 @@ class StandIn(Message):
 class AnythingMoved:
     """The third question about one calibration, with a number, its limit and the reason."""
 
-    answer: Answer
-    reason: Reason
+    answer: Answer  # `no`: the scanner has moved; `look`: the phantom or the scanner moved during the scan
+    reason: Reason  # how the scanner stands against the calibration that was in use
+    slip: Reason | None = None  # what moved during the scan; None: nothing
     # moved_mm, limit_mm: RMS distance by which the rays moved since the calibration that was in use; None without one.
     moved_mm: float | None = None
     limit_mm: float | None = None
@@ -51,16 +52,16 @@ class AnythingMoved:
     def of(cls, result: CalibrationResult, *, accepted: bool = False) -> Self:
         """Ask about an answer; one that is in use has taken the movement up."""
         comparison, slip = result.comparison, slip_of(result)
-        look = Answer.ACCEPTED if accepted else Answer.LOOK
+        slipped = Answer.ACCEPTED if accepted else Answer.LOOK
         if comparison is None:
-            return cls(Answer.UNKNOWN if slip is None else look, slip or StandIn.NOT_COMPARED())
-        numbers = comparison.ray_change_mm, comparison.tolerance_mm
+            return cls(Answer.UNKNOWN if slip is None else slipped, StandIn.NOT_COMPARED(), slip)
+        numbers = slip, comparison.ray_change_mm, comparison.tolerance_mm
         moved = moved_reason(comparison)
-        explained = slip or (moved and (comparison.explanation.reason or moved))
-        if explained is not None:
-            return cls(look, explained, *numbers)
+        if moved is not None:
+            answer = Answer.ACCEPTED if accepted else Answer.NO
+            return cls(answer, comparison.explanation.reason or moved, *numbers)
         within = MovementMessage.WITHIN(moved_mm=comparison.ray_change_mm, allowed_mm=comparison.tolerance_mm or 0.0)
-        return cls(Answer.YES, within, *numbers)
+        return cls(Answer.YES if slip is None else slipped, within, *numbers)
 
 
 def slip_of(result: CalibrationResult) -> Reason | None:

@@ -9,9 +9,10 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Self
 
-from sawmill_contracts.alarms import AlarmKind, NextStepAnswer
+from sawmill_contracts.alarms import AlarmKind
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_mill.alarms import ALARMS
@@ -78,7 +79,10 @@ class StepMessage(Message):
     MOVED = (
         "moved",
         "",
-        N_("%(action)s Then scan the phantom again. If the scanner was changed on purpose, accept this calibration."),
+        N_(
+            "%(action)s Then scan the phantom again. If the scanner was changed on purpose, accept the newest "
+            "calibration."
+        ),
     )
     STILL_RED = (
         "still-red",

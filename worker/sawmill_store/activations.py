@@ -9,9 +9,10 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from sawmill_contracts import mill_events
 from sawmill_contracts.history import HistoryKind
 from sawmill_platform.contracts.event_kinds import EventType
-from sawmill_platform.database.tables import IN_HISTORY, EventRow
+from sawmill_platform.contracts.jobs import JobState
+from sawmill_platform.database.tables import IN_HISTORY, EventRow, JobRow
 from sawmill_platform.ledger.events import announce
-from sawmill_store.mill_tables import ActivationRow
+from sawmill_store.mill_tables import ActivationRow, ReconstructionRow
 
 # A scanner's id, or the column of another statement that has it.
 ScannerId = str | InstrumentedAttribute[str]
@@ -49,6 +50,17 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     _announce(session, what, scanner_id, calibration_id, reason, now)
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
+    if not again:
+        _name_in_waiting(session, scanner_id, calibration_id)
+
+
+def _name_in_waiting(session: Session, scanner_id: str, calibration_id: str) -> None:
+    """Name the calibration in reconstructions that wait for the first one that a new scanner activates."""
+    waiting = select(ReconstructionRow).join(JobRow, ReconstructionRow.job_id == JobRow.id)
+    waiting = waiting.where(ReconstructionRow.scanner_id == scanner_id, ReconstructionRow.calibration_id.is_(None))
+    for row in session.scalars(waiting.where(JobRow.state == JobState.QUEUED)):
+        if row.options.get("theta") is None:
+            row.calibration_id = calibration_id
 
 
 def discard(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:

@@ -15,6 +15,7 @@ from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift.drift_charts import DriftCharts
 from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
+from sawmill_store.mill_zone import MillZone
 from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
 from sawmill_store.scanners.alarms import Alarms
@@ -51,6 +52,7 @@ class Store(JobServiceStore):
         self.schedules = Schedules(self.database, self.calibrations, self.drifts)
         self.alarms = Alarms(self.database)
         self.overviews = Overviews(self.database)  # newest results of every scanner
+        self.mill_zone = MillZone(self.database)
         self.retention = RetentionStore(self.database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:

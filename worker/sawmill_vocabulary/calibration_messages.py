@@ -140,12 +140,6 @@ class CalibrationMessage(Message):
         N_("Lower the tube's current or the exposure, take new flat fields, and repeat the scan."),
         N_("These cells have the largest value in flat fields or in air, so their line integrals are wrong."),
     )
-    CELLS_ON_ARC = (
-        "cells-on-arc",
-        N_("The detector's cells seem to lie on an arc, or at unequal distances."),
-        N_("Look at the detector's drawing. Calibrations are made for cells at equal distances on a straight line."),
-        N_("An arc with a radius of some %(radius_mm).0f mm explains what a straight line leaves."),
-    )
     DETECTOR_IN_LOG = (
         "detector-in-log",
         N_("The detector would be %(behind_mm).0f mm behind the turning axis, inside of the largest log."),

@@ -100,6 +100,7 @@ class Adjustment(StrEnum):
     ROTATION_DURING_EXPOSURE = "rotation-during-exposure"
     FLAT_FIELD = "flat-field"
     MODULES = "modules"
+    CELL_PLACES = "cell-places"
     DEFORMATION = "deformation"
     BOW = "bow"
     SURFACE_DENSITY = "surface-density"

@@ -11,7 +11,7 @@ Contracts and sentences write the tilt in degrees; everything else has radians.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Self
 
@@ -20,6 +20,10 @@ from sawmill_vocabulary.outlines import AsContract
 TAU = 2.0 * math.pi
 # Largest length at a scanner, mm.
 LARGEST_MM = 1e5
+# Fields of a scanner that say where the cells of its detector are.
+CELL_PLACES = ("detector_modules", "detector_arc_radius_mm", "detector_waves_mm")
+# The number of waves by which a detector's cells may lie at unequal distances.
+MOST_WAVES = 24
 # Cells of detectors for logs have some tenths of a mm to some mm; no detector has wider ones.
 WIDEST_CELL_MM = 20.0
 # Between views farther apart than this the sinogram of a log is not sampled well enough to pair its rays; an encoder
@@ -124,6 +128,24 @@ class Scanner(AsContract):
             "examples": [1574.0],
         },
     )
+    detector_waves_mm: tuple[float, ...] = field(
+        default=(),
+        metadata={
+            "description": "How far the cells lie from equal distances, mm: the sum of these numbers times "
+            "cos(pi k (m + 1/2) / num_detector_pixels), cells m counting from 0, and k from 2 for the first number.",
+            "max_length": MOST_WAVES,
+            "examples": [[0.12, -0.05]],
+        },
+    )
+
+    def with_cells_of(self, other: "Scanner") -> "Scanner":
+        """Return the scanner with the places of another's cells: modules, arc and waves."""
+        return replace(self, **{name: getattr(other, name) for name in CELL_PLACES})
+
+    @property
+    def with_equal_cells(self) -> "Scanner":
+        """The scanner with cells at equal distances on a straight line."""
+        return replace(self, detector_modules=(), detector_arc_radius_mm=None, detector_waves_mm=())
 
     def __post_init__(self) -> None:
         """Refuse sizes that no scanner has, and modules that are not in the order of the cells."""
@@ -134,6 +156,11 @@ class Scanner(AsContract):
         if self.num_detector_pixels < 2:
             raise GeometryError(f"num_detector_pixels must be at least 2, not {self.num_detector_pixels}")
         least_mm = self.num_detector_pixels * self.detector_pitch_mm / math.pi
+        if not all(abs(wave) <= self.detector_pitch_mm * self.num_detector_pixels for wave in self.detector_waves_mm):
+            raise GeometryError(
+                f"detector_waves_mm must be numbers of mm, smaller than the detector, not "
+                f"{list(self.detector_waves_mm)}"
+            )
         if self.detector_arc_radius_mm is not None and not self.detector_arc_radius_mm > least_mm:
             raise GeometryError(
                 f"detector_arc_radius_mm must be larger than {least_mm:.6g}, where the detector is half a circle, not "

@@ -158,6 +158,15 @@ class EffectMessage(Message):
             "%(angle_deg)+.2f degrees."
         ),
     )
+    ARC = (
+        "arc",
+        N_("The detector's cells lie on an arc with a radius of %(radius_mm).0f mm."),
+        N_("State the arc of the detector's drawing in the scanner's constants."),
+    )
+    UNEVEN_CELLS = (
+        "uneven-cells",
+        N_("The detector's cells are not equally spaced: they are off by %(uneven_mm).2g mm."),
+    )
     ONE_OF = "one-of", N_("%(headline)s This scan does not tell which of these it is.")
 
 

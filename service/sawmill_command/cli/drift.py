@@ -16,6 +16,7 @@ from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
 from sawmill_worker.commands.geometry_options import (
     CalibrationFlag,
+    GeometryFlag,
     RotationOfTheta,
     SourceToCorOfTheta,
     ThetaFlag,
@@ -34,6 +35,7 @@ def drift(
     reading: shared.ScanFlags,
     options: Annotated[DriftOptions, Flags(rows=shared.ROWS)],
     calibration: Annotated[Path | None, CalibrationFlag] = None,
+    geometry: Annotated[Path | None, GeometryFlag] = None,
     theta: Annotated[Theta | None, ThetaFlag] = None,
     source_to_cor_mm: SourceToCorOfTheta = None,
     rotation: RotationOfTheta = None,
@@ -55,9 +57,9 @@ def drift(
 
     With --theta of nominal distances in place of a calibration, report where the centre of rotation is.
     """
-    if theta is not None and baseline:
+    if calibration is None and baseline:
         raise typer.BadParameter("--baseline comes with --calibration: nominal distances have no earlier checks.")
-    geometry = given_geometry(theta, rotation, calibration, source_to_cor_mm)
+    known_by = given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
     source = shared.scan_source(scan, reading, views=views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         with importing():
@@ -65,7 +67,7 @@ def drift(
             from sawmill_calibration.drift_checks.drift_check import check_drift
             from sawmill_worker.commands.calibrated_scan import open_with_geometry
 
-        with open_with_geometry(source, geometry, on_progress=progress) as (rows, known):
+        with open_with_geometry(source, known_by, on_progress=progress) as (rows, known):
             baselines = baselines_of(read_answers(baseline), known, rows.sha256) if baseline else ()
             result = check_drift(rows, known, tolerance_mm=tolerance_mm, baselines=baselines).ended(datetime.now(UTC))
     if as_json:

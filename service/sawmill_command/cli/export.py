@@ -26,7 +26,8 @@ def export(
     to: Annotated[
         shared.ExportTarget,
         typer.Option(
-            help="astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm; odl, cil: JSON of every argument; rtk: XML.",
+            help="vectors: JSON that --geometry reads; astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm; odl, cil: "
+            "JSON of every argument; rtk: XML.",
         ),
     ],
     output: shared.Result,

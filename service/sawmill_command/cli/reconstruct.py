@@ -14,6 +14,7 @@ from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts
 from sawmill_worker.commands.geometry_options import (
     CalibrationFlag,
+    GeometryFlag,
     RotationOfTheta,
     SourceToCorOfTheta,
     ThetaFlag,
@@ -68,6 +69,7 @@ def reconstruct(
     source_to_cor_mm: SourceToCorOfTheta = None,
     rotation: RotationOfTheta = None,
     calibration: Annotated[Path | None, CalibrationFlag] = None,
+    geometry: Annotated[Path | None, GeometryFlag] = None,
     png: Annotated[Path | None, _picture("Write a picture of the middle slice.")] = None,
     mosaic: Annotated[Path | None, _picture("Write a picture of slices along the log.")] = None,
     side: Annotated[Path | None, _picture("Write what is densest, from the side.")] = None,
@@ -75,7 +77,7 @@ def reconstruct(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Reconstruct each row of a scan."""
-    geometry = given_geometry(theta, rotation, calibration, source_to_cor_mm)
+    known_by = given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
     if alpha_curve is not None and options.method is not ReconstructionMethod.TIKHONOV:
         raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
@@ -85,7 +87,7 @@ def reconstruct(
             from sawmill_worker.commands.calibrated_scan import open_with_geometry
             from sawmill_worker.commands.reconstruct import draw_volume
 
-        with open_with_geometry(source, geometry, on_progress=progress, beside=output) as (rows, known):
+        with open_with_geometry(source, known_by, on_progress=progress, beside=output) as (rows, known):
             result = run_reconstruction(rows, known, options, output, rows.on_progress)
         draw_volume(output, result, scan.name, middle=png, mosaic=mosaic, side=side, alpha_curve=alpha_curve)
     if as_json:

@@ -174,7 +174,7 @@ def _retention(retention: RetentionStore) -> Iterator[DoctorFinding]:
 
 def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]:
     """Yield a finding for each webhook that does not send, or one finding if all webhooks work."""
-    every = store.all().webhooks
+    every = store.all()
     enabled = [webhook for webhook in every if webhook.enabled]
     if enabled and not allowed:
         sentence = f"{len(enabled)} are enabled, and {SETTING} is empty: nothing is sent anywhere"

@@ -13,6 +13,7 @@ from starlette.routing import BaseRoute, compile_path
 from starlette.types import Scope as RequestScope
 
 from sawmill_platform.contracts.keys import Scope
+from sawmill_service.http.responses.short_items import Handler, is_page, with_short_items
 from sawmill_service.settings import ServiceSettings
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
@@ -51,6 +52,11 @@ class Route(APIRoute):
     """A route with its rule; None: it declares no scope, and no application starts with it."""
 
     rule: Rule | None = None
+
+    def get_route_handler(self) -> Handler:
+        """Return the handler; a list's shortens its items to the fields of the query."""
+        answer = super().get_route_handler()
+        return with_short_items(self.response_model, answer) if is_page(self.response_model) else answer
 
 
 class Router(APIRouter):

@@ -32,6 +32,21 @@ FATES = {
     event_kinds.GIVEN_BACK: marked("given back: its worker stopped, or another job went first"),
     event_kinds.CANCELLED: marked("cancelled"),
 }
+# Stages, by the names that jobs report.
+STAGES = {
+    "read": marked("Reading the file"),
+    "inspect": marked("Reading the file"),
+    "prepare": marked("Turning the numbers into attenuation"),
+    "align rows": marked("Aligning the rows"),
+    "rows": marked("Finding the rows that show the phantom"),
+    "search": marked("Searching for the geometry"),
+    "log": marked("Comparing with the log beside the phantom"),
+    "pair rays": marked("Comparing opposite rays"),
+    "reconstruct": marked("Computing the slices"),
+    "trace": marked("Finding the outline in the picture"),
+    "result": marked("Writing the result"),
+    "store": marked("Writing the result"),
+}
 # Link to the result of a job: its page where there is one, else the numbers.
 _MADE = {
     kinds.INGEST: ("/scans/{}", marked("Open the scan")),
@@ -72,6 +87,11 @@ def job_view(job: Job, page: PageFrame) -> JobView:
         made=made,
         made_label=page.text.gettext(label) if label else "",
     )
+
+
+def stages(page: PageFrame) -> dict[str, str]:
+    """Return the stages of a running job in the page's language, by the names that the job reports."""
+    return {name: page.text.gettext(text) for name, text in STAGES.items()}
 
 
 def _made(job: Job) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from sawmill_service.dependencies import TheEvents, TheJobs
 from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
-from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view
+from sawmill_service.pages.job_words import FATES, STATES, JobView, job_view, stages
 
 JOBS = "/jobs"
 # Longest list: it fits on a screen, and is read again every few seconds.
@@ -78,7 +78,9 @@ def cancel(job_id: Identifier, jobs: TheJobs) -> RedirectResponse:
 def _answer(template: str, page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> HTMLResponse:
     shown = _shown(page, jobs, chosen)
     kinds = {declared.kind: declared.label for declared in KINDS}
-    return page.answer(template, shown=shown, kinds=kinds, states=STATES, kind=chosen.kind, state=chosen.state)
+    return page.answer(
+        template, shown=shown, kinds=kinds, states=STATES, stages=stages(page), kind=chosen.kind, state=chosen.state
+    )
 
 
 def _shown(page: PageFrame, jobs: TheJobs, chosen: JobsPageFilter) -> JobsShown:

@@ -14,12 +14,13 @@ from sawmill_platform.contracts.base import Identifier, placed_complaint
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
-from sawmill_service.dependencies import TheFiles, TheReconstructions, TheStore
+from sawmill_service.dependencies import TheFiles, TheReconstructions, TheSettings, TheStore
 from sawmill_service.drawing import scan_if_kept
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import COLOR_MAPS, LOG_STATES
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.job_words import stages
 from sawmill_service.pages.lists import TheFilter
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
@@ -31,7 +32,7 @@ router = Router(include_in_schema=False, reading=Scope.READ)
 
 
 @router.get("/logs")
-def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
+def logs(page: ThePage, store: TheStore, settings: TheSettings, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
     listed = store.reconstructions.page(**chosen.arguments())
     return page.answer(
@@ -42,6 +43,7 @@ def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
         scanners=store.scanners.names(),
         calibrations=_calibrations_of(store, listed.items),
         states=LOG_STATES,
+        max_bytes=settings.max_upload_bytes,
         method_of=method_of,
         name_of=partial(name_of, page),
     )
@@ -94,6 +96,7 @@ def _log_page(
         method_of=method_of,
         color_maps=COLOR_MAPS,
         name_of=partial(name_of, page),
+        stages=stages(page),
     )
 
 

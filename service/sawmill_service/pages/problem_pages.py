@@ -110,6 +110,7 @@ def problem_page(scope: Scope, problem: dict[str, Any]) -> str:
     return page.render(
         "problem.html",
         problem={"errors": None, "request_id": None, **problem},
+        known=status != HTTPStatus.UNPROCESSABLE_ENTITY,
         title=page.text.gettext(title),
         advice=page.text.gettext(advice),
         again=again and scope["method"] == "GET",

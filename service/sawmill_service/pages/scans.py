@@ -13,7 +13,7 @@ from sawmill_platform.contracts.base import Identifier, placed_complaints
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, Invalid, QueueFull
-from sawmill_service.dependencies import ThePhantoms, TheScanners, TheScans, TheStore, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
@@ -45,14 +45,15 @@ class LogForm(Given, ReconstructionOptions):
 
 
 @router.get("/scans")
-def scans(page: ThePage, phantoms: ThePhantoms, scanners: TheScanners, scans: TheScans, chosen: TheFilter) -> Response:
+def scans(page: ThePage, store: TheStore, settings: TheSettings, chosen: TheFilter) -> Response:
     """Show the list, newest first."""
     return page.answer(
         "scans.html",
         chosen=chosen,
-        found=scans.page(**chosen.arguments()),
-        scanners=scanners.names(),
-        phantoms=phantom_names(phantoms),
+        found=store.scans.page(**chosen.arguments()),
+        scanners=store.scanners.names(),
+        phantoms=phantom_names(store.phantoms),
+        max_bytes=settings.max_upload_bytes,
         states=SCAN_STATES,
     )
 

@@ -5,8 +5,8 @@ from typing import Annotated
 from fastapi import Query
 from pydantic import AwareDatetime, Field
 
-from sawmill_contracts.alarms import Alarm, AlarmKind, AlarmList
-from sawmill_platform.contracts.base import Identifier, Name
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_platform.contracts.base import Identifier, Name, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheAlarms
@@ -26,12 +26,12 @@ def list_alarms(
         Identifier | None,
         Query(description="Id of the scanner whose alarms are listed. Default: all scanners.", examples=["example"]),
     ] = None,
-) -> AlarmList:
+) -> Page[Alarm]:
     """List overdue scans and measurements of scanners, and scanners that moved, as their logs together show.
 
     The scanner's `alarms` have the limits.
     """
-    return AlarmList(alarms=alarms.open(scanner_id=scanner_id))
+    return Page[Alarm](items=alarms.open(scanner_id=scanner_id))
 
 
 class AcknowledgementRequest(Given):

@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import Depends, Path, Query, Response
-from pydantic import create_model
+from pydantic import Field, create_model
 
+from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_contracts.kinds import AskedKind, Operation, Reference
+from sawmill_mill.next_step import step_alone
 from sawmill_platform.contracts.base import Contract, Identifier, Page
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.contracts.keys import Scope
@@ -102,7 +104,10 @@ def _described(
 
 def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
     fields: dict[str, Any] = {
-        name: (JobState | None if name == "state" else Identifier | None, None) for name in declared.listed_by
+        name: (JobState | None, None)
+        if name == "state"
+        else (Identifier | None, Field(None, description=f"Id of the {name.removesuffix('_id')}. Default: any."))
+        for name in declared.listed_by
     }
     return create_model(f"{declared.noun}_filter", __base__=Dated, **fields)
 
@@ -121,10 +126,13 @@ def _ids_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a depe
 
 
 def linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
-    """Return the answer with links to itself, its job, its files and the resources that it refers to."""
+    """Return the answer with links to itself and its job, files and references; a calibration with its next step."""
     path = f"/v1/{declared.kind.plural}/{answer.id}"
     links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}
     links |= {name: f"{path}/{file}" for name, file in declared.files.items()}
     for name in declared.links.model_fields.keys() - links.keys():
         links[name] = f"/v1/{name}s/{getattr(answer, f'{name}_id')}"
-    return answer.model_copy(update={"links": declared.links.model_validate(links)})
+    update: dict[str, Contract] = {"links": declared.links.model_validate(links)}
+    if isinstance(answer, CalibrationSucceeded):
+        update["next_step"] = step_alone(answer).answer
+    return answer.model_copy(update=update)

@@ -6,8 +6,8 @@ from fastapi import Query, Request, Response
 from pydantic import Field
 
 from sawmill_contracts import kinds
-from sawmill_contracts.alarms import NextStepAnswer
 from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_platform.contracts.base import Identifier, Name
 from sawmill_platform.contracts.given import Given

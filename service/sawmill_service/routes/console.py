@@ -1,6 +1,6 @@
 """API console with its document and example file, and the buttons that decide about calibrations and alarms."""
 
-from datetime import datetime, time, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -16,14 +16,16 @@ from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheFiles
+from sawmill_service.dependencies import TheAlarms, TheCalibrations, TheCaller, TheFiles, TheStore
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import file
 from sawmill_service.http.responses.drawn import picture
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.page_frame import ThePage, local_path
+from sawmill_service.pages.frame.stored_words import BY_HAND
 from sawmill_service.pages.lists import check_zone
+from sawmill_service.scanner_conditions import condition_of
 
 STATIC = Path(__file__).parent.parent / "static"
 
@@ -90,29 +92,47 @@ def discard(calibration_id: Identifier, calibrations: TheCalibrations, typed: Th
     return _back(typed)
 
 
-@router.post("/operator/acknowledge/{scanner_id}/{kind}", needs=Scope.ACTIVATE)
-def acknowledge(scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
-    """Acknowledge an alarm until an hour of the reader's clock, or until the end of the shift where none is given."""
-    zone, hour = check_zone(typed.get("zone", "")), typed.get("until", "")
-    now = datetime.now(ZoneInfo(zone)) if zone else datetime.now().astimezone()
-    until = _next_at(now, hour) if hour else shift_end(now)
-    alarms.acknowledge(scanner_id, kind, until, _reason(typed))
+@router.post("/operator/acknowledge/{scanner_id}", needs=Scope.ACTIVATE)
+def acknowledge_red(scanner_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
+    """Take notice of what shows a scanner red, until a time of the reader's clock or the end of the shift."""
+    results = condition_of(store, store.scanners.get(scanner_id)).red_results
+    store.alarms.acknowledge_red(scanner_id, results, _until(typed), _reason(typed))
     return _back(typed)
 
 
-def _next_at(now: datetime, hour: str) -> datetime:
+@router.post("/operator/acknowledge/{scanner_id}/{kind}", needs=Scope.ACTIVATE)
+def acknowledge(scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, typed: TheForm) -> RedirectResponse:
+    """Acknowledge an alarm until a time of the reader's clock, or until the end of the shift where none is given."""
+    alarms.acknowledge(scanner_id, kind, _until(typed), _reason(typed))
+    return _back(typed)
+
+
+@router.post("/operator/time-zone", needs=Scope.ACTIVATE)
+def set_time_zone(store: TheStore, caller: TheCaller, typed: TheForm) -> RedirectResponse:
+    """Set the time zone of the mill: the first one by a browser, another one by an administrator."""
+    first, time_zone = bool(typed.get("first")), check_zone(typed.get("time_zone", "").strip()[:64])
+    if not first:
+        caller.check(Scope.ADMIN)
+    if time_zone:
+        store.mill_zone.set(time_zone, first=first)
+    return _back(typed)
+
+
+def _until(typed: dict[str, str]) -> datetime:
+    zone, text = check_zone(typed.get("zone", "")), typed.get("until", "")
+    now = datetime.now(ZoneInfo(zone)) if zone else datetime.now().astimezone()
+    if not text:
+        return shift_end(now)
     try:
-        at = time.fromisoformat(hour)
+        return datetime.fromisoformat(text).replace(tzinfo=now.tzinfo)
     except ValueError as error:
-        raise Refused(422, "invalid-request", f"until must be a time such as 14:00, not {hour!r}") from error
-    until = datetime.combine(now.date(), at.replace(tzinfo=now.tzinfo))
-    return until if until > now else until + timedelta(days=1)
+        raise Refused(422, "invalid-request", f"until must be a time such as 2026-03-16T14:00, not {text!r}") from error
 
 
 def _reason(typed: dict[str, str]) -> str:
     """Return the reason that was chosen, else the one that was typed."""
     text = typed.get("chosen") or typed.get("reason", "")
-    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_REASON] or "by hand on a page"
+    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_REASON] or BY_HAND
 
 
 def _back(typed: dict[str, str]) -> RedirectResponse:

@@ -1,15 +1,18 @@
 """/v1/keys."""
 
-from fastapi import Response
+from typing import Annotated
+
+from fastapi import Query, Response
 from pydantic import Field
 
-from sawmill_platform.contracts.base import Contract, Identifier, Name
-from sawmill_platform.contracts.keys import Key, KeyRequest, KeyRotation, Keys, NewKey, Scope
+from sawmill_platform.contracts.base import Contract, Identifier, Name, Page
+from sawmill_platform.contracts.keys import Key, KeyRequest, KeyRotation, NewKey, Scope
 from sawmill_service.dependencies import TheCaller, TheKeys
 from sawmill_service.http.bodies.sent_json import Sent
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
+from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router
 
 router = Router(prefix="/v1/keys", tags=["keys"], reading=Scope.READ)
@@ -49,10 +52,10 @@ def create_key(ask: Sent[KeyRequest], keys: TheKeys, response: Response) -> NewK
     return keys.create(ask)
 
 
-@router.get("", needs=Scope.ADMIN, summary="List keys, newest first")
-def list_keys(keys: TheKeys) -> Keys:
+@router.get("", needs=Scope.ADMIN, summary="List keys, newest first", responses=refuses("invalid-cursor"))
+def list_keys(paging: Annotated[Paging, Query()], keys: TheKeys) -> Page[Key]:
     """List keys without their secrets; with who made them and when they were last used."""
-    return keys.all()
+    return keys.page(after=paging.after, limit=paging.limit)
 
 
 @router.post(

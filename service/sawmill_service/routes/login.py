@@ -20,7 +20,8 @@ from sawmill_service.pages.frame.page_frame import ThePage, local_path
 
 # Files that the login page loads.
 FILES = frozenset(
-    f"/static/{name}" for name in ("mark.svg", "pages/base.css", "pages/dark.css", "pages/login.js", "pages/time.js")
+    f"/static/{name}"
+    for name in ("mark.svg", "pages/base.css", "pages/dark.css", "pages/login.js", "pages/menus.js", "pages/time.js")
 )
 
 router = Router(include_in_schema=False)

@@ -9,9 +9,9 @@ from fastapi import Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
-from sawmill_contracts.alarms import NextStepAnswer
 from sawmill_contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_contracts.measurements import Measurement
+from sawmill_contracts.next_steps import NextStepAnswer
 from sawmill_contracts.scanner_drift import ScannerDrift
 from sawmill_contracts.scanners import ScannerRequest, StoredScanner
 from sawmill_platform.contracts import patterns
@@ -26,6 +26,7 @@ from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
+from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
 
@@ -111,10 +112,10 @@ def list_scanners(paging: Annotated[Paging, Query()], scanners: TheScanners) -> 
     return scanners.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{scanner_id}", summary="Get a scanner", responses=refuses("scanner-not-found"))
-def get_scanner(scanner_id: Identifier, scanners: TheScanners) -> StoredScanner:
+@router.get("/{scanner_id}", summary="Get a scanner", responses=TAGGED | refuses("scanner-not-found"))
+def get_scanner(scanner_id: Identifier, scanners: TheScanners, response: Response) -> StoredScanner:
     """Return the scanner with the calibration that it uses."""
-    return scanners.get(scanner_id)
+    return tagged(response, scanners.get(scanner_id))
 
 
 @router.put(
@@ -122,11 +123,17 @@ def get_scanner(scanner_id: Identifier, scanners: TheScanners) -> StoredScanner:
     needs=Scope.ACTIVATE,
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
-    responses=refuses("scanner-not-found", "folder-refused"),
+    responses=REPLACED | refuses("scanner-not-found", "folder-refused"),
 )
-def replace_scanner(scanner_id: Identifier, spec: Sent[ScannerRequest], scanners: TheScanners) -> StoredScanner:
+def replace_scanner(
+    scanner_id: Identifier,
+    spec: Sent[ScannerRequest],
+    scanners: TheScanners,
+    precondition: ThePrecondition,
+    response: Response,
+) -> StoredScanner:
     """Replace a scanner's description; existing results keep the constants that they were made with."""
-    return scanners.update(scanner_id, spec)
+    return tagged(response, scanners.update(scanner_id, spec, check=precondition))
 
 
 @router.delete(

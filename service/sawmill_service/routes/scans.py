@@ -29,7 +29,7 @@ router = Router(prefix="/v1/scans", tags=["scans"], reading=Scope.READ)
 class ScanFilter(Dated):
     """Filter of the scans to list."""
 
-    scanner_id: Identifier | None = None
+    scanner_id: Identifier | None = Field(None, description="Id of the scanner. Default: any.")
     state: ScanState | None = None
 
 

@@ -14,6 +14,7 @@ from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging
+from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 
 router = Router(prefix="/v1/schedules", tags=["schedules"], reading=Scope.READ)
@@ -46,10 +47,10 @@ def list_schedules(paging: Annotated[Paging, Query()], schedules: TheSchedules) 
     return schedules.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{schedule_id}", summary="Get a schedule", responses=refuses("schedule-not-found"))
-def get_schedule(schedule_id: Identifier, schedules: TheSchedules) -> Schedule:
+@router.get("/{schedule_id}", summary="Get a schedule", responses=TAGGED | refuses("schedule-not-found"))
+def get_schedule(schedule_id: Identifier, schedules: TheSchedules, response: Response) -> Schedule:
     """Return the schedule, its next due time, and its last outcome."""
-    return schedules.get(schedule_id)
+    return tagged(response, schedules.get(schedule_id))
 
 
 @router.put(
@@ -57,11 +58,17 @@ def get_schedule(schedule_id: Identifier, schedules: TheSchedules) -> Schedule:
     needs=Scope.ACTIVATE,
     summary="Replace a schedule",
     openapi_extra=trying(body=EXAMPLE),
-    responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
+    responses=REPLACED | refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
-def replace_schedule(schedule_id: Identifier, spec: Sent[ScheduleRequest], schedules: TheSchedules) -> Schedule:
+def replace_schedule(
+    schedule_id: Identifier,
+    spec: Sent[ScheduleRequest],
+    schedules: TheSchedules,
+    precondition: ThePrecondition,
+    response: Response,
+) -> Schedule:
     """Replace a schedule. Due times are counted from now, unless one is overdue and `cron` and `time_zone` stay."""
-    return schedules.update(schedule_id, spec)
+    return tagged(response, schedules.update(schedule_id, spec, check=precondition))
 
 
 @router.delete(

@@ -14,7 +14,6 @@ from sawmill_platform.contracts.webhooks import (
     Webhook,
     WebhookRequest,
     WebhookRotation,
-    Webhooks,
     WebhookTest,
     destination_of,
 )
@@ -25,7 +24,8 @@ from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatable, repeatable
-from sawmill_service.http.responses.answers import NumberedPaging
+from sawmill_service.http.responses.answers import NumberedPaging, Paging
+from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.couriers import send_test
@@ -65,16 +65,16 @@ def create_webhook(
     return webhook
 
 
-@router.get("", summary="List webhooks, newest first")
-def list_webhooks(webhooks: TheWebhooks) -> Webhooks:
+@router.get("", summary="List webhooks, newest first", responses=refuses("invalid-cursor"))
+def list_webhooks(paging: Annotated[Paging, Query()], webhooks: TheWebhooks) -> Page[Webhook]:
     """List webhooks without their secrets, each with its waiting events, and its last success and failure."""
-    return webhooks.all()
+    return webhooks.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{webhook_id}", summary="Get a webhook", responses=refuses("webhook-not-found"))
-def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> Webhook:
+@router.get("/{webhook_id}", summary="Get a webhook", responses=TAGGED | refuses("webhook-not-found"))
+def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks, response: Response) -> Webhook:
     """Return the webhook's state and its waiting events."""
-    return webhooks.get(webhook_id)
+    return tagged(response, webhooks.get(webhook_id))
 
 
 @router.put(
@@ -82,14 +82,19 @@ def get_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> Webhook:
     needs=Scope.ADMIN,
     summary="Replace a webhook",
     openapi_extra=trying(body=EXAMPLE),
-    responses=refuses("webhook-not-found", "destination-not-allowed"),
+    responses=REPLACED | refuses("webhook-not-found", "destination-not-allowed"),
 )
 def replace_webhook(
-    webhook_id: Identifier, ask: Sent[WebhookRequest], webhooks: TheWebhooks, settings: TheSettings
+    webhook_id: Identifier,
+    ask: Sent[WebhookRequest],
+    webhooks: TheWebhooks,
+    settings: TheSettings,
+    precondition: ThePrecondition,
+    response: Response,
 ) -> Webhook:
     """Replace a webhook; its secret stays. If it is enabled, waiting events are sent at once, also if it was paused."""
     _check(ask, settings)
-    return webhooks.update(webhook_id, ask)
+    return tagged(response, webhooks.update(webhook_id, ask, check=precondition))
 
 
 @router.delete(

@@ -3,6 +3,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from sawmill_tomography.geometry.export import RtkGeometry
 from sawmill_worker.commands.export import rtk_xml
 
 SID, SDD, SOURCE, PROJECTION = 900.0, 1600.0, 75.0, 150.0
@@ -20,15 +21,8 @@ def matrix(gantry_deg: float) -> np.ndarray:
 
 @pytest.fixture
 def text():
-    return rtk_xml(
-        source_to_isocenter_mm=SID,
-        source_to_detector_mm=SDD,
-        source_offset_x_mm=SOURCE,
-        projection_offset_x_mm=PROJECTION,
-        gantry_angles_deg=GANTRY_DEG,
-        matrices=np.stack([matrix(angle) for angle in GANTRY_DEG]),
-        remark="three views",
-    )
+    matrices = np.stack([matrix(angle) for angle in GANTRY_DEG])
+    return rtk_xml(RtkGeometry(SID, SDD, SOURCE, PROJECTION, GANTRY_DEG, matrices), "three views")
 
 
 def test_the_file_holds_every_number_to_the_last_digit(text):

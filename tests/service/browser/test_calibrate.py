@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from live_service import SCANNER, Offline, serving
 from page_checks import overflowing, shot, small_targets
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.scans import ScanSpec
@@ -74,15 +74,33 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.get_by_role("link", name="Choose another file").click()
 
     # An upload that is cancelled: the request stays unanswered until then.
-    page.route("**/v1/inspections?*", lambda _: None)
+    page.route("**/v1/uploads/*", lambda _: None)
     page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("alert")).to_have_text("Sending was cancelled. Nothing of it is kept.")
-    page.unroute("**/v1/inspections?*")
+    page.unroute("**/v1/uploads/*")
+
+    # A connection that breaks after half of the file: the rest follows by itself.
+    offsets = []
+
+    def half(route: Route) -> None:
+        if route.request.method != "PATCH":
+            route.continue_()
+            return
+        offsets.append(int(route.request.headers["upload-offset"]))
+        if len(offsets) == 1:
+            content = scan_path.read_bytes()
+            page.request.patch(route.request.url, headers={"Upload-Offset": "0"}, data=content[: len(content) // 2])
+            route.abort()
+        else:
+            route.continue_()
+
+    page.route("**/v1/uploads/*", half)
 
     # What the file does not say: the scanner, filled in from it, the phantom and the angles, first a wrong one.
     page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
     expect(page.get_by_role("heading", name="What the file says")).to_be_visible()
+    assert offsets == [0, scan_path.stat().st_size // 2]
     facts = page.locator("dl.facts")
     expect(facts).to_contain_text("morning.npz")
     expect(facts).to_contain_text("60")

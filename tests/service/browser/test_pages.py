@@ -166,7 +166,7 @@ def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
     page.get_by_text("Revoke", exact=True).click()
     page.get_by_role("button", name="Yes, revoke it").click()
     expect(page.locator(".key")).to_contain_text("Revoked")
-    assert store.keys.all().keys[0].revoked_at is not None
+    assert store.keys.all()[0].revoked_at is not None
 
 
 FOLLOW = """path => {
@@ -293,3 +293,18 @@ def test_values_schedules_and_settings(site, store):
     page.get_by_role("button", name="Save the settings").click()
     expect(page.get_by_role("heading", name="Line 7")).to_be_visible()
     assert store.scanners.get("example").constants.source_to_cor_mm == 860.0
+
+
+def test_a_log_is_brought_by_hand_on_the_list_of_scans(site, store, tmp_path):
+    (tmp_path / "log.npz").write_bytes(b"a scan" * 1000)
+    page = site.open("/scans")
+    page.get_by_text("Bring a file by hand").click()
+    page.get_by_label("Choose the scan of a log").set_input_files(tmp_path / "log.npz")
+    assert store.scans.page().items[0].id == "example-spare"  # the numbers are asked for first
+    bring = page.locator("#bring-answers")
+    bring.get_by_label("Scanner").select_option("example")
+    bring.get_by_label("What are the numbers?").select_option("line-integrals")
+    page.get_by_label("Choose the scan of a log").set_input_files(tmp_path / "log.npz")
+    expect(page).to_have_url(re.compile(r"/scans/[0-9a-f]{32}#reconstruct"))
+    scan = store.scans.page().items[0]
+    assert (scan.name, scan.scanner_id, scan.data, scan.size_bytes) == ("log.npz", "example", "line-integrals", 6000)

@@ -8,12 +8,15 @@ from page_checks import shot
 from playwright.sync_api import Page, expect
 
 from sawmill_contracts.alarms import AlarmKind
+from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.scanners import ScannerSpec
+from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_service.event_feed import StreamTimes
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.mill_tables import AlarmRow
+from sawmill_vocabulary import DataKind
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved 0.81 mm: look at the turntable"}
@@ -97,7 +100,8 @@ def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
     for number in range(48):
         store.scanners.create(ScannerSpec(name=f"Mill {number}", constants=spec.constants))
     page = site.open("/", viewport={"width": 800, "height": 900})
-    expect(page.locator("#folded summary")).to_have_text("Fine (1)")
+    expect(page.locator("#fold-fine summary")).to_have_text("Fine: 1")
+    expect(page.locator("#fold-grey summary")).to_have_text("Without a calibration: 49")
     example = page.locator("#scanner-example")
     expect(example).to_be_hidden()
     page.get_by_label("Find a scanner by its name").fill("line <2>")
@@ -105,8 +109,26 @@ def test_fifty_scanners_fit_and_one_is_found_by_its_name(site, store, check):
     expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
     check(**OUT)
     expect(page.locator("#scanners").locator("#scanner-example")).to_contain_text("Out of tolerance")
-    expect(page.locator("#folded")).to_be_hidden()
+    expect(page.locator("#fold-fine")).to_be_hidden()
     expect(page.get_by_text("Mill 7", exact=True)).to_be_hidden()
+
+
+def test_fifty_scanners_of_which_half_need_somebody_fit_on_a_wall(site, store, worker):
+    spec = store.scanners.get("example")
+    for number in range(48):
+        scanner = store.scanners.create(ScannerSpec(name=f"Sorting line {number} north", constants=spec.constants))
+        if number % 2:
+            ask = ScanSpec(scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, phantom_id="l-shape")
+            scan = store.scans.accept(ask, store.files.receive([b"scan"], max_bytes=100))
+            worker.finish_scan()
+            store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
+            worker.finish_calibration()
+    page = site.open("/?kiosk", viewport={"width": 1920, "height": 1080})
+    shot(page, "fifty-on-a-wall")
+    expect(page.locator("#scanners > .scanner")).to_have_count(24)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 1080
+    small = "[...document.querySelectorAll('.scanner h2')].filter((each) => each.scrollWidth > each.clientWidth).length"
+    assert page.evaluate(small) == 0
 
 
 def test_an_alarm_is_acknowledged_with_two_touches_and_comes_back_at_its_time(site, store):

@@ -28,7 +28,7 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
-from sawmill_worker.jobs.calibrate import declared_modules, known_modules
+from sawmill_worker.jobs.calibrate import declared_modules, known_cells
 from sawmill_worker.jobs.running import run
 
 pytestmark = pytest.mark.slow
@@ -102,7 +102,7 @@ def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(ingested, c
     assert arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
     assert_shows_the_l(arrays.phantom_image, arrays.phantom_field_mm)
     assert "log_after" not in record.arrays
-    with Image.open(io.BytesIO(overlay_png(result, arrays))) as picture:
+    with Image.open(io.BytesIO(overlay_png(arrays))) as picture:
         assert min(picture.size) > 300
 
 
@@ -198,10 +198,11 @@ def test_a_scanners_declared_modules_come_before_those_of_a_file():
     assert declared_modules(replace(constants, detector_modules=of_scanner), of_file) == of_scanner
 
 
-def test_a_calibration_starts_from_the_modules_of_the_detector_that_is_there():
+def test_a_calibration_starts_from_the_cells_of_the_detector_that_is_there():
     found = (DetectorModule(900, 0.5),)
     wide = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=1536, detector_pitch_mm=0.75)
     calibrated, exchanged = replace(wide, detector_modules=found), replace(wide, num_detector_pixels=768)
-    assert known_modules(wide, (), None) == ()
-    assert known_modules(wide, (), calibrated) == found
-    assert known_modules(exchanged, (), calibrated) == (), "a detector of 768 cells has no cell 900"
+    calibrated = replace(calibrated, detector_arc_radius_mm=1574.0, detector_waves_mm=(0.2, -0.1))
+    assert known_cells(wide, (), None) == wide
+    assert known_cells(wide, (), calibrated) == calibrated
+    assert known_cells(exchanged, (), calibrated) == exchanged, "a detector of 768 cells has no cell 900"

@@ -289,7 +289,7 @@ def calibration_result(
         limits=calibration_input.limits,
         reasons=[each.sentence for each in reasons],
         coded_reasons=reasons,
-        scanner=replace(calibration_input.scanner, detector_modules=calibration.scanner.detector_modules),
+        scanner=calibration_input.scanner.with_cells_of(calibration.scanner),
         phantom=calibration_input.drawing.name,
         views=int(calibration_input.angles_rad.size),
         rows=calibration_input.rows,

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sawmill_calibration.failures import refused
-from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
+from sawmill_calibration.view_vectors import AnyGeometry
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.drifts import DriftResult, KnownBaseline
@@ -44,13 +44,13 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
 
 
 def baselines_of(
-    answers: Iterable[tuple[str, DriftResult]], calibration: KnownGeometry, checked_sha256: str
+    answers: Iterable[tuple[str, DriftResult]], calibration: AnyGeometry, checked_sha256: str
 ) -> tuple[KnownBaseline, ...]:
     """Compute baselines from earlier drift checks, one for each method, or refuse them.
 
     They must be against this calibration, each of another scan than the checked one and enough of a method.
     """
-    if isinstance(calibration, GivenGeometry):
+    if not isinstance(calibration, CalibrationResult):
         raise refused("baseline", "a baseline is of checks against a calibration: give one, or leave the baseline out")
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
     for name, result in answers:

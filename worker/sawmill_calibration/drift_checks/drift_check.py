@@ -11,6 +11,7 @@ from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.averaged_rays import of_masked_rays
 from sawmill_calibration.scans.scan_rows import ScanRows
+from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.drifts import (
     DetectorDeviation,
@@ -74,7 +75,7 @@ class _Reference:
 
 def check_drift(
     scan: ScanRows,
-    calibration: KnownGeometry,
+    calibration: AnyGeometry,
     *,
     log_radius_mm: float | None = None,
     tolerance_mm: float = 0.5,
@@ -95,8 +96,10 @@ def check_drift(
     Raises
     ------
     ValueError
-        The scan's views cannot be compared: `DriftError`, `InputError`.
+        The scan's views cannot be compared, or do not turn: `DriftError`, `InputError`, `GeometryError`.
     """
+    if isinstance(calibration, ImportedGeometry):
+        scan, calibration = calibration.turned(scan)
     if scan.averaged_rows is not None and scan.rows_named:
         raise refused(
             "rows-outside",

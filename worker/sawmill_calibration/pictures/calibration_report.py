@@ -23,10 +23,11 @@ from sawmill_calibration.pictures.panels import (
     draw_search,
     draw_theta_and_twin,
     encoded,
+    localise,
 )
 from sawmill_calibration.pictures.report_numbers import calibration_table
 from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, window_of
-from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry, Provenance
+from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry
 from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays, LogImages
@@ -36,6 +37,7 @@ WIDTH_IN = 14.0
 LINE_IN = 0.27
 COLUMNS = 150
 ALARM = "#b71c1c"
+GUESSED_EDGES = N_("The views do not go all round: edges along no ray are guessed.")
 COLORS = {"good": "#2e7d32", "watch": "#b26a00", "bad": ALARM, "idle": "#555555"}
 
 
@@ -83,35 +85,39 @@ def report_figure(
     search_part.suptitle(f"{reader.words(N_('Search'))}: {search.method}, {search.evaluations} {evaluations}")
     draw_search(search_part, arrays.search_history, result.residual.relative, reader)
     _draw_pairs(parts["pairs"], result, reader)
+    localise(figure, reader)
     return figure
 
 
 def report_panels(result: CalibrationResult, arrays: CalibrationArrays, reader: Reader = ENGLISH) -> dict[str, str]:
     """Draw the panels of the printable page as data URLs of SVG, by name: those of `report.html` that there are."""
-    panels = {"residual": _svg(7.4, 3.4, lambda figure: _draw_residual(figure, result, arrays, reader))}
+    panels = {"residual": _svg(7.4, 3.4, reader, lambda figure: _draw_residual(figure, result, arrays, reader))}
     if arrays.phantom_image.any():
-        panels["phantom"] = _svg(4.2, 3.6, lambda figure: _draw_outlined(figure, arrays, reader))
+        panels["phantom"] = _svg(4.2, 3.6, reader, lambda figure: _draw_outlined(figure, arrays, reader))
     if len(arrays.search_history) > 1:
         history, final = arrays.search_history, result.residual.relative
-        panels["search"] = _svg(3.7, 3.4, lambda figure: draw_search(figure, history, final, reader))
+        panels["search"] = _svg(3.7, 3.4, reader, lambda figure: draw_search(figure, history, final, reader))
     if (log := arrays.log) is not None:
         window = window_of(log.after, *LOG_WINDOW)
         for name, image in (("before", log.before), ("after", log.after)):
             if image is not None:
-                panels[name] = _svg(3.6, 3.6, partial(_draw_one_log, image, log.field_mm, window))
+                panels[name] = _svg(3.6, 3.6, reader, partial(_draw_one_log, image, log.field_mm, window))
     return panels
 
 
-def overlay_png(provenance: Provenance, arrays: CalibrationArrays) -> bytes:
-    """Draw only the phantom's reconstruction under its outlines; arguments as for `report_figure`."""
+def overlay_png(arrays: CalibrationArrays) -> bytes:
+    """Draw only the phantom's reconstruction under its outlines; its only words are a warning of guessed edges."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    _draw_phantom(figure, arrays, ENGLISH, provenance.phantom)
+    if arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION:
+        figure.suptitle(GUESSED_EDGES)
+    _draw_outlined(figure, arrays, ENGLISH)
     return encoded(figure)
 
 
-def _svg(width_in: float, height_in: float, draw: Callable[[Figure], object]) -> str:
+def _svg(width_in: float, height_in: float, reader: Reader, draw: Callable[[Figure], object]) -> str:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     draw(figure)
+    localise(figure, reader)
     return "data:image/svg+xml;base64," + b64encode(encoded(figure, "svg")).decode("ascii")
 
 
@@ -145,11 +151,11 @@ def _draw_head(
         part.text(0.012, 1 - (0.85 + LINE_IN * number) / height_in, line, fontsize=12.5, va="top", color=line_color)
 
 
-def _draw_phantom(figure: FigureBase, arrays: CalibrationArrays, reader: Reader, phantom: str = "") -> None:
+def _draw_phantom(figure: FigureBase, arrays: CalibrationArrays, reader: Reader) -> None:
     title = reader.words(N_("The phantom with the geometry found, and its drawing's outline over it"))
     if arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION:
-        title += "\n" + reader.words(N_("The views do not go all round: edges along no ray are guessed."))
-    figure.suptitle(f"{phantom}: {title}" if phantom else title)
+        title += "\n" + reader.words(GUESSED_EDGES)
+    figure.suptitle(title)
     _draw_outlined(figure, arrays, reader)
 
 

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.image import AxesImage
 from matplotlib.patches import Ellipse
+from matplotlib.ticker import Formatter
 from numpy.typing import NDArray
 
 from sawmill_calibration.pictures.round_numbers import round_length
@@ -48,6 +49,38 @@ def encoded(figure: Figure, file_format: str = "png") -> bytes:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "sawmill"}):
         figure.savefig(stream, format=file_format, dpi=100, metadata=date)
     return stream.getvalue()
+
+
+class _Localised(Formatter):
+    """Formatter that writes the labels of another one with the decimal mark of a language."""
+
+    def __init__(self, inner: Formatter, reader: Reader) -> None:
+        self._inner, self._reader = inner, reader
+
+    def set_axis(self, axis: Any) -> None:  # noqa: ANN401 - as matplotlib has it
+        """Take the axis, for the inner formatter too."""
+        super().set_axis(axis)
+        self._inner.set_axis(axis)
+
+    def __call__(self, value: float, position: int | None = None) -> str:
+        """Write one value."""
+        return self._reader.localised(self._inner(value, position))
+
+    def format_ticks(self, values: Any) -> list[str]:  # noqa: ANN401 - as matplotlib has it
+        """Write the values of all ticks, which the inner formatter sees together."""
+        return [self._reader.localised(text) for text in self._inner.format_ticks(values)]
+
+    def get_offset(self) -> str:
+        """Write the offset of all ticks."""
+        return self._reader.localised(self._inner.get_offset())
+
+
+def localise(figure: Figure, reader: Reader) -> None:
+    """Write the numbers at all axes of a figure with the decimal mark of the reader's language."""
+    for ax in figure.get_axes() if reader is not ENGLISH else ():
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(_Localised(axis.get_major_formatter(), reader))
+            axis.set_minor_formatter(_Localised(axis.get_minor_formatter(), reader))
 
 
 def show_image(

@@ -64,7 +64,7 @@ def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
             "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
             _plus_minus_degrees(_of_slope(theta, deviation.detector_tilt)),
-            f"slope {theta.detector_tilt:.6f}",
+            f"tan {theta.detector_tilt:.6f}",
             "" if twin is None else f"{_slope_degrees(twin):.2f}°",
         ),
     ]

@@ -40,6 +40,7 @@ class About:
 
     calibration_id: str | None = None
     made_at: datetime | None = None  # with the zone in which it is shown
+    made: str = ""  # the same, as the reader writes it; empty: as programs do
     scanner_name: str | None = None
     scanner_id: str | None = None
     scan_name: str | None = None

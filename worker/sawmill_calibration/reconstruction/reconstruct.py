@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from sawmill_calibration.capacity import check_disk, memory_available
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
-from sawmill_calibration.known_geometry import KnownGeometry
 from sawmill_calibration.reconstruction.block_solvers import (
     BlockSolver,
     Images,
@@ -25,6 +24,7 @@ from sawmill_calibration.reconstruction.block_solvers import (
 from sawmill_calibration.reconstruction.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
 from sawmill_calibration.reconstruction.method_findings import CurvePoints, gathered
 from sawmill_calibration.scans.scan_rows import ScanRows
+from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, vectors_of
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
@@ -152,7 +152,7 @@ class ReconstructedVolume(NamedTuple):
 
 def run_reconstruction(
     scan: ScanRows,
-    geometry: KnownGeometry,
+    geometry: AnyGeometry,
     options: ReconstructionOptions,
     output: Path,
     report: ProgressCallback,
@@ -189,7 +189,7 @@ def run_reconstruction(
 
 
 def reconstruct_in_memory(
-    scan: ScanRows, geometry: KnownGeometry, options: ReconstructionOptions, report: ProgressCallback
+    scan: ScanRows, geometry: AnyGeometry, options: ReconstructionOptions, report: ProgressCallback
 ) -> ReconstructedVolume:
     """Reconstruct each row into a volume in memory."""
     run = _Run(scan, geometry, options, report)
@@ -206,15 +206,23 @@ class _Run:
     """A reconstruction: the geometry, the grid, the solver, and the blocks to solve."""
 
     def __init__(
-        self, scan: ScanRows, geometry: KnownGeometry, options: ReconstructionOptions, report: ProgressCallback
+        self,
+        scan: ScanRows,
+        geometry: AnyGeometry,
+        options: ReconstructionOptions,
+        report: ProgressCallback,
     ) -> None:
         self._started = time.perf_counter()
         self._scan, self._beam = _with_beam_corrected(scan, geometry.beam, options)
         self._geometry, self._options = geometry, options
-        self._scanner = replace(scan.scanner, detector_modules=geometry.scanner.detector_modules)
-        angles = geometry.rotation.apply(scan.angles_rad)
+        self._scanner = scan.scanner.with_cells_of(geometry.scanner)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
-        self._projector = Projector(FanBeamGeometry(self._scanner, geometry.theta, angles), grid)
+        self._projector = Projector(
+            geometry.views
+            if isinstance(geometry, ImportedGeometry)
+            else FanBeamGeometry(self._scanner, geometry.theta, geometry.rotation.apply(scan.angles_rad)),
+            grid,
+        )
         seen_mm = seen_radius_mm(self._projector.geometry)
         if grid.nearest_mm >= seen_mm:
             raise GeometryError(
@@ -286,7 +294,7 @@ class _Run:
             unit=volume_unit(counts=scan.counts),
             geometry={
                 **{name: value for name, value in asdict(self._scanner).items() if value is not None and value != ()},
-                **vars(geometry.theta),
+                **(vectors_of(geometry.views) if geometry.theta is None else vars(geometry.theta)),
                 "rotation": geometry.rotation.value,
                 "handedness": geometry.handedness.value,
             },
@@ -378,7 +386,7 @@ class _Run:
         return result, merged.curve
 
 
-def _doubled_pixels(geometry: KnownGeometry, pixel_mm: float) -> float:
+def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:
     """Return the bound of the ray error in pixels, by which opposite rays may part; 0 where no bound is known."""
     predicted = geometry.predicted_ray_error_mm if isinstance(geometry, CalibrationResult) else None
     return 0.0 if predicted is None else predicted.upper_95 / pixel_mm

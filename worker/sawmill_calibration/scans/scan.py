@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
 
 def bare_scanner(constants: ScannerConstants) -> Scanner:
-    """Return the three constants without the rows' pitch: a dataclass equals only one of the same class."""
-    return Scanner(constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm)
+    """Return the constants without modules and the rows' pitch: a dataclass equals only one of the same class."""
+    three = constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm
+    return Scanner(*three, detector_arc_radius_mm=constants.detector_arc_radius_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +195,15 @@ class Scan:
         return html_of("Scan", table, sentences=self.remarks)
 
 
+def check_is_scan(scan: object) -> None:
+    """Raise `InputError` for anything but a scan, such as an array or a path."""
+    if not isinstance(scan, Scan):
+        raise refused("options", f"scan must be a Scan, which Scan(...) or read_scan(path) makes, not {type(scan)}")
+
+
 def rows_in_file(scan: Scan, rows: str) -> str:
     """Convert rows A:B that count within a scan to rows of the file."""
+    check_is_scan(scan)
     numbers = range(*scan.rows, scan.row_step)[chosen_rows(rows, scan.line_integrals.shape[1])]
     return f"{numbers.start}:{numbers.stop}"
 
@@ -204,6 +212,7 @@ def rows_of_memory(
     scan: Scan, *, rows: str | None = None, views: int | None = None, on_progress: ProgressCallback = unreported
 ) -> ScanRows:
     """Select a part of a scan for a calibration, a drift check or a reconstruction, which can read other rows too."""
+    check_is_scan(scan)
     part, numbers = scan.select(rows=rows, views=views), range(*scan.rows, scan.row_step)
     kept = chosen_views(views, len(scan.line_integrals))
 
@@ -229,6 +238,7 @@ def rows_of_memory(
         averaged_rows=scan.averaged_rows,
         deviations=part.deviations,
         saturated_share=scan.saturated_share,
+        used_views=np.isin(np.arange(len(scan.line_integrals)), kept),
     )
 
 
@@ -240,6 +250,7 @@ def read_scan(
     angles_deg: str | Sequence[float] | None = None,
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
+    detector_arc_radius_mm: float | None = None,
     dataset: str | None = None,
     follow_links: bool = False,
     flats: str | Path | None = None,
@@ -271,6 +282,8 @@ def read_scan(
         Distance between two cells, mm; for a file that does not carry it.
     row_pitch_mm : float, optional
         Distance between two rows of the detector, mm; for a file that does not carry it.
+    detector_arc_radius_mm : float, optional
+        Radius of the detector, mm, where its cells lie on an arc.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
     follow_links : bool
@@ -312,6 +325,7 @@ def read_scan(
             "dataset": dataset,
             "detector_pitch_mm": detector_pitch_mm,
             "row_pitch_mm": row_pitch_mm,
+            "detector_arc_radius_mm": detector_arc_radius_mm,
             "follow_links": follow_links,
             "flats": None if flats is None else Path(flats),
             "darks": None if darks is None else Path(darks),

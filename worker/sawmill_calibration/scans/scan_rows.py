@@ -111,6 +111,7 @@ class ScanRows:
     # (views, rows, detector) float32: standard deviations of the requested rows; None if the scan has none.
     deviations: Stack | None = None
     saturated_share: float = 0.0  # share of the detector's cells that are saturated, as far as it is known
+    used_views: NDArray[np.bool_] | None = None  # (all views of the scan,): the views that are used; None: all
 
     def stack(self) -> Stack:
         """Read all requested rows (views, rows, detector); refuse rows that do not fit into the free memory."""
@@ -169,7 +170,7 @@ def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: Progress
     with open_scan(source.path) as scan:
         yield rows_of(
             scan,
-            _scanner(source_to_cor_mm, scan),
+            _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
             rows=source.rows,
             views=source.views,
             counts=scan.air_level is not None,
@@ -218,7 +219,7 @@ def _prepared_rows(
         with open_scan(path) as scan:
             opened = rows_of(
                 scan,
-                _scanner(source_to_cor_mm, scan),
+                _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
                 rows=source.rows,
                 views=source.views,
                 counts=read.counts,
@@ -277,10 +278,11 @@ def rows_of(
         averaged_rows=averaged_rows,
         deviations=scan.deviations_of(selected, used),
         saturated_share=scan.saturated_share,
+        used_views=np.isin(np.arange(all_views), used),
     )
 
 
-def _scanner(r_s: float, scan: OpenScan) -> ScannerConstants:
+def _scanner(r_s: float, scan: OpenScan, arc_radius_mm: float | None) -> ScannerConstants:
     """Return the scanner's constants, as far as file and flags give them; refuse constants that no scanner has."""
     try:
         return ScannerConstants(
@@ -288,6 +290,7 @@ def _scanner(r_s: float, scan: OpenScan) -> ScannerConstants:
             num_detector_pixels=scan.shape[2],
             detector_pitch_mm=scan.detector_pitch_mm,
             detector_modules=scan.detector_modules,
+            detector_arc_radius_mm=arc_radius_mm,
             row_pitch_mm=scan.row_pitch_mm,
         )
     except ValidationError as error:

@@ -1,9 +1,10 @@
 """The base of every contract, types that many share, strict JSON, and fields and routes out of use."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from difflib import get_close_matches
 from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import (
@@ -70,6 +71,12 @@ def _message(detail: ErrorDetails) -> str:
     if detail["type"] == "unexpected_keyword_argument":
         return "Extra inputs are not permitted"
     return detail["msg"].removeprefix("Value error, ")
+
+
+def near_name(name: str, names: Iterable[str]) -> str:
+    """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
+    near = get_close_matches(name, sorted(names), n=1)
+    return f": {near[0]!r} is" if near else ""
 
 
 Item = TypeVar("Item")

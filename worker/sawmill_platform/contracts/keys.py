@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from pydantic import ConfigDict, Field, model_validator
 
-from sawmill_platform.contracts.base import Contract, Name, Stamped, Time
+from sawmill_platform.contracts.base import Name, Stamped, Time
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.kind_declarations import Schema, one_of, require
 
@@ -99,9 +99,3 @@ class KeyRotation(Given):
         description="Seconds for which the old secret is still accepted, so that programs can be given the new one.",
         examples=[3600],
     )
-
-
-class Keys(Contract):
-    """List of all keys."""
-
-    keys: list[Key] = Field(description="The newest first; revoked and expired ones stay listed.")

@@ -196,12 +196,6 @@ class WebhookRotation(Given):
     )
 
 
-class Webhooks(Contract):
-    """List of all webhooks."""
-
-    webhooks: list[Webhook] = Field(description="Webhooks, the newest first.")
-
-
 class DeliveryState(StrEnum):
     """State of a delivery: whether the event has reached the webhook."""
 

@@ -16,6 +16,8 @@ from sawmill_platform.errors import Conflict, Invalid, NotFound
 
 Row = TypeVar("Row", bound=Resource)
 Item = TypeVar("Item", bound=Contract)
+Check = Callable[[Item], None]
+"""Raises an exception for a stored resource that is not to be replaced."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -40,6 +42,10 @@ def found(session: Session, table: type[Row], kind: str, identifier: str, *, loc
     if row is None:
         raise NotFound(kind, identifier)
     return row
+
+
+def accept_any(resource: Contract) -> None:
+    """Accept that a resource is replaced whatever it is."""
 
 
 def hold(session: Session, table: type[Row], kind: str, identifier: str) -> None:

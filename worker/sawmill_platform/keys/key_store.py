@@ -12,10 +12,11 @@ from sqlalchemy.orm import QueryableAttribute, Session
 
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
+from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventType
-from sawmill_platform.contracts.keys import Key, KeyRequest, Keys, NewKey
+from sawmill_platform.contracts.keys import Key, KeyRequest, NewKey
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.paging import found, new_id
+from sawmill_platform.database.paging import found, new_id, read_page
 from sawmill_platform.database.tables import Json, KeyRow
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.ledger.events import announce
@@ -61,11 +62,16 @@ class KeyStore:
             session.flush()
             return _with_secret(row, secret)
 
-    def all(self) -> Keys:
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Key]:
+        """Return one page of keys, newest first."""
+        with self._database.read() as session:
+            return read_page(session, select(KeyRow), KeyRow, Key.of_row, after=after, limit=limit)
+
+    def all(self) -> list[Key]:
         """Return all keys, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(KeyRow).order_by(KeyRow.created_at.desc(), KeyRow.id))
-            return Keys(keys=[Key.of_row(row) for row in rows])
+            return [Key.of_row(row) for row in rows]
 
     def rotate(self, key_id: str, *, grace_s: int = 0) -> NewKey:
         """Replace a key's secret; the old secret is valid for `grace_s` seconds more.

@@ -1,6 +1,6 @@
 """The audit: decisions of the ledger, which the database itself refuses to change or to remove."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -35,6 +35,7 @@ class Audit:
         *,
         who: str | None = None,
         action: EventType | None = None,
+        without: Collection[EventType] = (),
         since: datetime | None = None,
         until: datetime | None = None,
         after: str | None = None,
@@ -46,6 +47,8 @@ class Audit:
         ----------
         who, action
             Name of the actor, and kind of the action; None: all.
+        without
+            Kinds of actions that are left out.
         since, until
             Times from which and before which the entries were made; None: no bound.
         after, limit
@@ -59,6 +62,7 @@ class Audit:
         conditions = (
             None if who is None else EventRow.who == who,
             None if action is None else EventRow.type == action,
+            EventRow.type.not_in(without),
             None if since is None else EventRow.at >= since,
             None if until is None else EventRow.at < until,
         )

@@ -7,6 +7,7 @@ import secrets
 from base64 import b64encode
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from functools import partial
 
 from sqlalchemy import ColumnElement, delete, func, select
 from sqlalchemy.orm import Session
@@ -18,13 +19,12 @@ from sawmill_platform.contracts.webhooks import (
     NewWebhook,
     Webhook,
     WebhookRequest,
-    Webhooks,
     WebhookState,
     WebhookTest,
     kinds_of,
 )
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.paging import found, new_id, read_numbered_page
+from sawmill_platform.database.paging import Check, accept_any, found, new_id, read_numbered_page, read_page
 from sawmill_platform.database.tables import DeliveryRow, EventRow, WebhookRow
 from sawmill_platform.errors import Conflict
 from sawmill_platform.ledger.audit import changed
@@ -84,11 +84,17 @@ class WebhookStore:
             session.flush()
             return _with_secret(session, row)
 
-    def all(self) -> Webhooks:
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Webhook]:
+        """Return one page of webhooks, newest first."""
+        with self._database.read() as session:
+            read = partial(read_webhook, session)
+            return read_page(session, select(WebhookRow), WebhookRow, read, after=after, limit=limit)
+
+    def all(self) -> list[Webhook]:
         """Return all webhooks, the newest first."""
         with self._database.read() as session:
             rows = session.scalars(select(WebhookRow).order_by(WebhookRow.created_at.desc(), WebhookRow.id))
-            return Webhooks(webhooks=[read_webhook(session, row) for row in rows.all()])
+            return [read_webhook(session, row) for row in rows.all()]
 
     def get(self, webhook_id: str) -> Webhook:
         """Return one webhook, or raise `NotFound`."""
@@ -101,10 +107,11 @@ class WebhookStore:
             row, now = found(session, WebhookRow, "webhook", webhook_id), self._database.now()
             return read_webhook(session, row), secret_of(row, now), now
 
-    def update(self, webhook_id: str, ask: WebhookRequest) -> Webhook:
+    def update(self, webhook_id: str, ask: WebhookRequest, *, check: Check[Webhook] = accept_any) -> Webhook:
         """Replace a webhook; if it is enabled, the next attempt is made at once."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
+            check(read_webhook(session, row))
             _replace(session, self._database.now(), row, ask)
             return read_webhook(session, row)
 

@@ -61,12 +61,17 @@ def _phantom_of_scan(session: Session, scan_id: str) -> str:
 
 
 def _calibration(session: Session, fields: Json) -> str | None:
-    """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed."""
+    """Look up the named calibration or the active one of the scan's scanner; the calibration may still be computed.
+
+    A reconstruction with a new scanner waits for the first activation, which names its calibration.
+    """
     if fields.get("theta") is not None:
         fields["calibration_id"] = None
         return None
     scan_id, scanner_id = fields["scan_id"], fields["scanner_id"]
     calibration_id = fields["calibration_id"] or active_calibration_id(session, scanner_id)
+    if calibration_id is None and "theta" in fields and (job_id := _first_activation(session, scanner_id)) is not None:
+        return job_id
     if calibration_id is None:
         instead = ", or give theta" if "theta" in fields else ""
         msg = f"scanner {scanner_id!r} has no active calibration: name one as calibration_id{instead}"
@@ -85,6 +90,13 @@ def _calibration(session: Session, fields: Json) -> str | None:
     hold(session, CalibrationRow, "calibration", calibration_id)
     fields["calibration_id"] = calibration_id
     return None if state.ended else calibration.job_id
+
+
+def _first_activation(session: Session, scanner_id: str) -> str | None:
+    """Return the job of the newest calibration under way that is to become a scanner's active one, if there is one."""
+    asked = select(CalibrationRow.job_id).join(JobRow, CalibrationRow.job_id == JobRow.id)
+    asked = asked.where(CalibrationRow.scanner_id == scanner_id, CalibrationRow.activate, JobRow.state.in_(UNFINISHED))
+    return session.scalar(asked.order_by(CalibrationRow.created_at.desc()).limit(1))
 
 
 _WITHOUT_RESULT = {JobState.FAILED: "failed", JobState.CANCELLED: "was cancelled"}

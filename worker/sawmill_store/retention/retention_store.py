@@ -22,6 +22,7 @@ from sawmill_contracts.retention import (
 from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database, lock_for_setup
+from sawmill_platform.database.paging import Check, accept_any
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.leftovers import noted
@@ -55,7 +56,7 @@ class RetentionStore:
         with self._database.read() as session:
             return _preview(session, rules, self._database.now() + CONFIRMED_WITHIN)
 
-    def replace(self, ask: RetentionRequest) -> Retention:
+    def replace(self, ask: RetentionRequest, *, check: Check[Retention] = accept_any) -> Retention:
         """Put rules into force, if they remove no more than was confirmed.
 
         Raises
@@ -71,6 +72,7 @@ class RetentionStore:
         with self._database.write() as session:
             lock_for_setup(session)
             row = session.get(RetentionRow, THE_ROW, with_for_update=True)
+            check(read_retention(row, self._database.now()))
             before, after = (each.model_dump(mode="json") for each in (_rules_of(row), rules))
             if row is None:
                 row = RetentionRow(number=THE_ROW, removed={})

@@ -1,8 +1,8 @@
 """Alarms by the rules of `sawmill_mill.alarms`. A row is an open alarm: written when it opens, removed when it ends."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from datetime import datetime
+from collections.abc import Collection, Iterator, Sequence
+from datetime import datetime, timedelta
 from typing import Any
 
 import structlog
@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, 
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import kinds, mill_events
-from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind
+from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind, KnownRed
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
@@ -20,12 +20,22 @@ from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
+from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventRow, JobRow
-from sawmill_platform.errors import Invalid, NotFound
+from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import active_since
-from sawmill_store.mill_tables import AlarmRow, CalibrationRow, DriftChartRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_store.mill_tables import (
+    ActivationRow,
+    AlarmRow,
+    CalibrationRow,
+    DriftChartRow,
+    PhantomRow,
+    ScannerRow,
+    ScanRow,
+)
 
+LONGEST_NOTICE = timedelta(days=31)
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
 _MEASUREMENTS = TypeAdapter(list[SizeMeasurement])
@@ -65,9 +75,7 @@ class Alarms:
             if row is None:
                 raise NotFound("alarm", f"{kind} of scanner {scanner_id}")
             now = self._database.now()
-            if until <= now:
-                raise Invalid("acknowledgement-ended", f"until must lie ahead, and {until.isoformat()} has passed")
-            notice = Acknowledgement(until=until, by=actor().name, reason=reason).model_dump(mode="json")
+            notice = Acknowledgement(until=_ahead(until, now), by=actor().name, reason=reason).model_dump(mode="json")
             row.acknowledged = notice
             detail = {"kind": kind, "until": notice["until"], "reason": reason}
             acknowledged, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
@@ -82,6 +90,32 @@ class Alarms:
                 decided=decided,
             )
             return Alarm.of_row(row)
+
+    def acknowledge_red(self, scanner_id: str, results: Collection[str], until: datetime, reason: str) -> KnownRed:
+        """Take notice until a time of the results that show a scanner red.
+
+        Raises
+        ------
+        NotFound, Conflict, Invalid
+            There is no such scanner; no result shows it red; the time has passed, or lies too far ahead.
+        """
+        with self._database.write() as session:
+            found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            if not results:
+                raise Conflict("scanner-not-red", f"no result shows scanner {scanner_id!r} red")
+            now = self._database.now()
+            if until - now > LONGEST_NOTICE:
+                raise Invalid("invalid-request", f"until must be within {LONGEST_NOTICE.days} days, not {until}")
+            known = KnownRed(until=_ahead(until, now), by=actor().name, reason=reason, results=frozenset(results))
+            detail = known.model_dump(mode="json", exclude={"by"})
+            kind, decided = mill_events.RED_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
+            announce(session, now, kind, "scanner", scanner_id, group_id=scanner_id, detail=detail, decided=decided)
+            return known
+
+    def known_reds(self) -> dict[str, KnownRed]:
+        """Return the newest notice of a red scanner by scanner, as far as the notices have not ended."""
+        with self._database.read() as session:
+            return _known_reds(session, self._database.now())
 
     def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
         with self._database.write() as session:
@@ -98,6 +132,24 @@ class Alarms:
                     session.execute(delete(AlarmRow).where(*ended))
                 _announce(session, now, what, alarm)
             return changes
+
+
+def _ahead(until: datetime, now: datetime) -> datetime:
+    if until <= now:
+        raise Invalid("acknowledgement-ended", f"until must lie ahead, and {until.isoformat()} has passed")
+    return until
+
+
+def _known_reds(session: Session, now: datetime) -> dict[str, KnownRed]:
+    """Read the newest notices; the next acceptance of a calibration ends one too."""
+    of_reds = EventRow.type == mill_events.RED_ACKNOWLEDGED
+    newest = select(func.max(EventRow.number)).where(of_reds).group_by(EventRow.group_id)
+    accepted = select(ActivationRow.number).where(
+        ActivationRow.scanner_id == EventRow.group_id, ActivationRow.activated_at > EventRow.at
+    )
+    rows = session.scalars(select(EventRow).where(EventRow.number.in_(newest), ~accepted.exists()))
+    notices = {row.group_id or "": KnownRed.model_validate({**(row.detail or {}), "by": row.who}) for row in rows}
+    return {scanner_id: notice for scanner_id, notice in notices.items() if notice.until > now}
 
 
 def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
@@ -126,10 +178,11 @@ def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> 
     opened = defaultdict[str, dict[AlarmKind, Alarm]](dict)
     for alarm in _opened(session, scanner_id):
         opened[alarm.scanner_id][alarm.kind] = alarm
-    chart_alarms = _chart_alarms(session, scanner_id)
+    chart_alarms, known = _chart_alarms(session, scanner_id), _known_reds(session, now)
     for row in session.execute(_of_scanners(scanner_id)).mappings():
         try:
-            facts = _facts(row, chart_alarms[row["scanner_id"]])
+            notice = known.get(row["scanner_id"])
+            facts = _facts(row, chart_alarms[row["scanner_id"]], None if notice is None else notice.until)
         except ValidationError as error:
             structlog.get_logger().error("alarms-unreadable", scanner_id=row["scanner_id"], reason=str(error))
             continue
@@ -164,12 +217,13 @@ def _of_scanners(scanner_id: str | None) -> Select[Any]:
     return statement if scanner_id is None else statement.where(ScannerRow.id == scanner_id)
 
 
-def _facts(row: RowMapping, chart_alarms: Sequence[Any]) -> ScannerFacts:
+def _facts(row: RowMapping, chart_alarms: Sequence[Any], known_until: datetime | None) -> ScannerFacts:
     measurements = _MEASUREMENTS.validate_python(row["measurements"] or [])
     read = {
         "limits": AlarmLimits.model_validate(row["spec"].get("alarms", {})),
         "expiry_days": tuple(each.expires_on for each in measurements if each.expires_on is not None),
         "chart_alarms": _CHART_ALARMS.validate_python(chart_alarms),
+        "known_until": known_until,
     }
     return ScannerFacts(**{name: value for name, value in row.items() if name not in {"spec", "measurements"}} | read)
 

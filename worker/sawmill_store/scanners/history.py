@@ -177,7 +177,8 @@ def _read(row: Row[Any]) -> HistoryEntry:
 
 
 def _alarm(event: EventRow) -> AlarmKind | None:
-    return AlarmKind((event.detail or {})["kind"]) if event.topic == HistoryKind.ALARM else None
+    what = (event.detail or {}).get("kind") if event.topic == HistoryKind.ALARM else None
+    return None if what is None else AlarmKind(what)
 
 
 def changes_in_words(difference: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database, lock_files_of
-from sawmill_platform.database.paging import found, new_id, read_page, refuse_taken
+from sawmill_platform.database.paging import Check, accept_any, found, new_id, read_page, refuse_taken
 from sawmill_platform.database.tables import Json
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.ledger.audit import changed
@@ -107,7 +107,7 @@ class Scanners:
             ids |= identifiers
         return ids
 
-    def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
+    def update(self, scanner_id: str, spec: ScannerSpec, *, check: Check[StoredScanner] = accept_any) -> StoredScanner:
         """Replace a scanner's description; existing results keep the constants with which they were computed.
 
         Raises
@@ -119,6 +119,7 @@ class Scanners:
             self._check_folder(spec.watched_folder)
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            check(read_scanner(session, row))
             _check_apart(session, scanner_id, spec.watched_folder)
             before, row.spec = row.spec, spec.model_dump(mode="json")
             difference = changed(before, row.spec)

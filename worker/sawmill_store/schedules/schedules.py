@@ -18,7 +18,7 @@ from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.base import Page, placed_complaint
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.database.paging import Check, accept_any, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed
@@ -80,13 +80,14 @@ class Schedules:
                 session, statement, ScheduleRow, lambda row: read_schedule(session, row), after=after, limit=limit
             )
 
-    def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
+    def update(self, schedule_id: str, spec: ScheduleSpec, *, check: Check[Schedule] = accept_any) -> Schedule:
         """Replace a schedule, which is due next at the first time of the new expression from now on.
 
         A due time that has passed and was not run stays due if cron, time zone and `enabled` stay; else it is missed.
         """
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            check(read_schedule(session, row))
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             before, now = _spec(row), self._database.now()
             pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None

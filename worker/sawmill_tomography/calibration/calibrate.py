@@ -79,7 +79,7 @@ def conclude(
         task, replace(_without_faults(best, task.without), known=known), on_step
     )
     adjusted = (*task.screening.adjustments, *of_metal, *prepared.adjustments)
-    task = replace(task, scanner=replace(task.scanner, detector_modules=joint.modules))
+    task = replace(task, scanner=joint.seen_by(task.scanner))
     refined = time.perf_counter()
     fit = as_fit(joint, statistics.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame

@@ -294,12 +294,6 @@ def _structured_residual(evidence: Evidence, _: JudgementLimits) -> Iterator[Rem
         yield Remark(degree, reason, status, comes_first=bool(structure.cells))
 
 
-def _arc(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
-    radius_mm = evidence.residual.arc_radius_mm
-    if radius_mm is not None:
-        yield Remark(Degree.WATCH, CalibrationMessage.CELLS_ON_ARC(radius_mm=radius_mm), comes_first=True)
-
-
 def _bounds(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Check the scanner's bounds of theta; a phantom smaller than its drawing shows as a source shift beyond them."""
     if evidence.theta_in_bounds:
@@ -347,7 +341,6 @@ KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _held_distance,
     _precision,
     _structured_residual,
-    _arc,
     _bounds,
     _source_shift,
     _scale,

@@ -72,10 +72,10 @@ def detector_fit(
         Error of `few_view_fit`.
     """
     across_gaps = None
-    if scanner.detector_modules or scanner.detector_arc_radius_mm is not None:
+    if scanner != scanner.with_equal_cells:
         # Opposite rays are interpolated between cells at equal distances.
         flat = FlatDetector.of(flat_borders_mm(scanner, start), scanner)
-        sinogram, scanner = flat.resampled(sinogram), replace(scanner, detector_modules=(), detector_arc_radius_mm=None)
+        sinogram, scanner = flat.resampled(sinogram), scanner.with_equal_cells
         across_gaps = flat.across_gaps
         if deviations is not None:
             # Where they jump, a cubic overshoots: below 0 they would be no deviations.

@@ -12,17 +12,18 @@ from itertools import pairwise, permutations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sawmill_vocabulary import DetectorModule, Scanner, SourceFrame
 
 FloatArray = NDArray[np.float64]
-Length = FloatArray | float
+# Half waves over the detector of the longest wave by which cells lie at unequal distances.
+FIRST_WAVE = 2
 Lines = TypeVar("Lines", NDArray[np.float32], NDArray[np.float64])
 
 
 def cell_borders_mm(scanner: Scanner) -> FloatArray:
-    """Return the detector coordinate u of the cells' borders, (cells + 1,) mm."""
+    """Return the coordinate u of the cells' borders on a flat detector, (cells + 1,) mm."""
     n = scanner.num_detector_pixels
     return (np.arange(n + 1, dtype=np.float64) - 0.5 * n) * scanner.detector_pitch_mm
 
@@ -54,52 +55,61 @@ def detector_lines(
     frame: SourceFrame,
     *,
     piece_cells: int = 1,
+    waves_mm: Sequence[float] = (),
 ) -> DetectorLines:
     """Return the flat pieces: a module, or on an arc `piece_cells` cells, which touch it at their middle.
+
+    With waves, which shift the cells along the line, each cell is a piece.
 
     The source frame describes the module that holds the detector's middle, or the line that touches the arc there. A
     gap moves a module along the module before, a kink turns it about the end of that module.
     """
     borders = [0, *(module.first_cell for module in modules), cells]
     middle = sum(border <= cells // 2 for border in borders[1:-1])
-    # Of each module: the line that touches its arc at the detector's middle, by a point at which the coordinate is u.
-    touching: dict[int, tuple[Length, Length, Length, Length]] = {
-        middle: (frame.cor_column_mm, 0.0, 0.0, frame.tilt_rad)
-    }
+    # Across and along the ray through the COR as complex numbers: a module is its arc, turned by tilt, from an origin.
+    placed = {middle: (-frame.cor_column_mm * np.exp(1j * frame.tilt_rad), frame.tilt_rad)}
     for step in (1, -1):
-        u, x, y, tilt = touching[middle]
+        origin, tilt = placed[middle]
         for number in range(middle + step, len(modules) + 1 if step > 0 else -1, step):
             module = modules[max(number, number - step) - 1]
-            along, depth, turn = _on_arc(first_border_mm + pitch_mm * module.first_cell, arc_radius_mm)
-            place = _point((u, x, y, tilt), along, depth)
-            place = _point((0.0, *place, tilt - turn), step * module.gap_mm, 0.0)
-            u, tilt = along, tilt + step * module.kink_rad
-            x, y = _point((0.0, *place, tilt), 0.0, -depth)
-            touching[number] = (u, x, y, tilt)
+            joint, turn = _on_arc(first_border_mm + pitch_mm * module.first_cell, arc_radius_mm)
+            origin += joint * np.exp(1j * tilt) + step * module.gap_mm * np.exp(1j * (tilt - turn))
+            tilt += step * module.kink_rad
+            origin -= joint * np.exp(1j * tilt)
+            placed[number] = (origin, tilt)
     pieces = []
     for number, (first, end) in enumerate(pairwise(borders)):
-        u, *_, tilt = line = touching[number]
-        starts = np.arange(first, end, end - first if arc_radius_mm is None else piece_cells)
+        origin, tilt = placed[number]
+        whole = arc_radius_mm is None and not waves_mm
+        starts = np.arange(first, end, end - first if whole else 1 if waves_mm else piece_cells)
         ends = np.append(starts[1:], end)
-        at: FloatArray = np.full(1, u) if arc_radius_mm is None else first_border_mm + 0.5 * pitch_mm * (starts + ends)
-        along, depth, turn = _on_arc(at, arc_radius_mm)
-        pieces.append(_lines(starts, ends, frame, at, *_point(line, along, depth), tilt - np.asarray(turn)))
+        flat = np.full(1, frame.cor_column_mm)
+        at = flat if whole else first_border_mm + 0.5 * pitch_mm * (starts + ends)
+        point, turn = _on_arc(at + waves(waves_mm, starts, cells) if waves_mm else at, arc_radius_mm)
+        pieces.append(_lines(starts, ends, frame, at, origin + point * np.exp(1j * tilt), tilt - turn))
     return DetectorLines(*map(np.concatenate, zip(*pieces, strict=True)))
 
 
-def _on_arc(at: Length, radius_mm: float | None) -> tuple[Length, Length, Length]:
-    """Return the place at a length of arc from the touching point: along the line, towards the source, and the turn."""
-    if radius_mm is None:
-        return at, 0.0 * at, 0.0 * at
-    turn = at / radius_mm
-    return radius_mm * np.sin(turn), radius_mm * (1.0 - np.cos(turn)), turn
+def waves(sizes_mm: Sequence[float], at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return how far some of a detector's cells lie from equal distances, mm."""
+    shifts: FloatArray = np.asarray(sizes_mm) @ wave_shapes(len(sizes_mm), at_cells, cells)
+    return shifts
 
 
-def _point(line: tuple[Length, Length, Length, Length], along: Length, depth: Length) -> tuple[Length, Length]:
-    """Return the point at a coordinate along a line (u, x, y, tilt), and at a depth towards the source."""
-    u, x, y, tilt = line
-    c, s = np.cos(tilt), np.sin(tilt)
-    return x + (along - u) * c + depth * s, y + (along - u) * s - depth * c
+def wave_shapes(count: int, at_cells: NDArray[np.intp], cells: int) -> FloatArray:
+    """Return the shapes of the first waves at some cells, (count, cells): cosines of two halves over the detector up.
+
+    A constant is u_c, and half a wave hardly differs from another distance of the source.
+    """
+    order = np.arange(FIRST_WAVE, FIRST_WAVE + count)
+    shapes: FloatArray = np.cos(math.pi / cells * np.multiply.outer(order, at_cells + 0.5))
+    return shapes
+
+
+def _on_arc(at: ArrayLike, radius_mm: float | None) -> tuple[NDArray[np.complex128], FloatArray]:
+    """Return the point at a length of arc from where it touches the line, as a complex number, and the arc's turn."""
+    turn = np.asarray(at, np.float64) / (radius_mm or math.inf)
+    return np.asarray(at, complex) if radius_mm is None else 1j * radius_mm * (np.exp(-1j * turn) - 1.0), turn
 
 
 def _lines(
@@ -107,12 +117,11 @@ def _lines(
     end: NDArray[np.intp],
     frame: SourceFrame,
     u: FloatArray,
-    x: Length,
-    y: Length,
+    point: NDArray[np.complex128],
     tilt: FloatArray,
 ) -> DetectorLines:
     """Return lines through points, given from the foot of the ray through the COR, at which the coordinate is u."""
-    cosine, tangent, one = np.cos(tilt), np.tan(tilt), np.ones_like(tilt)
+    x, y, cosine, tangent, one = point.real, point.imag, np.cos(tilt), np.tan(tilt), np.ones_like(tilt)
     # The points move with u_c against the direction of the whole detector, and turn with tau about the foot.
     across, along = -math.cos(frame.tilt_rad), -math.sin(frame.tilt_rad)
     return DetectorLines(
@@ -130,7 +139,13 @@ def lines_of(scanner: Scanner, frame: SourceFrame) -> DetectorLines:
     """Return the flat pieces of a scanner's detector."""
     cells, pitch = scanner.num_detector_pixels, scanner.detector_pitch_mm
     return detector_lines(
-        scanner.detector_modules, scanner.detector_arc_radius_mm, cells, -0.5 * cells * pitch, pitch, frame
+        scanner.detector_modules,
+        scanner.detector_arc_radius_mm,
+        cells,
+        -0.5 * cells * pitch,
+        pitch,
+        frame,
+        waves_mm=scanner.detector_waves_mm,
     )
 
 

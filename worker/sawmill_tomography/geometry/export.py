@@ -25,6 +25,7 @@ def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
         other items are arguments by their own names, but for `src_shift_mm` and `det_shift_mm`, constant values of the
         shift functions, (along the ray, along the tangent).
     """
+    geometry.check_even()
     scanner, theta = geometry.scanner, geometry.theta
     half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
     order = np.argsort(geometry.angles_rad, kind="stable")
@@ -52,6 +53,7 @@ def cil_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
     system until the ray to the middle of the detector runs along +y, and its image with it; these arguments already
     have that direction, and the turn is in the angles.
     """
+    geometry.check_even()
     scanner, theta = geometry.scanner, geometry.theta
     source = np.array([theta.source_shift_mm, -scanner.source_to_cor_mm])
     centre = np.array([-theta.detector_shift_mm, theta.detector_to_cor_mm])
@@ -93,6 +95,7 @@ class RtkGeometry:
 
 def rtk_geometry(geometry: FanBeamGeometry) -> RtkGeometry:
     """Return the geometry in the conventions of RTK."""
+    geometry.check_even()
     scanner, theta = geometry.scanner, geometry.theta
     tilt = math.atan(theta.detector_tilt)
     # Rotated by minus the tilt, the detector lies along x and its normal, towards the source, along -y.

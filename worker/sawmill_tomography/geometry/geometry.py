@@ -7,7 +7,7 @@ of rotation (COR) is the origin, angles count counter-clockwise.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,13 +34,14 @@ __all__ = [
     "SourceFrame",
     "Theta",
     "ThetaBounds",
-    "all_round",
     "angle_difference",
     "bounds_array",
     "cell_borders_mm",
     "cell_centres_mm",
     "rotate",
     "to_vector",
+    "turning",
+    "turns_all_round",
     "view_weights",
     "wrap_angle",
 ]
@@ -76,11 +77,11 @@ class FanViews:
     Projector, methods of reconstruction and metal take this type. `FanBeamGeometry` makes it from theta and angles.
     """
 
-    angles_rad: FloatArray  # (views,): angle of the source about the COR, from any zero
-    source_mm: FloatArray  # (views, 2): source, a point of the detector's line, and the line's axis, of unit length
-    middle_mm: FloatArray
-    axis: FloatArray
-    borders_mm: FloatArray  # (cells, 2): borders of each cell, along the line from the point
+    angles_rad: FloatArray = field(metadata={"description": "(views,). Angle of the source about the COR."})
+    source_mm: FloatArray = field(metadata={"description": "(views, 2). Source of each view."})
+    middle_mm: FloatArray = field(metadata={"description": "(views, 2). A point of the detector's line."})
+    axis: FloatArray = field(metadata={"description": "(views, 2). Direction of the line, of length 1."})
+    borders_mm: FloatArray = field(metadata={"description": "(cells, 2). Where rays to cells' borders cross the line."})
 
     @classmethod
     def of(cls, source_mm: ArrayLike, middle_mm: ArrayLike, axis: ArrayLike, borders_mm: ArrayLike) -> "FanViews":
@@ -91,21 +92,32 @@ class FanViews:
         GeometryError
             The arrays do not fit each other, are not finite, or a source lies on the line of its detector.
         """
-        source, middle, line, borders = (
-            np.ascontiguousarray(each, np.float64) for each in (source_mm, middle_mm, axis, borders_mm)
-        )
-        if not (source.shape == middle.shape == line.shape == (len(source), 2) and source.size):
-            raise GeometryError("source, middle and axis of the views must be three lists of (x, y), one for each view")
-        if borders.ndim != 2 or borders.shape[1] != 2 or len(borders) < 2 or (np.diff(borders.ravel()[::2]) <= 0).any():
-            raise GeometryError("the cells' borders must be a list of (low, high), mm, that increase from cell to cell")
+        given = (source_mm, middle_mm, axis, borders_mm)
+        source, middle, line, borders = (np.array(each, np.float64) for each in given)
+        fit = source.shape == middle.shape == line.shape == (len(source), 2) and borders.shape == (len(borders), 2)
+        if not fit or (np.diff(borders, axis=0) <= 0.0).any() or min(source.size, len(borders)) < 2:
+            raise GeometryError("a view needs source, middle and axis (x, y), and each cell borders that increase")
         if not (np.abs(np.concatenate([source, middle, line, borders])) <= LARGEST).all():  # false for nan too
             raise GeometryError(f"the vectors of the views must be numbers of mm between {-LARGEST:g} and {LARGEST:g}")
-        line = line / np.hypot(*line.T)[:, None]
+        line /= np.hypot(*line.T)[:, None]
         views = cls(np.arctan2(source[:, 0], -source[:, 1]), source, middle, line, borders)
-        if not (views.to_line_mm * views.to_cor_mm > 0.0).all():
-            view = int(np.argmin(views.to_line_mm * views.to_cor_mm))
-            raise GeometryError(f"in view {view}, from 0, the centre of rotation is not on the detector's side")
+        behind = np.flatnonzero(~(np.prod(views.depths_mm, axis=0) > 0.0))
+        if behind.size:
+            raise GeometryError(f"in view {behind[0]}, from 0, the centre of rotation is not on the detector's side")
         return views
+
+    @classmethod
+    def from_astra(cls, rows: ArrayLike, cells: int) -> "FanViews":
+        """Return the geometry of rows (views, 6) of ASTRA's `fanflat_vec`, in mm; the inverse of `astra_vectors`."""
+        vectors = np.asarray(rows, np.float64)
+        if vectors.ndim != 2 or vectors.shape[1] != 6:
+            raise GeometryError(f"rows of fanflat_vec must be (views, 6) numbers, not {vectors.shape}")
+        source, middle, step = (np.stack([-each[:, 1], each[:, 0]], -1) for each in np.split(vectors, 3, axis=1))
+        pitch = np.hypot(*step.T)
+        if np.ptp(pitch) * cells > SAME_MM:
+            raise GeometryError("the cells must have the same width in all views: this list has views of two detectors")
+        even = (np.arange(cells)[:, None] + np.array([0.0, 1.0]) - 0.5 * cells) * pitch[0]
+        return cls.of(source, middle, step, even)
 
     @property
     def sinogram_shape(self) -> tuple[int, int]:
@@ -113,25 +125,20 @@ class FanViews:
         return self.angles_rad.size, len(self.borders_mm)
 
     @property
-    def to_line_mm(self) -> FloatArray:
-        """Distance of each view's source from the line of the detector, (views,); negative for cells read backwards."""
-        return _cross(self.axis, self.middle_mm - self.source_mm)
-
-    @property
-    def to_cor_mm(self) -> FloatArray:
-        """Distance of the COR from each view's source along the normal of the detector, (views,), signed alike."""
-        return _cross(self.axis, -self.source_mm)
+    def depths_mm(self) -> tuple[FloatArray, FloatArray]:
+        """Distances of line and COR from each source along the normal, (views,); negative for cells read backwards."""
+        return _cross(self.axis, self.middle_mm - self.source_mm), _cross(self.axis, -self.source_mm)
 
     @property
     def clear_mm(self) -> float:
         """Radius of the disc around the COR within which nothing reaches a source, along the detector's normal."""
-        return float(np.abs(self.to_cor_mm).min())
+        return float(np.abs(self.depths_mm[1]).min())
 
     @property
     def cell_at_cor_mm(self) -> float:
         """Width of a cell at the centre of rotation."""
-        widths = np.diff(self.borders_mm, axis=1)
-        return float(np.median(widths) / np.mean(self.to_line_mm / self.to_cor_mm))
+        to_line, to_cor = self.depths_mm
+        return float(np.median(np.diff(self.borders_mm, axis=1)) / np.mean(to_line / to_cor))
 
     def from_cor_mm(self, u_mm: FloatArray) -> FloatArray:
         """Return the distance from the COR at which the rays to coordinates u (n,) pass, (views, n)."""
@@ -153,27 +160,56 @@ class FanViews:
         pairs = np.stack([self.borders_mm[::2, 0], self.borders_mm[1::2, 1]], -1)
         return FanViews(self.angles_rad, self.source_mm, self.middle_mm, self.axis, pairs)
 
+    @property
+    def uneven_mm(self) -> float:
+        """Largest distance of the cells' borders from equal distances on the line."""
+        even = np.linspace(self.borders_mm[0, 0], self.borders_mm[-1, 1], len(self.borders_mm) + 1)
+        return float(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max())
+
+    def check_even(self) -> None:
+        """Refuse cells that are not at equal distances on a straight line, for forms that know no others."""
+        if self.uneven_mm > SAME_MM:
+            raise GeometryError(
+                f"the cells are up to {self.uneven_mm:.3g} mm from equal distances on a straight line, and only the "
+                "form vectors holds modules and arcs: export --to vectors, or calibrate --without modules"
+            )
+
     def astra_vectors(self) -> FloatArray:
         """Return rows (srcX, srcY, dX, dY, uX, uY) of ASTRA's `fanflat_vec`, (views, 6), in mm.
 
         ASTRA's image has y up its rows and x along its columns, so image[i, j] with x along i is given to ASTRA
         unchanged when (x, y) is turned into (y, -x): rows run downwards in ASTRA's y.
-
-        Raises
-        ------
-        GeometryError
-            The cells do not have equal distances on the line, which ASTRA's form cannot hold.
         """
+        self.check_even()
         low, high = self.borders_mm[0, 0], self.borders_mm[-1, 1]
-        even = np.linspace(low, high, len(self.borders_mm) + 1)
-        off = float(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max())
-        if off > SAME_MM:
-            raise GeometryError(
-                f"the cells are up to {off:.3g} mm from equal distances on a straight line, and this form knows no "
-                "others: reconstruct with sawmill reconstruct, or resample the sinogram"
-            )
         centre, step = self.middle_mm + 0.5 * (low + high) * self.axis, (high - low) / len(self.borders_mm) * self.axis
         return np.concatenate([np.stack([v[:, 1], -v[:, 0]], -1) for v in (self.source_mm, centre, step)], axis=1)
+
+
+def turning(views: FanViews) -> "FanBeamGeometry":
+    """Return the geometry as a turn about one axis, with the source on it: theta has no shift of the source.
+
+    Raises
+    ------
+    GeometryError
+        The views are no such turn to `SAME_MM`, or their cells count clockwise.
+    """
+    if isinstance(views, FanBeamGeometry):
+        return views
+    back = -views.angles_rad
+    source, middle, axis = (np.stack(rotate(back, *each.T), -1) for each in views.vectors())
+    off = max(float(np.abs(each - each[0]).max()) for each in (source, middle, 0.5 * np.ptp(views.borders_mm) * axis))
+    if off > SAME_MM or views.depths_mm[0][0] < 0.0:
+        raise GeometryError(
+            "this needs views that turn about one axis, and cells that count counter-clockwise; these depart from a "
+            f"turn by {off:.3g} mm: reconstruct them by total_variation, cauchy_map or tikhonov"
+        )
+    r, (x, y), (c, s) = -float(source[0, 1]), middle[0], axis[0]
+    borders = views.borders_mm - 0.5 * (views.borders_mm[0, 0] + views.borders_mm[-1, 1])
+    u_c = -x / c + float(borders[0, 0] - views.borders_mm[0, 0])
+    scanner = Scanner(r, len(borders), float(np.ptp(borders)) / len(borders))
+    frame = SourceFrame(0.0, r, r + float(y - x * s / c), float(u_c), math.atan2(s, c))
+    return FanBeamGeometry(scanner, frame.theta(r), views.angles_rad, borders)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -219,19 +255,12 @@ class FanBeamGeometry(FanViews):
         middle = rotate(phi, -theta.detector_shift_mm, theta.detector_to_cor_mm)
         axis = rotate(phi, *(np.array([1.0, theta.detector_tilt]) / math.hypot(1.0, theta.detector_tilt)))
         super().__init__(angles, np.stack(source, -1), np.stack(middle, -1), np.stack(axis, -1), borders_mm)
-        for name, held in (("scanner", scanner), ("theta", theta)):
-            object.__setattr__(self, name, held)
+        vars(self).update(scanner=scanner, theta=theta)
 
     @property
     def frame(self) -> SourceFrame:
         """The source frame of theta."""
         return self.theta.source_frame(self.scanner.source_to_cor_mm)
-
-    @property
-    def is_even(self) -> bool:
-        """True if the cells lie at equal distances on the line, as filtered back-projection needs them."""
-        even = cell_borders_mm(self.scanner)
-        return bool(np.abs(self.borders_mm - np.stack([even[:-1], even[1:]], -1)).max() <= SAME_MM)
 
     def at(self, views: slice | NDArray[np.intp] | NDArray[np.bool_]) -> "FanBeamGeometry":
         """Return the geometry of some of the views."""
@@ -258,10 +287,10 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
     return weights
 
 
-def all_round(angles_rad: FloatArray) -> bool:
-    """Return whether the views cover a full turn, as `view_weights` requires."""
+def turns_all_round(geometry: FanViews) -> bool:
+    """Return whether the views turn about one axis over a full turn, as filtered back-projection needs them."""
     try:
-        view_weights(angles_rad)
+        view_weights(turning(geometry).angles_rad)
     except GeometryError:
         return False
     return True

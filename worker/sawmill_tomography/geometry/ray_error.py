@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.detector_shape import cell_points, lines_of
+from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
     GeometryError,
@@ -15,11 +15,14 @@ from sawmill_tomography.geometry.geometry import (
     SourceFrame,
 )
 from sawmill_tomography.statistics import exceeded_chi_square
+from sawmill_vocabulary.geometry import MOST_WAVES
 
 POINTS_PER_CHORD = 9
 # Of the points, every fourth is enough for a prediction: each of the nine places on a chord is as often among them.
 PREDICTED_AT = 4
 DRAWS = 4096
+# Degrees of freedom of the error that no parameter has: of the estimate of its variance.
+FREEDOM = 8
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,11 @@ class RayError:
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
     """Return source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
-    a = cell_points(scanner, frame)
-    return np.array([0.0, -frame.source_distance_mm]), a / np.hypot(a[:, 0], a[:, 1])[:, None]
+    return _rays_to(cell_points(scanner, frame), frame)
+
+
+def _rays_to(ends_mm: FloatArray, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
+    return np.array([0.0, -frame.source_distance_mm]), ends_mm / np.hypot(*ends_mm.T)[:, None]
 
 
 def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -42,7 +48,10 @@ def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tupl
 
     `points` (rays, 9, 2) mm. `cells` (rays,) int: the detector cells whose rays meet the disc.
     """
-    source, direction = _rays(scanner, frame)
+    return _chord_points(*_rays(scanner, frame), radius_mm)
+
+
+def _chord_points(source: FloatArray, direction: FloatArray, radius_mm: float) -> tuple[FloatArray, NDArray[np.intp]]:
     along = -(direction @ source)
     half = radius_mm**2 - (source @ source - along**2)
     cells = np.flatnonzero(half > 0.0)
@@ -85,15 +94,22 @@ def ray_error(
     It does not depend on theta's gauge (the twin has 0). One common rotation and one common scale are removed: psi has
     no effect, and R only in `scale_change`.
     """
-    points, cells = chord_points(scanner, true, radius_mm)
+    return nearest_rays(cell_points(scanner, true), true, other_scanner or scanner, other, radius_mm=radius_mm)
+
+
+def nearest_rays(
+    ends_mm: FloatArray, true: SourceFrame, scanner: Scanner, other: SourceFrame, *, radius_mm: float = 150.0
+) -> RayError:
+    """Compute `ray_error` for rays from the source to these points, (cells, 2) mm as of `cell_points`."""
+    points, cells = _chord_points(*_rays_to(ends_mm, true), radius_mm)
     turn, shrink = 0.0, 1.0
     for _ in range(20):
-        d, slope = _distances(other_scanner or scanner, other, points, cells, turn, shrink)
+        d, slope = _distances(scanner, other, points, cells, turn, shrink)
         step = np.linalg.lstsq(slope.reshape(2, -1).T, -d.ravel())[0]
         turn, shrink = turn + float(step[0]), shrink + float(step[1])
         if np.abs(step).max() < 1e-15:
             break
-    d, _ = _distances(other_scanner or scanner, other, points, cells, turn, shrink)
+    d, _ = _distances(scanner, other, points, cells, turn, shrink)
     return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
 
 
@@ -140,8 +156,10 @@ def _linear(
     points: FloatArray,
     cells: NDArray[np.intp],
     hidden_cells: Sequence[int] = (),
+    *,
+    of_places: bool = False,
 ) -> _Linear:
-    derivative = _derivatives(scanner, frame, points, cells, hidden_cells)
+    derivative = _derivatives(scanner, frame, points, cells, hidden_cells, of_places=of_places)
     _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
     free = slope.reshape(2, -1).T
     taken = np.linalg.pinv(free.T @ free, hermitian=True) @ (free.T @ derivative)
@@ -149,9 +167,17 @@ def _linear(
 
 
 def _derivatives(
-    scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], hidden_cells: Sequence[int]
+    scanner: Scanner,
+    frame: SourceFrame,
+    points: FloatArray,
+    cells: NDArray[np.intp],
+    hidden_cells: Sequence[int],
+    *,
+    of_places: bool,
 ) -> FloatArray:
     """Return the derivatives of the points' distances, (points, parameters), in the order of `_Linear`.
+
+    With `of_places` those by the detector's curvature and waves come after the known modules.
 
     psi has no effect.
     """
@@ -161,6 +187,12 @@ def _derivatives(
     c, s, sdd = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad), frame.source_to_detector_mm
     # Movements of the cells, which form one body, by SDD, u_c and tau, and of the cells on one side of each joint.
     moves = [(np.zeros(x.size), np.ones(x.size)), (np.full(x.size, -c), np.full(x.size, -s)), (sdd - y, x)]
+    known = [module.first_cell for module in scanner.detector_modules]
+    moves += _module_moves(scanner, frame, cells, (x, y), known)
+    if of_places:
+        depth = 0.5 * cell_centres_mm(scanner)[cells] ** 2
+        moves.append((depth * s, -depth * c))
+        moves += [(w * c, w * s) for w in wave_shapes(MOST_WAVES, cells, scanner.num_detector_pixels)]
     moves += _module_moves(scanner, frame, cells, (x, y), hidden_cells)
     # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
     turns = np.stack([x * dy - y * dx for dx, dy in moves]) / (x * x + y * y)
@@ -175,15 +207,12 @@ def _module_moves(
     frame: SourceFrame,
     cells: NDArray[np.intp],
     points: tuple[FloatArray, FloatArray],
-    hidden_cells: Sequence[int],
+    first_cells: Sequence[int],
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the movements (x, y) of cells, which lie at these points, by the gap and the kink of each module.
-
-    Movements by modules that begin at the hidden cells follow.
-    """
+    """Return the movements (x, y) of cells, which lie at these points, by gap and kink of modules that begin there."""
     lines, (x, y) = lines_of(scanner, frame), points
     moves: list[tuple[FloatArray, FloatArray]] = []
-    for cell in (*(module.first_cell for module in scanner.detector_modules), *hidden_cells):
+    for cell in first_cells:
         right = cell > scanner.num_detector_pixels // 2
         # The joint is the end of the module that is nearer to the middle.
         near = np.searchsorted(lines.end, cell - right, side="right")
@@ -239,11 +268,13 @@ def predicted_ray_error(
     mixture: RayErrorMixture | None = None,
     *,
     radius_mm: float = 150.0,
+    further_mm: float = 0.0,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
-    The covariance may go on with the gap and the kink of each module. Of each of the `alternatives` at most one is
-    real; they and the `mixture` count in the limits only.
+    The covariance may go on with the gap and the kink of each module, then with the detector's curvature (1/mm) and
+    waves (mm). Of each of the `alternatives` at most one is
+    real; they and the `mixture` count in the limits only. `further_mm` is the RMS error that no parameter has.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
@@ -252,14 +283,19 @@ def predicted_ray_error(
     points, cells = chord_points(scanner, frame, radius_mm)
     ray, on_chord = np.divmod(np.arange(0, points[..., 0].size, PREDICTED_AT), POINTS_PER_CHORD)
     hidden = sorted({cell for each in alternatives for cell in each.first_cells.tolist()})
-    distances = _linear(scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden).distances
+    of_places = len(covariance) > 5 + 2 * len(scanner.detector_modules)
+    distances = _linear(
+        scanner, frame, points[ray, on_chord][:, None], cells[ray], hidden, of_places=of_places
+    ).distances
     derivative = distances[:, : len(covariance)]
-    variance = (derivative @ covariance * derivative).sum(axis=1)
+    variance = (derivative @ covariance * derivative).sum(axis=1) + further_mm**2
     form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 2 %.
     rng = np.random.default_rng(0)
     errors = _drawn_errors(form, covariance, mixture, rng)
     squares = (errors @ form * errors).sum(axis=1)
+    if further_mm:
+        squares += further_mm**2 * FREEDOM / rng.chisquare(FREEDOM, DRAWS)
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
     for each in alternatives:
         squares += moves.added_squares(each, errors, rng)

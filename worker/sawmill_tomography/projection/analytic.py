@@ -30,6 +30,7 @@ class DetectorCells:
     count: int
     modules: tuple[DetectorModule, ...] = ()  # modules after the first
     arc_radius_mm: float | None = None
+    waves_mm: tuple[float, ...] = ()  # how far cells lie from equal distances (`detector_shape.waves`)
 
     @classmethod
     def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
@@ -43,36 +44,30 @@ class DetectorCells:
             scanner.num_detector_pixels // binned,
             scanner.detector_modules if binned == 1 else (),
             scanner.detector_arc_radius_mm,
+            scanner.detector_waves_mm,
         )
 
     def divided(self, parts: int) -> "DetectorCells":
         """Return the cells divided into this number of equal parts."""
         modules = tuple(replace(module, first_cell=parts * module.first_cell) for module in self.modules)
-        return DetectorCells(
-            self.first_border_mm, self.width_mm / parts, self.count * parts, modules, self.arc_radius_mm
-        )
+        return replace(self, width_mm=self.width_mm / parts, count=self.count * parts, modules=modules)
 
     def lines(self, frame: SourceFrame) -> FloatArray:
         """Return a row for each flat piece: first cell, end, source frame (5,), slopes of SDD (3,) and of u_c (3,)."""
         arc = self.arc_radius_mm
         cells = 1 if arc is None else max(1, int(math.sqrt(8.0 * DEEPEST_MM * arc) / self.width_mm))
         lines = detector_lines(
-            self.modules, arc, self.count, self.first_border_mm, self.width_mm, frame, piece_cells=cells
+            self.modules,
+            arc,
+            self.count,
+            self.first_border_mm,
+            self.width_mm,
+            frame,
+            piece_cells=cells,
+            waves_mm=self.waves_mm,
         )
-        one = np.ones(len(lines.first))
-        return np.column_stack(
-            [
-                lines.first,
-                lines.end,
-                frame.psi_rad * one,
-                frame.source_distance_mm * one,
-                lines.sdd_mm,
-                lines.cor_column_mm,
-                lines.tilt_rad,
-                lines.sdd_slopes,
-                lines.column_slopes,
-            ]
-        )
+        of_all = np.broadcast_to([frame.psi_rad, frame.source_distance_mm], (len(lines.first), 2))
+        return np.column_stack([lines.first, lines.end, of_all, *lines[2:]])
 
 
 def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_tomography.geometry.geometry import TAU, FanViews, FloatArray, all_round
+from sawmill_tomography.geometry.geometry import TAU, FanViews, FloatArray, turns_all_round
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.reconstruction import cost
 from sawmill_tomography.reconstruction.cauchy_map import CauchyMap
@@ -145,7 +145,7 @@ def recommend(
         return Recommendation(cheapest.method, cheapest.step, cheapest.error, reason)
     best = min(affordable, key=lambda one: one.error)
     if direct is None:
-        reason = f"the views leave a gap that filtered back-projection cannot bridge: {_words(best, geometry)}"
+        reason = f"the views are no full turn, which filtered back-projection needs: {_words(best, geometry)}"
         return Recommendation(best.method, best.step, None, reason)
     reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
     alternative = "" if best is direct else f"; {_words(direct, geometry)}"
@@ -161,7 +161,7 @@ def _candidates(geometry: FanViews, noise: float, size: int, fitted_size: int) -
     views, cells = geometry.sinogram_shape
     for method in EXPECTED_ERRORS:
         fitted = issubclass(METHODS[method], FittedMethod)
-        if not (fitted or all_round(geometry.angles_rad)):
+        if not (fitted or turns_all_round(geometry)):
             continue
         pixels = fitted_size if fitted else size
         for step in range(1, max(views // LEAST_VIEWS, 1) + 1) if fitted else (1,):
@@ -174,7 +174,7 @@ def _words(one: _Candidate, geometry: FanViews) -> str:
     name = one.method.value
     views = geometry.angles_rad.size
     of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"
-    if not all_round(geometry.angles_rad):
+    if not turns_all_round(geometry):
         return f"{name} from {of}, {_milliseconds(one.seconds)}"
     return f"{name} from {of}, relative error {one.error:.2g}, {_milliseconds(one.seconds)}"
 

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from sawmill_tomography.geometry.detector_shape import FlatDetector
 from sawmill_tomography.geometry.geometry import (
-    FanBeamGeometry,
-    FanViews,
+    SAME_MM,
     FloatArray,
     GeometryError,
     cell_centres_mm,
+    turning,
     view_weights,
 )
 from sawmill_tomography.projection.projector import Image, Projector, aligned
@@ -144,7 +144,7 @@ def fbp(
         If the shapes do not fit or the views do not cover the full turn.
     """
     geometry = turning(projector.geometry)
-    if not geometry.is_even:
+    if geometry.uneven_mm > SAME_MM:
         flat = FlatDetector.of(geometry.borders_mm, geometry.scanner)
         sinogram = flat.resampled(np.asarray(sinogram, np.float32))
     if np.ndim(sinogram) == 3:
@@ -154,16 +154,6 @@ def fbp(
     line = projector.sinogram(sinogram)
     return Estimate.direct(
         _back_projected(projector, line, Preparation.of(projector, weighting, filter_name, frequency_scaling))
-    )
-
-
-def turning(geometry: FanViews) -> FanBeamGeometry:
-    """Return the geometry of a scan that turns about one axis, which filtered back-projection needs, or refuse it."""
-    if isinstance(geometry, FanBeamGeometry):
-        return geometry
-    raise GeometryError(
-        "filtered back-projection needs views that turn about one axis, and each of these stands on its own: choose "
-        "total-variation, cauchy-map or tikhonov"
     )
 
 

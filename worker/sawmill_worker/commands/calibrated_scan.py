@@ -6,23 +6,31 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from sawmill_calibration.failures import refused
-from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry, check_same_scanner
+from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner
 from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
+from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, read_views
 from sawmill_vocabulary import ProgressCallback
-from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
+from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource, VectorSource
 
 
 @contextmanager
 def open_with_geometry(
     scan: ScanSource,
-    geometry: ThetaSource | CalibrationSource,
+    geometry: ThetaSource | CalibrationSource | VectorSource,
     *,
     on_progress: ProgressCallback,
     beside: Path | None = None,
-) -> Iterator[tuple[ScanRows, KnownGeometry]]:
-    """Open a scan with a given theta, or a calibration of the same scanner, with which further constants must agree."""
+) -> Iterator[tuple[ScanRows, AnyGeometry]]:
+    """Open a scan with a theta, with vectors, or with a calibration of the same scanner, whose constants must agree."""
+    if isinstance(geometry, VectorSource):
+        r_s = float(np.hypot(*read_views(geometry.path).source_mm.T).mean())
+        with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
+            yield ImportedGeometry.of(read_views(geometry.path, used.scanner.num_detector_pixels), used)
+        return
     if isinstance(geometry, ThetaSource):
         r_s = geometry.source_to_cor_mm
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:

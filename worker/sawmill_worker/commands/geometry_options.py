@@ -48,23 +48,37 @@ class CalibrationSource:
     source_to_cor_mm: float | None
 
 
-class WithGeometry(Command):
-    """A command that needs a geometry, as five numbers or as a calibration."""
+@dataclass(frozen=True)
+class VectorSource:
+    """A geometry given by a file of vectors for each view."""
 
-    one_of = OneOf(("theta", "calibration"), "the geometry")
+    path: Path
+
+
+class WithGeometry(Command):
+    """A command that needs a geometry, as five numbers, as a calibration or as vectors."""
+
+    one_of = OneOf(("theta", "calibration", "geometry"), "the geometry")
     needs: ClassVar = {"theta": "source_to_cor_mm"}
 
 
 def given_geometry(
-    theta: Theta | None, rotation: Rotation | None, calibration: Path | None, source_to_cor_mm: float | None
-) -> ThetaSource | CalibrationSource:
-    """Return the geometry of the flags; a rotation together with a calibration is wrong use."""
-    if calibration is None:
+    theta: Theta | None,
+    rotation: Rotation | None,
+    calibration: Path | None,
+    source_to_cor_mm: float | None,
+    vectors: Path | None = None,
+) -> ThetaSource | CalibrationSource | VectorSource:
+    """Return the geometry of the flags; a rotation together with a calibration or vectors is wrong use."""
+    if vectors is not None and rotation is None:
+        return VectorSource(vectors)
+    if calibration is None and vectors is None:
         assert theta is not None  # noqa: S101 - checked by WithGeometry
         assert source_to_cor_mm is not None  # noqa: S101
         return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
     if rotation is not None:
         raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
+    assert calibration is not None  # noqa: S101 - checked by WithGeometry
     return CalibrationSource(calibration, source_to_cor_mm)
 
 
@@ -118,3 +132,10 @@ SourceToCorOfTheta = Annotated[
 ]
 RotationOfTheta = Annotated[Rotation | None, option(ReconstructionRequest, "rotation")]
 CalibrationFlag = typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=CALIBRATION_HELP)
+GeometryFlag = typer.Option(
+    metavar="VECTORS",
+    exists=True,
+    dir_okay=False,
+    help="A file of vectors for each view of the scan, which replace its angles: JSON of export --to vectors, or rows "
+    "of ASTRA's fanflat_vec, mm (.npy).",
+)

@@ -28,6 +28,7 @@ PUBLISHED_SCANNER = {
 class ExportTarget(StrEnum):
     """Toolkits for which a geometry can be written."""
 
+    VECTORS = "vectors"
     ASTRA = "astra"
     ODL = "odl"
     CIL = "cil"

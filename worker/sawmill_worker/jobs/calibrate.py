@@ -33,8 +33,7 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
     with open_scan(attempt.file) as stored:
         rows = stored_rows(attempt, stored, options.rows or scan.phantom_rows, options.views)
         calibrated = None if active is None else active.scanner
-        modules = known_modules(scanner.constants, stored.detector_modules, calibrated)
-        rows = replace(rows, scanner=replace(scanner.constants, detector_modules=modules))
+        rows = replace(rows, scanner=known_cells(scanner.constants, stored.detector_modules, calibrated))
         drawing = drawing_of(attempt)
         origin = {
             "input_sha256": scan.sha256,
@@ -117,10 +116,13 @@ def declared_modules(constants: ScannerConstants, of_scan: tuple[DetectorModule,
     return constants.detector_modules or of_scan
 
 
-def known_modules(
+def known_cells(
     present: ScannerConstants, of_scan: tuple[DetectorModule, ...], calibrated: ScannerConstants | None
-) -> tuple[DetectorModule, ...]:
-    """Return the modules from which a calibration starts: those of the active one, if its detector is still there."""
-    if calibrated is None or replace(calibrated, detector_modules=present.detector_modules) != present:
-        return declared_modules(present, of_scan)
-    return calibrated.detector_modules
+) -> ScannerConstants:
+    """Return the scanner with the places of cells from which a calibration starts.
+
+    They are those of the active calibration, if its detector is still there.
+    """
+    if calibrated is not None and calibrated.with_cells_of(present) == present:
+        return present.with_cells_of(calibrated)
+    return replace(present, detector_modules=declared_modules(present, of_scan))

@@ -101,5 +101,5 @@ def _geometry_of(
         rotation, handedness = options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
         return GivenGeometry(scanner, options.theta, rotation, handedness)
     if attempt.given.calibration is None:
-        raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
+        raise refused("no-active-calibration", "no calibration of the scanner was activated")
     return usable_calibration(attempt, "use")

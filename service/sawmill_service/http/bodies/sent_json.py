@@ -7,7 +7,6 @@ import json
 import reprlib
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from fastapi import Request
@@ -18,7 +17,7 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, GetCoreSchemaHandler, TypeAdapter
 from pydantic_core import CoreSchema, core_schema, from_json, to_json
 
-from sawmill_platform.contracts.base import BYTE_ORDER_MARK, read_strictly
+from sawmill_platform.contracts.base import BYTE_ORDER_MARK, near_name, read_strictly
 from sawmill_platform.contracts.given import hidden_characters
 from sawmill_service.http.problems import STATED, ProblemPlace
 
@@ -131,11 +130,16 @@ async def check_query(request: Request) -> None:
     for name in query:
         values = query.getlist(name)
         if name not in types:
-            errors.append(_refused((ProblemPlace.QUERY, name), values, f"is not a known field{near_name(name, types)}"))
+            errors.append(unknown((name,), values, types))
         elif len(values) > 1 and not _is_list(types[name]):
             errors.append(repeated((ProblemPlace.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
+
+
+def unknown(place: Sequence[str], values: list[Any], names: Iterable[str]) -> Mapping[str, object]:
+    """Make the error of a name, the last of its place in the query, that is none of the known ones."""
+    return _refused((ProblemPlace.QUERY, *place), values, f"is not a known field{near_name(place[-1], names)}")
 
 
 def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
@@ -152,12 +156,6 @@ def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
 
 def _is_list(annotation: object) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
-
-
-def near_name(name: str, names: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: a similar known name; empty if there is none."""
-    near = get_close_matches(name, sorted(names), n=1)
-    return f": {near[0]!r} is" if near else ""
 
 
 def repeated(place: Sequence[int | str], values: list[Any]) -> Mapping[str, object]:

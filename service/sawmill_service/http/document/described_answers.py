@@ -1,6 +1,7 @@
 """Description of successful answers in the OpenAPI document: binary files, headers, streams of events."""
 
 from collections.abc import Mapping
+from http import HTTPStatus
 from typing import Any
 
 from sawmill_service.http.document.refusals import OF_DOWNLOADS, Responses, refuses
@@ -47,11 +48,6 @@ _BY_STATUS = {
 _OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
 # FastAPI's words for every answer that a route does not describe.
 _GENERATED = "Successful Response"
-_BY_STATUS_OF_JSON = {
-    "200": "The answer: {}.",
-    "201": "Created: {}, which is also found at `Location`.",
-    "202": "Accepted: {}. The work is not finished: ask for its state at `Location`.",
-}
 _UNCHANGED = "The client already holds these bytes, as `If-None-Match` states."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
@@ -120,7 +116,7 @@ def describe_answers(operation: dict[str, Any]) -> None:
     responses = operation["responses"]
     for status, response in responses.items():
         if response["description"] == _GENERATED:
-            response["description"] = _what_is_answered(status, response)
+            response["description"] = HTTPStatus(int(status)).phrase
     if "206" in responses:
         responses["206"]["content"] = responses["200"]["content"]
     for status, response in responses.items():
@@ -132,18 +128,6 @@ def describe_answers(operation: dict[str, Any]) -> None:
         own = response.get("headers", {})
         named = {*own, *_BY_STATUS.get(status, ()), "X-Request-Id"}
         response["headers"] = {name: own.get(name) or _reference(name) for name in sorted(named)}
-
-
-def _what_is_answered(status: str, response: dict[str, Any]) -> str:
-    """Describe a successful answer by its status and its kind of body."""
-    kinds = list(response.get("content", {}))
-    if not kinds:
-        return "Done; the answer has no body."
-    if kinds != ["application/json"]:
-        return f"The file, {' or '.join(kinds)}."
-    reference = response["content"]["application/json"]["schema"].get("$ref")
-    kind = f"`{reference.rpartition('/')[2]}`" if reference else "JSON"
-    return _BY_STATUS_OF_JSON[status].format(kind)
 
 
 def _named(*headers: str) -> dict[str, Any]:

@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 
 from sawmill_service.http.document.described_answers import BINARY, HEADERS, describe_answers
-from sawmill_service.http.document.openapi_words import complete
+from sawmill_service.http.document.generators import NULL, write_for_generators
 from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
 from sawmill_service.http.problems import Problem
 from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
 
 TRY = "x-try"
-_NULL = {"type": "null"}
 SECURITY_SCHEMES = {
     "key": {"type": "http", "scheme": "bearer", "description": "A key; each operation states the scope that it needs."},
     "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
@@ -115,10 +114,8 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
     _name_by_title(document, schemas)
     components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
-    complete(schemas, _parameters(document))
     for _, _, message in _operations(document, "webhooks"):
         _drop_generated_refusal(message["responses"])
-    _state_items(document)
     for path, method, operation in _operations(document):
         rule = rules.by_pattern[path][method.upper()]
         _describe_access(rule, operation)
@@ -134,9 +131,8 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         "summary": "Get an upload's offset",
     }
     components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
-    for part in (*schemas.values(), document["paths"], document["webhooks"]):
-        for inner in part.values():
-            _write_for_generators(inner)
+    for part in (schemas, document["paths"], document["webhooks"]):
+        write_for_generators(part, schemas)
     return document
 
 
@@ -147,28 +143,6 @@ def _without_bodies(operation: dict[str, Any]) -> dict[str, Any]:
         for status, answer in operation["responses"].items()
     }
     return operation | {"responses": answers}
-
-
-def _write_for_generators(part: Any) -> None:  # noqa: ANN401 - any JSON value
-    """Drop titles inside schemas, and write "X or null" of a plain X as a list of types, in place.
-
-    Generators name a class by each title, and make a class for each `anyOf`.
-    """
-    if isinstance(part, list):
-        part = dict(enumerate(part))
-    if not isinstance(part, dict):
-        return
-    for name, inner in part.items():
-        if name not in {"example", "examples", "default"}:
-            _write_for_generators(inner)
-    if isinstance(part.get("title"), str):
-        del part["title"]
-    choices = [choice for choice in part.get("anyOf", []) if choice != _NULL]
-    if len(choices) == 1 < len(part.get("anyOf", [])) and isinstance(choices[0].get("type"), str):
-        del part["anyOf"]
-        part |= choices[0] | part | {"type": [choices[0]["type"], "null"]}
-        if "minimum" in part:  # the smallest value of a request, above the bound that excludes 0
-            part.pop("exclusiveMinimum", None)
 
 
 def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
@@ -189,23 +163,6 @@ def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN4
             _replace_references(value, refer)
         elif isinstance(value, str) and value in refer:
             part[key] = refer[value]
-
-
-def _state_items(part: Any) -> None:  # noqa: ANN401 - any JSON value
-    """Add the type of the items of each pair, in place, for generators that ignore `prefixItems`.
-
-    The pair's length already forbids further items. `items: false` would repeat that, and openapi-python-client refuses
-    it.
-    """
-    if isinstance(part, dict) and "prefixItems" in part:
-        [kind] = {item["type"] for item in part["prefixItems"]}
-        part["items"] = {"type": kind}
-    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
-        _state_items(each)
-
-
-def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    return (parameter for *_, operation in _operations(document) for parameter in operation.get("parameters", []))
 
 
 def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
@@ -236,14 +193,13 @@ def _drop_generated_refusal(responses: dict[str, Any]) -> None:
 
 
 def _describe_parameters(operation: dict[str, Any]) -> None:
-    """Put required parameters first; remove null from their types, because a parameter is left out and never null."""
-    operation.get("parameters", []).sort(key=lambda parameter: not parameter["required"])
+    """Remove null from the types of parameters, because a parameter is left out and never null."""
     for parameter in operation.get("parameters", []):
         parameter["schema"] = _not_null(parameter["schema"])
 
 
 def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
-    choices = [choice for choice in schema.get("anyOf", []) if choice != _NULL]
+    choices = [choice for choice in schema.get("anyOf", []) if choice != NULL]
     return choices[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(choices) == 1 else schema
 
 

@@ -64,6 +64,14 @@ class Paging(Given):
         json_schema_extra={"pattern": patterns.CURSOR},
     )
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
+    fields: str | None = Field(
+        None,
+        exclude=True,  # `short_items.py` reads it
+        max_length=1000,
+        pattern=r"^[a-z0-9_]+(,[a-z0-9_]+)*$",
+        description="Fields of the items, with commas between, as `id,state`. Items then lack all others, also those "
+        "that their schema requires. Default: all.",
+    )
 
 
 class NumberedPaging(Paging):

@@ -18,9 +18,11 @@ from sawmill_contracts import kinds, mill_events
 from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.inspections import PICTURE_PX, Inspection, InspectionOptions, ScanPicture
+from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, StoredPhantom
 from sawmill_contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.given import Given
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheStore, TheWake
@@ -36,10 +38,10 @@ from sawmill_service.pages.calibrate.calibrate_words import (
     WizardAddress,
     changes_of,
     parameters_of,
-    stages,
 )
 from sawmill_service.pages.calibrate.report import stored_arrays
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.job_words import stages
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_store.store import Store
 from sawmill_vocabulary import ReconstructionMethod
@@ -49,6 +51,8 @@ ASKED = {"scanner_id": "scanner", "phantom_id": "phantom", "data": "data", "angl
 # Age up to which a scan of a phantom is offered before a file is sent: a shift.
 OFFERED_FOR = timedelta(hours=12)
 
+# Number of views from which their number is no cause of a failure (docs/do/commissioning.md).
+ENOUGH_VIEWS = 120
 # The form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
 FORM_BYTES = 400_000
 
@@ -284,8 +288,25 @@ def _of_calibration(
         discarded=discarded,
         unread=unread is not None,
         failure=failure,
+        scan=scan,
+        likelier=_likelier(store, failure),
+        few_views=_few_views(scan, failure),
+        enough_views=ENOUGH_VIEWS,
         again=_again(store.files, where, scan),
     )
+
+
+def _likelier(store: Store, failure: Failure | None) -> StoredPhantom | None:
+    """Return the built-in phantom that explains the scan, as the failure's sentence names it; None without one."""
+    named = re.search(r"the built-in drawing '([a-z0-9-]+)' explains the scan", failure.detail if failure else "")
+    return store.phantoms.get(named[1]) if named and named[1] in BUILT_IN_PHANTOMS else None
+
+
+def _few_views(scan: Scan | None, failure: Failure | None) -> int:
+    """Return the number of views of a scan in which no phantom was seen, if they may be too few; else 0."""
+    unseen = failure is not None and failure.code == "phantom-not-seen"
+    shape = scan.shape if scan is not None and unseen else None
+    return 0 if shape is None or shape.views >= ENOUGH_VIEWS else shape.views
 
 
 def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:

@@ -13,18 +13,6 @@ from sawmill_platform.contracts.base import Identifier
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import PageFrame
 
-# Stages, by the names that jobs report.
-STAGES = {
-    "read": marked("Reading the file"),
-    "prepare": marked("Turning the numbers into attenuation"),
-    "align rows": marked("Aligning the rows"),
-    "rows": marked("Finding the rows that show the phantom"),
-    "search": marked("Searching for the geometry"),
-    "log": marked("Comparing with the log beside the phantom"),
-    "result": marked("Writing the result"),
-    "store": marked("Writing the result"),
-}
-
 
 @dataclass(frozen=True)
 class Row:
@@ -33,11 +21,6 @@ class Row:
     name: str
     value: str
     beside: str = ""
-
-
-def stages(page: PageFrame) -> dict[str, str]:
-    """Return the stages of a running job in the page's language, by the names that the job reports."""
-    return {name: page.text.gettext(text) for name, text in STAGES.items()}
 
 
 def changes_of(page: PageFrame, compared: Comparison | None) -> list[Row]:

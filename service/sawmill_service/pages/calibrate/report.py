@@ -5,6 +5,8 @@ first report: a service at rest does not hold them.
 """
 # ruff: noqa: PLC0415 - for that reason
 
+from datetime import datetime
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 from zoneinfo import ZoneInfo
 
@@ -22,8 +24,9 @@ from sawmill_service.dependencies import TheFiles, TheJobs, TheStore
 from sawmill_service.drawing import DRAWING, FIGURE_BYTES, scan_if_kept
 from sawmill_service.http.responses.drawn import Drawn
 from sawmill_service.http.route_rules import Router
-from sawmill_service.pages.frame.languages import Language, known_zone
+from sawmill_service.pages.frame.languages import Language, known_zone, texts
 from sawmill_service.pages.frame.page_frame import formats_of
+from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_service.scanner_conditions import step_with
 from sawmill_store.store import Store
@@ -46,7 +49,7 @@ def report(
     from sawmill_calibration.pictures.report_page import report_html
 
     calibration = succeeded(store.calibrations, calibration_id, "report")
-    about, reader = _about(store, calibration), formats_of(language).reader
+    about, reader = _about(store, calibration, language), formats_of(language).reader
 
     def draw() -> Response:
         with DRAWING:
@@ -56,35 +59,41 @@ def report(
     return Drawn(request, FIGURE_BYTES, draw)
 
 
-def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
-    from sawmill_calibration.pictures.report_numbers import moment
+def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "About":
     from sawmill_calibration.pictures.report_page import About
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store.scans, calibration.scan_id)
     activation = store.history.newest(scanner.id, HistoryKind.ACTIVATION, calibration.id)
-    zone = _mill_zone(store, scanner.id)
+    zone, words = _zone(store, scanner.id), partial(stored_words, translate=texts(language).gettext)
+
+    def written(time: datetime) -> str:
+        local = time.astimezone(None if zone is None else ZoneInfo(zone))
+        return f"{formats_of(language).moment(time, zone)} ({zone or local.tzname()})"
+
     return About(
         calibration_id=calibration.id,
-        made_at=calibration.created_at.astimezone(zone),
+        made_at=calibration.created_at.astimezone(None if zone is None else ZoneInfo(zone)),
+        made=written(calibration.created_at),
         scanner_name=scanner.name,
         scanner_id=scanner.id,
         scan_name=None if scan is None else scan.name,
         scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         tolerances=scanner.tolerances,
-        asked_by=_asked_by(store.jobs, calibration),
+        asked_by=words(_asked_by(store.jobs, calibration) or ""),
         active=scanner.active_calibration_id == calibration.id,
-        activated="" if activation is None else moment(activation.at.astimezone(zone)),
-        activated_why="" if activation is None else activation.why or "",
+        activated="" if activation is None else written(activation.at),
+        activated_why="" if activation is None else words(activation.why or ""),
         step=step_with(store, calibration),
         back=f"/scanners/{scanner.id}",
     )
 
 
-def _mill_zone(store: Store, scanner_id: str) -> ZoneInfo | None:
-    """Return the time zone of the mill, which the newest schedule of the scanner names; None: this machine's."""
+def _zone(store: Store, scanner_id: str) -> str | None:
+    """Return the time zone of the mill, until it is set that of the scanner's newest schedule; None: this machine's."""
     newest = store.schedules.page(scanner_id=scanner_id, limit=1).items
-    return ZoneInfo(known_zone(newest[0].time_zone)) if newest else None
+    named = store.mill_zone.get() or (newest[0].time_zone if newest else None)
+    return None if named is None else known_zone(named)
 
 
 def _asked_by(jobs: TheJobs, calibration: CalibrationHeader) -> str | None:

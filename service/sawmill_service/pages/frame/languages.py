@@ -93,9 +93,10 @@ _LARGEST_IN_FULL = 1e15
 class Formats:
     """Numbers and times in one language; an unknown value (None, or not finite) is written as unknown."""
 
-    def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
+    def __init__(self, locale: Locale, text: gettext.NullTranslations, zone: str | None = None) -> None:
         self._locale = locale
         self._text = text
+        self._zone = zone  # time zone in which times are written; None: this machine's
 
     @property
     def reader(self) -> Reader:
@@ -116,6 +117,7 @@ class Formats:
             "day": self.day,
             "axis": self.axis,
             "age": self.age,
+            "significant": self.significant,
             "iso": iso,
             "known_zone": known_zone,
         }
@@ -128,6 +130,10 @@ class Formats:
             return str(format_scientific(value, locale=self._locale))
         pattern = "#,##0" + ("." + "0" * digits if digits else "")
         return format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
+
+    def significant(self, value: float, digits: int) -> str:
+        """Write a number with this number of significant digits, a very small or large one with its exponent."""
+        return self.reader.localised(f"{value:.{digits}g}")
 
     def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
         """Write a length, mm."""
@@ -157,24 +163,28 @@ class Formats:
         return f"{self.number(value / 1024**step, 1 if step else 0)} {_BINARY[step]}"
 
     def moment(self, time: datetime | str | None, zone: str | None = None) -> str:
-        """Write day and minute in a zone or in this machine's, which the pages' script turns into the browser's."""
+        """Write day and minute, in the zone of the mill or in another one."""
         if time is None:
             return self._text.gettext("never")
         return str(get_datetime_format("medium", self._locale)).format(self.hour(time, zone), self.day(time, zone))
 
     def hour(self, time: datetime | str, zone: str | None = None) -> str:
-        """Write hour and minute alone, in a time zone or, without one, in this machine's."""
-        return str(format_time(_local(time, zone), "short", locale=self._locale))
+        """Write hour and minute alone, in the zone of the mill or in another one."""
+        return str(format_time(_local(time, zone or self._zone), "short", locale=self._locale))
 
     def day(self, time: datetime | str | None, zone: str | None = None) -> str:
-        """Write the day alone, in a time zone or, without one, in this machine's."""
-        return self._text.gettext("never") if time is None else format_date(_local(time, zone), "medium", self._locale)
+        """Write the day alone, in the zone of the mill or in another one."""
+        return (
+            self._text.gettext("never")
+            if time is None
+            else format_date(_local(time, zone or self._zone), "medium", self._locale)
+        )
 
     def axis(self, time: datetime, *, with_year: bool = False) -> str:
         """Write day and month, or month and year, for an axis; the hour where the time is not midnight."""
         if time.hour or time.minute:
-            return str(format_time(_local(time), "short", locale=self._locale))
-        return str(format_skeleton("yMMM" if with_year else "MMMd", _local(time), locale=self._locale))
+            return str(format_time(_local(time, self._zone), "short", locale=self._locale))
+        return str(format_skeleton("yMMM" if with_year else "MMMd", _local(time, self._zone), locale=self._locale))
 
     def age(self, time: datetime | str | None) -> str:
         """Write how long ago a time was, or how far ahead it is."""

@@ -1,7 +1,10 @@
 """Common part of all pages: the language and the colours of a browser, the caller, the header and the templates."""
 
+import gettext
 import re
+from collections.abc import Mapping
 from functools import cache, partial
+from types import MappingProxyType
 from typing import Annotated
 
 from fastapi import Depends, Query, Request
@@ -9,7 +12,10 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from jinja2 import Environment
 
 from sawmill_calibration.pictures.templating import templates_of
+from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
+from sawmill_platform.errors import NotFound
+from sawmill_platform.jobs.job_store import Jobs
 from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.route_rules import NoKey, Router
@@ -18,12 +24,15 @@ from sawmill_service.pages.frame.languages import (
     ENGLISH,
     LANGUAGES,
     Formats,
+    known_zone,
     locale_of,
     marked,
     preferred_language,
     texts,
 )
+from sawmill_service.pages.frame.stored_words import stored_words
 from sawmill_service.pages.frame.verdicts import shown_questions
+from sawmill_store.store import Store
 from sawmill_vocabulary.messages import Reason
 
 LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"
@@ -33,14 +42,15 @@ THEMES = ("auto", "light", "dark")
 class PageFrame:
     """Page that answers one request, in the browser's language."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: Request, zone: str | None = None) -> None:
         self._request = request
+        self.zone = zone  # time zone of the mill; None: nobody has set it, or the store is not asked
         self.caller: Caller = getattr(request.state, "caller", ANYBODY)
         self.language = preferred_language(
             request.cookies.get(LANGUAGE_COOKIE, ""), request.headers.get("accept-language", "")
         )
         self.text = texts(self.language)
-        self.formats = formats_of(self.language)
+        self.formats = formats_of(self.language, zone)
 
     def answer(
         self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
@@ -54,13 +64,15 @@ class PageFrame:
     def render(self, template: str, **values: object) -> str:
         """Return the text of a template, for a page or a part of one."""
         return (
-            templates(self.language)
+            templates(self.language, self.zone)
             .get_template(f"pages/{template}")
             .render(
                 caller=self.caller,
                 may=self.may,
+                failure_of=self._failure_of,
                 language=self.language,
                 languages=LANGUAGES,
+                zone=self.zone,
                 theme=self._theme(),
                 themes=THEMES,
                 navigation=() if self.caller is ANYBODY else NAVIGATION,
@@ -74,6 +86,14 @@ class PageFrame:
         """Return whether the caller may do what needs a scope, as `activate`."""
         return self.caller.scope.covers(Scope(scope))
 
+    def _failure_of(self, job_id: str) -> Failure | None:
+        """Return why a job failed; None where it did not, or its row was removed."""
+        jobs: Jobs = self._request.app.state.store.jobs
+        try:
+            return jobs.get(job_id).failure
+        except NotFound:
+            return None
+
     def _theme(self) -> str:
         chosen = self._request.cookies.get(THEME_COOKIE, "")
         return chosen if chosen in THEMES else THEMES[0]
@@ -86,26 +106,40 @@ class PageFrame:
             cookie.give(answer, self._request.scope, secret, lasting=True)
 
 
-ThePage = Annotated[PageFrame, Depends()]
+def _frame(request: Request) -> PageFrame:
+    store: Store = request.app.state.store
+    zone = store.mill_zone.get()
+    return PageFrame(request, None if zone is None else known_zone(zone))
+
+
+ThePage = Annotated[PageFrame, Depends(_frame)]
 
 
 @cache
-def formats_of(language: str) -> Formats:
-    """Return the formats of numbers and times in a language."""
-    return Formats(locale_of(language), texts(language))
+def formats_of(language: str, zone: str | None = None) -> Formats:
+    """Return the formats of numbers and times in a language and a time zone; None: this machine's."""
+    return Formats(locale_of(language), texts(language), zone)
 
 
 @cache
-def templates(language: str = ENGLISH) -> Environment:
-    """Return the templates in a language."""
+def templates(language: str = ENGLISH, zone: str | None = None) -> Environment:
+    """Return the templates in a language and a time zone."""
     environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
-    text, formats = texts(language), formats_of(language)
+    text, formats = texts(language), formats_of(language, zone)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
     environment.filters |= formats.filters()
+    environment.filters["stored"] = partial(_stored, text)
     environment.globals["failures"] = {code: kind for code, kind in problem_types().items() if kind.failure}
     environment.globals["verdict_questions"] = shown_questions(text, formats)
     environment.globals["in_words"] = partial(Reason.in_words, reader=formats.reader)
     return environment
+
+
+def _stored(
+    text: gettext.NullTranslations, stored: str | None, labels: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return a text of a row in the reader's language; empty without one."""
+    return stored_words(stored, text.gettext, lambda name: labels.get(name, name)) if stored else ""
 
 
 NAVIGATION = (

@@ -18,8 +18,8 @@ _WORDS = {
     Answer.ACCEPTED: ("idle", marked("Accepted")),
 }
 
-# The word of the third question's good answer; it has no bad one.
-_NOTHING_MOVED = marked("No")
+# The third question's words: its good answer is No.
+_MOVED_WORDS = {Answer.YES: marked("No"), Answer.NO: marked("Yes"), Answer.LOOK: marked("Yes")}
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class ShownQuestion:
     value: str | None
     limit: str | None
     share: float | None  # number divided by its limit
+    during: str = ""  # what moved during the scan; empty: nothing
 
 
 def shown_questions(
@@ -50,10 +51,12 @@ def shown_questions(
 
 
 def _shown_movement(moved: AnythingMoved, text: gettext.NullTranslations, formats: Formats) -> ShownQuestion:
-    """Return the third question, whose good answer is No."""
+    """Return the third question, with a movement since the calibration in use and one during the scan apart."""
     sentence = moved.reason.in_words(formats.reader).headline
     shown = _shown(text, moved.question, moved.answer, sentence, moved.moved_mm, moved.limit_mm, formats.mm)
-    return replace(shown, word=text.gettext(_NOTHING_MOVED)) if moved.answer is Answer.YES else shown
+    during = "" if moved.slip is None else moved.slip.in_words(formats.reader).headline
+    word = text.gettext(_MOVED_WORDS[moved.answer]) if moved.answer in _MOVED_WORDS else shown.word
+    return replace(shown, word=word, during=during)
 
 
 def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:

@@ -7,6 +7,7 @@ from fastapi import Query, Response
 from fastapi.responses import RedirectResponse
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
+from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.calibration_differences import differences
@@ -20,6 +21,7 @@ from sawmill_service.http.problems import STATUS
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_words import PARAMETERS
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage
+from sawmill_service.pages.scanners.scanner_history import VERDICTS
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_store.store import Store
 
@@ -69,6 +71,7 @@ def _page(
     listed = store.calibrations.page(scanner_id=scanner_id, state=JobState.SUCCEEDED, limit=_MOST).items
     newest = [each.id for each in listed[1::-1]]
     both = [_calibration(store, scanner_id, each) for each in (chosen if all(chosen) else newest)]
+    discards = store.history.page(scanner_id, kind=HistoryKind.DISCARD, limit=_MOST).items
     scans = store.scans.page(scanner_id=scanner_id, limit=_MOST).items
     return page.answer(
         "comparison.html",
@@ -77,6 +80,9 @@ def _page(
         scanner=scanner,
         listed={each.id: each for each in (*listed, *both)},
         both=both,
+        names=store.scans.several({each.scan_id for each in (*listed, *both)}),
+        discarded={entry.subject_id for entry in discards},
+        verdicts=VERDICTS,
         differences=list(differences(*both)) if len(both) > 1 else [],
         parameters=PARAMETERS,
         degrees_a_radian=math.degrees(1.0),

@@ -73,6 +73,14 @@ FIELDS = (
         letter="C",
     ),
     FormField(
+        "detector_arc_radius_mm",
+        ("constants", "detector_arc_radius_mm"),
+        marked("Radius of a curved detector"),
+        marked("From the cells to the centre of the arc on which they lie. Empty: a straight detector."),
+        marked("Wrong: rays are wrong towards the detector's ends, and a calibration may blame something else."),
+        needed=False,
+    ),
+    FormField(
         "row_pitch_mm",
         ("constants", "row_pitch_mm"),
         marked("Row pitch"),

@@ -1,5 +1,6 @@
 """`/scanners/{scanner_id}/history`: measurements over months, and everything that happened, by whom and why."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
@@ -9,6 +10,8 @@ from fastapi import Depends, Query
 from fastapi.responses import HTMLResponse
 
 from sawmill_contracts import mill_events
+from sawmill_contracts.calibrations import Calibration
+from sawmill_contracts.drifts import Drift
 from sawmill_contracts.history import HistoryEntry, HistoryKind
 from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts import event_kinds
@@ -26,8 +29,12 @@ from sawmill_service.pages.frame.page_frame import (
 )
 from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 from sawmill_service.pages.scanners.scanner import SPANS
+from sawmill_service.pages.scanners.scanner_form import FIELDS
+from sawmill_store.store import Store
 
 PER_PAGE = 50
+# Labels of settings by their names in the API.
+LABELS = {".".join(each.place): each.label for each in FIELDS} | {"name": marked("Name")}
 KINDS = {
     HistoryKind.CALIBRATION: marked("Calibration"),
     HistoryKind.DRIFT_CHECK: marked("Drift check"),
@@ -45,6 +52,7 @@ EVENT_WORDS = {
     mill_events.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
     mill_events.CALIBRATION_DISCARDED: Word("idle", marked("Discarded")),
     mill_events.ALARM_ACKNOWLEDGED: Word("idle", marked("Acknowledged")),
+    mill_events.RED_ACKNOWLEDGED: Word("idle", marked("Acknowledged")),
     mill_events.ALARM_OPENED: Word("bad", marked("Begun")),
     mill_events.ALARM_CLOSED: Word("good", marked("Ended")),
     mill_events.SCANNER_CREATED: Word("idle", marked("Added")),
@@ -55,7 +63,7 @@ EVENT_WORDS = {
     mill_events.SCHEDULE_MISSED: Word("watch", marked("Missed")),
     mill_events.SCAN_REFUSED: Word("bad", marked("Refused")),
 }
-_VERDICTS = {
+VERDICTS = {
     "pass": Word("good", marked("Passed")),
     "watch": Word("watch", marked("Watch")),
     "fail": Word("bad", marked("Not usable")),
@@ -112,6 +120,7 @@ def scanner_history(
     stored, span = store.scanners.get(scanner_id), Span.until(datetime.now(UTC), shown.days)
     movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
+    found = store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE)
     return page.answer(
         "scanner_history.html",
         scanner=stored,
@@ -122,11 +131,25 @@ def scanner_history(
         is_calibration=is_calibration,
         deviations=DEVIATIONS,
         days=shown.days,
-        found=store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE),
+        found=found,
+        subjects=_subjects(store, found.items),
+        labels={name: page.text.gettext(label) for name, label in LABELS.items()},
         kinds=KINDS,
         word_of=word_of,
         alarms=ALARMS,
     )
+
+
+def _subjects(store: Store, entries: Sequence[HistoryEntry]) -> dict[tuple[str, str], Calibration | Drift]:
+    """Find the calibrations and drift checks of entries that are still stored, by their types and ids."""
+
+    def ids(subject: str) -> set[str]:
+        return {entry.subject_id for entry in entries if entry.subject == subject}
+
+    calibrations, drifts = store.calibrations.several(ids("calibration")), store.drifts.several(ids("drift"))
+    return {("calibration", id_): each for id_, each in calibrations.items()} | {
+        ("drift", id_): each for id_, each in drifts.items()
+    }
 
 
 def word_of(entry: HistoryEntry) -> Word:
@@ -134,4 +157,4 @@ def word_of(entry: HistoryEntry) -> Word:
     measured = entry.measured
     if measured is None:
         return EVENT_WORDS.get(entry.type) or Word("idle", entry.type)
-    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]
+    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else VERDICTS[measured.verdict]

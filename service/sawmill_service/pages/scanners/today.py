@@ -28,8 +28,10 @@ from sawmill_store.examples import is_example, remove_examples
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# From this number of scanners on, rows are compact and those of fine scanners are folded.
+# From this number of scanners on, rows are compact, and one tile stands for those of equal states.
 COMPACT_FROM = 8
+# Most tiles below one another on a wall.
+LONGEST_COLUMN = 9
 _WORST_FIRST = ("bad", "watch", "idle", "good")
 # Events that no row of a scanner shows.
 _NOT_SHOWN = {
@@ -70,7 +72,13 @@ class ScannerLine:
     @property
     def needs_somebody(self) -> bool:
         """Whether a person must do something."""
-        return not self.example and self.condition.step.needs_somebody
+        return not self.example and self.condition.step.needs_somebody and self.condition.known is None
+
+    @property
+    def group(self) -> str:
+        """List of a board of many scanners: `fine`, `grey` (without a calibration), or `scanners`, each with a row."""
+        tone = "" if self.example else self.condition.step.tone
+        return {"good": "fine", "idle": "grey"}.get(tone, "scanners")
 
     @property
     def rank(self) -> tuple[bool, int, float, list[str | int]]:
@@ -105,15 +113,24 @@ class Board:
         """Whether rows must be small, because there are many scanners."""
         return len(self.rows) >= COMPACT_FROM
 
-    @property
-    def folded(self) -> Sequence[ScannerLine]:
-        """Rows of the scanners that are fine, where there are many."""
-        return [row for row in self.rows if self.compact and not row.needs_somebody]
+    def group(self, name: str) -> Sequence[ScannerLine]:
+        """Return the rows of a group of equal states, which one tile stands for where there are many scanners."""
+        return [row for row in self.rows if self.compact and row.group == name]
 
     @property
     def shown(self) -> Sequence[ScannerLine]:
         """Rows that are in sight at once."""
-        return [row for row in self.rows if row.needs_somebody or not self.compact]
+        return self.group("scanners") if self.compact else self.rows
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles on a wall."""
+        return max(len(self.shown) + bool(self.group("fine")) + bool(self.group("grey")), 1)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of tiles on a wall, so that none is longer than can be read."""
+        return -(-self.tiles // LONGEST_COLUMN)
 
 
 def _is_kiosk(kiosk: Annotated[str | None, Query(max_length=10)] = None) -> bool:
@@ -159,8 +176,9 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     rows = [_row(condition, movements, now) for condition in conditions_of(store)]
     needy = [row.condition.step.tone for row in rows if row.needs_somebody]
     red, others = needy.count("bad"), len(needy) - needy.count("bad")
-    fine = sum(not row.example for row in rows) - len(needy)
-    ends = [
+    known = [row.condition.known for row in rows if row.condition.known is not None]
+    fine = sum(row.group == "fine" for row in rows)
+    ends = [notice.until for notice in known] + [
         alarm.acknowledged.until
         for row in rows
         for alarm in row.condition.alarms
@@ -169,7 +187,7 @@ def _board(page: PageFrame, store: Store, *, kiosk: bool) -> Board:
     return Board(
         rows=sorted((row for row in rows if not (kiosk and row.example)), key=lambda row: row.rank),
         title=_title(page.text, red, others),
-        headline=_headline(page.text, fine, red, others),
+        headline=_headline(page.text, fine, red, others, len(known)),
         now=now,
         changes_at=min(ends, default=None),
         kiosk=kiosk,
@@ -189,13 +207,18 @@ def _title(text: gettext.NullTranslations, red: int, others: int) -> str:
     return f"({count % {'red': red, 'others': others}}) " + text.gettext("Today")
 
 
-def _headline(text: gettext.NullTranslations, fine: int, red: int, others: int) -> str:
+def _headline(text: gettext.NullTranslations, fine: int, red: int, others: int, known: int) -> str:
     needy = red + others
-    if not fine + needy:
+    if not fine + needy + known:
         return text.gettext("There is no scanner yet")
+    if known and not needy:
+        both = text.ngettext("%(fine)s fine, %(known)s red and known", "%(fine)s fine, %(known)s red and known", known)
+        return both % {"fine": fine, "known": known}
     if not needy:
         return text.ngettext("The scanner is fine", "All %(fine)s scanners are fine", fine) % {"fine": fine}
     both = text.ngettext("%(fine)s fine, %(needy)s needs you", "%(fine)s fine, %(needy)s need you", needy)
     if red and others:
         both += text.gettext(", %(red)s of them red")
-    return both % {"fine": fine, "needy": needy, "red": red}
+    if known:
+        both += text.gettext(", %(known)s red and known")
+    return both % {"fine": fine, "needy": needy, "red": red, "known": known}

@@ -8,11 +8,14 @@ from urllib.parse import urlencode
 
 from fastapi import Query
 
+from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_service.pages.lists import SHOWN, DaySpan, TheSpan
 
 PER_PAGE = 50
+# Each morning has many; they are shown where they are asked for.
+_LOGINS = (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,19 @@ class AuditFilter(DaySpan):
 
     who: str  # name of the actor; empty: everybody
     action: EventType | None  # kind of the action; None: all kinds
+    logins: str  # not empty: log-ins and log-outs too
     after: str | None  # cursor of the previous page
 
     def arguments(self) -> dict[str, Any]:
         """Return the selection as arguments for the audit."""
-        return {"who": self.who or None, "action": self.action, "after": self.after, **self.bounds()}
+        without = () if self.logins or self.action in _LOGINS else _LOGINS
+        return {
+            "who": self.who or None,
+            "action": self.action,
+            "without": without,
+            "after": self.after,
+            **self.bounds(),
+        }
 
     def address(self, after: str | None = None) -> str:
         """Return the query of this page from the first entry on, or from a cursor on."""
@@ -36,10 +47,11 @@ def read_filter(
     span: TheSpan,
     who: Annotated[str, Query(max_length=200)] = "",
     action: EventType | Literal[""] = "",
+    logins: Annotated[str, Query(max_length=10)] = "",
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> AuditFilter:
     """Read the selection from a form, which sends an empty text for an empty field."""
-    return AuditFilter(**vars(span), who=who, action=action or None, after=after or None)
+    return AuditFilter(**vars(span), who=who, action=action or None, logins=logins, after=after or None)
 
 
 class EntryValue(NamedTuple):

@@ -41,6 +41,8 @@ ACTIONS = {
     mill_events.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
     mill_events.CALIBRATION_DISCARDED: marked("discarded the calibration"),
     mill_events.ALARM_ACKNOWLEDGED: marked("acknowledged an alarm of the scanner"),
+    mill_events.RED_ACKNOWLEDGED: marked("knows why this scanner is red:"),
+    mill_events.TIME_ZONE_SET: marked("set the time zone of"),
     mill_events.SCANNER_CREATED: marked("added the scanner"),
     mill_events.SCANNER_CHANGED: marked("changed the scanner"),
     mill_events.SCANNER_DELETED: marked("deleted the scanner"),
@@ -85,7 +87,7 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         clock=clock_remarks(store.events),
         versions=versions(),
         limits=limits_of(settings, store.settings),
-        keys=store.keys.all().keys if admin else None,
+        keys=store.keys.all() if admin else None,
         scopes=SCOPES,
         now=now,
     )

@@ -56,7 +56,7 @@ def _answer(
 ) -> HTMLResponse:
     return page.answer(
         "webhooks.html",
-        webhooks=webhooks.all().webhooks,
+        webhooks=webhooks.all(),
         states=STATES,
         allowed=settings.webhook_destinations,
         tested=tested,

@@ -1,103 +1,10 @@
 // `/calibrate`: sends the file, and follows jobs until the page has something new to show.
-import { AGAIN_MS, api, followJob, upload } from "./api.js";
+import { AGAIN_MS, api, followJob } from "./api.js";
+import { duration, filled, language, show, takeFiles } from "./sending.js";
 
-const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
 // Fields of the questions, and the parameters of the address that have their answers.
 const ANSWERS = { scanner_id: "scanner", phantom_id: "phantom", data: "data", angles_deg: "angles" };
 const LONGEST_ANSWER = 2000;
-const UNITS = ["B", "KiB", "MiB", "GiB", "TiB"];
-
-function filled(text, values) {
-  return text.replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
-}
-
-function number(value, digits = 0) {
-  return new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
-}
-
-function bytes(value) {
-  const step = Math.min(UNITS.length - 1, Math.max(0, Math.floor(Math.log2(Math.max(value, 1)) / 10)));
-  return `${number(value / 1024 ** step, step ? 1 : 0)} ${UNITS[step]}`;
-}
-
-function duration(seconds, words) {
-  return seconds > 90
-    ? filled(words.minutes, { number: number(Math.ceil(seconds / 60)) })
-    : filled(words.seconds, { number: number(Math.ceil(seconds)) });
-}
-
-function show(element, text) {
-  element.textContent = text;
-  element.hidden = !text;
-}
-
-function takeFiles(step) {
-  const words = step.dataset;
-  const drop = step.querySelector("#drop");
-  const input = step.querySelector("#file");
-  const sending = step.querySelector("#sending");
-  const problem = step.querySelector("#file-problem");
-  let cancelling;
-
-  async function send(file) {
-    show(problem, "");
-    if (file.size === 0) {
-      show(problem, filled(words.empty, { name: file.name }));
-      return;
-    }
-    if (file.size > Number(words.maxBytes)) {
-      const most = bytes(Number(words.maxBytes));
-      show(problem, filled(words.tooLarge, { name: file.name, size: bytes(file.size), most }));
-      return;
-    }
-    cancelling = new AbortController();
-    const begun = performance.now();
-    step.querySelector("#sending-name").textContent = file.name;
-    drop.hidden = true;
-    sending.hidden = false;
-    step.querySelector("#sending-cancel").focus();
-    const name = encodeURIComponent(Array.from(file.name).slice(0, 200).join("") || "file");
-    try {
-      const inspection = await upload(`/v1/inspections?name=${name}`, file, (sent, total) => {
-        step.querySelector("#sending-bar").value = sent / total;
-        const seconds = (performance.now() - begun) / 1000;
-        const left = seconds > 1 && sent > 0 ? duration((seconds * (total - sent)) / sent, words) : "";
-        const text = filled(left ? words.left : words.sent, { sent: bytes(sent), total: bytes(total), left });
-        step.querySelector("#sending-words").textContent = text;
-      }, cancelling.signal);
-      const next = new URL(words.next, location.href);
-      next.searchParams.set("inspection", inspection.id);
-      location.assign(next);
-    } catch (error) {
-      const unreachable = error.code === "unreachable";
-      show(problem, error.name === "AbortError" ? words.cancelled : unreachable ? words.unreachable : error.message);
-      step.querySelector("#login").hidden = error.status !== 401;
-      drop.hidden = false;
-      sending.hidden = true;
-      input.value = "";
-      input.focus();
-    }
-  }
-
-  const sendChosen = () => input.files.length && send(input.files[0]);
-  input.addEventListener("change", sendChosen);
-  step.querySelector("#sending-cancel").addEventListener("click", () => cancelling.abort());
-  for (const name of ["dragenter", "dragover"]) {
-    document.addEventListener(name, (event) => {
-      event.preventDefault();
-      drop.classList.add("over");
-    });
-  }
-  document.addEventListener("dragleave", (event) => event.relatedTarget || drop.classList.remove("over"));
-  document.addEventListener("drop", (event) => {
-    event.preventDefault();
-    drop.classList.remove("over");
-    if (event.dataTransfer.files.length && sending.hidden) {
-      send(event.dataTransfer.files[0]);
-    }
-  });
-  sendChosen(); // before this script was there
-}
 
 async function follow(step) {
   const words = step.dataset;
@@ -237,7 +144,12 @@ function enlarge(button) {
 const fileStep = document.querySelector("#file-step");
 const followed = document.querySelector("#follow");
 if (fileStep) {
-  takeFiles(fileStep);
+  takeFiles(fileStep, async (id, name) => {
+    const inspection = await api("POST", `/v1/inspections?${new URLSearchParams({ name, upload_id: id })}`);
+    const next = new URL(fileStep.dataset.next, location.href);
+    next.searchParams.set("inspection", inspection.id);
+    return next;
+  });
 }
 if (followed) {
   follow(followed);

@@ -16,7 +16,7 @@ function look() {
   stream?.close();
   if (!document.hidden) {
     stream = new EventSource(`/v1/events?after=${after}&scanner_id=${scanner}`);
-    for (const decision of ["calibration-activated", "calibration-rolled-back", "calibration-discarded"]) {
+    for (const decision of ["calibration-activated", "calibration-rolled-back", "calibration-discarded", "red-acknowledged"]) {
       stream.addEventListener(decision, follow);
     }
   }

@@ -4,6 +4,7 @@ import { followJob } from "./api.js";
 const card = document.querySelector("#progress");
 const slot = (name) => card.querySelector(`[data-slot="${name}"]`);
 const language = document.documentElement.lang;
+const stages = JSON.parse(slot("stage").dataset.words);
 const percent = new Intl.NumberFormat(language, { style: "percent", maximumFractionDigits: 0 });
 
 function duration(seconds) {
@@ -15,7 +16,8 @@ function show(job) {
   const fraction = job.progress?.fraction ?? 0;
   card.querySelector("progress").value = fraction;
   slot("percent").textContent = percent.format(fraction);
-  slot("stage").textContent = job.progress?.stage ?? "";
+  const stage = job.progress?.stage ?? "";
+  slot("stage").textContent = stages[stage] ?? stage;
   const left = slot("left");
   const known = typeof job.seconds_left === "number";
   left.textContent = known ? left.dataset.text.replace("{time}", duration(Math.max(1, job.seconds_left))) : "";

@@ -1,6 +1,8 @@
-// Times of the server become those of the browser's time zone, and ages stay true while a page is open.
+// Times are those of the mill's time zone, or of the browser's until it is set; ages stay true while a page is open.
+export const zone = document.documentElement.dataset.zone ?? Intl.DateTimeFormat().resolvedOptions().timeZone;
 const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
-const moment = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+const moment = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short", timeZone: zone });
+const second = new Intl.DateTimeFormat(language, { dateStyle: "short", timeStyle: "medium", timeZone: zone });
 const ago = new Intl.RelativeTimeFormat(language, { numeric: "auto" });
 const UNITS = [["year", 31_557_600], ["month", 2_629_800], ["week", 604_800], ["day", 86_400], ["hour", 3600], ["minute", 60]];
 
@@ -19,13 +21,15 @@ export function showTimes(root = document) {
   }
   // An option of a list holds text alone.
   for (const option of root.querySelectorAll("option[data-moment]")) {
-    option.textContent = `${option.dataset.before} ${moment.format(new Date(option.dataset.moment))}`;
+    const { before, after } = option.dataset;
+    const written = ("seconds" in option.dataset ? second : moment).format(new Date(option.dataset.moment));
+    option.textContent = `${before ? `${before} ` : ""}${written}${after ?? ""}`;
   }
 }
 
-// Days and hours that a form sends are those of the browser's time zone.
-for (const zone of document.querySelectorAll('input[name="zone"]')) {
-  zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
+// Days and hours that a form sends are those of the same zone.
+for (const field of document.querySelectorAll('input[name="zone"]')) {
+  field.value = zone;
 }
 
 showTimes();

@@ -1,5 +1,5 @@
 // Today follows the events of the service: at each it fetches its rows anew. It says so when it hears nothing.
-import { showTimes } from "./time.js";
+import { showTimes, zone } from "./time.js";
 
 const page = document.querySelector("#today");
 const warning = document.querySelector("#silent");
@@ -8,7 +8,7 @@ const SILENT_MS = Number(page.dataset.silentMs);
 const TOGETHER_MS = 250; // events that come at once are one change of the page
 const AGAIN_MS = 2000;
 const heardAt = new Intl.DateTimeFormat(document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang,
-  { dateStyle: "medium", timeStyle: "medium" });
+  { dateStyle: "medium", timeStyle: "medium", timeZone: zone });
 
 let number = page.dataset.after;
 let stream;
@@ -107,11 +107,16 @@ function show(rows) {
     }
   }
   const focused = where(document.activeElement);
-  const [board, folded] = [page.querySelector("#rows"), page.querySelector("#folded")];
+  const board = page.querySelector("#rows");
   board.className = rows.className;
-  board.style.setProperty("--rows", rows.style.getPropertyValue("--rows"));
-  folded.hidden = rows.querySelector("#folded").hidden;
-  folded.querySelector("summary").textContent = rows.querySelector("summary").textContent;
+  for (const name of ["--rows", "--columns"]) {
+    board.style.setProperty(name, rows.style.getPropertyValue(name));
+  }
+  for (const now of rows.querySelectorAll(".folded")) {
+    const folded = page.querySelector(`#${now.id}`);
+    folded.hidden = now.hidden;
+    folded.querySelector("summary").textContent = now.querySelector("summary").textContent;
+  }
   const there = new Set([...rows.querySelectorAll(".scanner")].map((each) => each.id));
   for (const row of page.querySelectorAll(".scanner")) {
     if (!there.has(row.id)) {
@@ -119,7 +124,7 @@ function show(rows) {
       known.delete(row.id);
     }
   }
-  for (const list of ["scanners", "fine"]) {
+  for (const list of ["scanners", "grey", "fine"]) {
     showList(page.querySelector(`#${list}`), [...rows.querySelectorAll(`#${list} > .scanner`)]);
   }
   find();
@@ -151,7 +156,9 @@ function find() {
     row.hidden = !row.querySelector("h2").textContent.toLowerCase().includes(typed);
   }
   if (typed) {
-    page.querySelector("#folded").open = true;
+    page.querySelectorAll(".folded").forEach((folded) => {
+      folded.open = true;
+    });
   }
 }
 
@@ -200,13 +207,19 @@ function look() {
 
 // The clock of a display on the wall.
 function showClock(clock) {
-  clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+  clock.textContent = new Date().toLocaleTimeString(document.documentElement.lang, { hour: "2-digit", minute: "2-digit", hourCycle: "h23", timeZone: zone });
 }
 
 const clock = page.querySelector("#clock");
 if (clock) {
   showClock(clock);
   setInterval(showClock, 1000, clock);
+}
+// The first browser of somebody who decides for the mill sets its time zone.
+if ("setsZone" in page.dataset) {
+  const csrf = document.querySelector('meta[name="csrf-token"]')?.content ?? "";
+  fetch("/operator/time-zone", { method: "POST", body: new URLSearchParams({ time_zone: zone, first: "yes", csrf }) })
+    .catch(() => {}); // the next page sets it
 }
 page.querySelector("#find")?.addEventListener("input", find);
 document.addEventListener("visibilitychange", look);

@@ -13,7 +13,7 @@ from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
-from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
+from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment, DetectorModule
 from sawmill_vocabulary.scan_messages import EffectMessage
 
@@ -179,21 +179,12 @@ class ModuleSearch:
             bias[others] -= gap[cell] * left.moved_by[0][:, cell] + kink[cell] * left.moved_by[1][:, cell]
             yield HiddenModule(int(cell), -gap[cell], kink[cell], bias, np.ones(1), likelihood[cell : cell + 1])
 
-    def curvature(self, frame: SourceFrame) -> tuple[float, float]:
-        """Return the detector's curvature (1/mm) to first order, and the power that it explains.
-
-        The ray to a cell l mm from the middle of an arc crosses the flat line (l - u_p) l^2 / (2 f) times the
-        curvature further out, where f is the source's distance from the line and u_p its foot.
-        """
-        f = frame.source_to_detector_mm * math.cos(frame.tilt_rad)
-        foot = frame.cor_column_mm - frame.source_to_detector_mm * math.sin(frame.tilt_rad)
-        shape = (self._u - foot) * self._u**2 / (2.0 * f)
-        (of_shape,) = self._products.of_shapes(shape[None])
-        with_columns = self._products.with_columns @ shape
-        moved = scaled_inverse(self._normal) @ with_columns
-        information = float(of_shape @ shape - with_columns @ moved)
-        score = float(self._products.score @ shape - self._of_base @ moved)
-        return score / information, score**2 / information
+    def left_of(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return information and score that the base's columns leave of factors (n, cells) of the derivative by u_c."""
+        with_columns = rows @ self._products.with_columns.T
+        moved = scaled_inverse(self._normal) @ with_columns.T
+        information = self._products.of_shapes(rows) @ rows.T - with_columns @ moved
+        return information, rows @ self._products.score - self._of_base @ moved
 
     def border(self, module: DetectorModule) -> int:
         """Return the likeliest cell before which a module begins.

@@ -11,6 +11,7 @@ from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
+from sawmill_tomography.calibration.faults.cell_places import places_of_cells
 from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.faults.finding import AdjustedFit
 from sawmill_tomography.calibration.faults.intensity_averaging import averaging
@@ -39,11 +40,12 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     Posterior,
     first_cells_of,
     is_module,
+    is_on_detector,
 )
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import ARC, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
     FITTED,
@@ -87,11 +89,6 @@ MODULE_TRIALS = 0.1
 # A detector may hide one module, and this number of further ones where the scan shows fewer than `MANY_FOUND`
 # (benchmarks/families.py).
 FURTHER_HIDDEN, MANY_FOUND = 2, 2
-# A curvature of the detector is reported where it explains more than this number of variances and its radius is smaller
-# than this. Of 40 scans of straight detectors that ended one explained more, with a radius of 29 m; of modules in a fit
-# that has not ended, 19 m (benchmarks/families.py --seed 977). An arc about the source explains 180, next to the
-# wobbles that are fitted in its place (tests/tomography/calibration/test_cell_order.py).
-ARC, LARGEST_ARC_MM = 30.0, 10_000.0
 # Where no more is structured than the precision of the drawing leaves, an effect explains one of this number of shares
 # by chance: the sides of a drawing are each off as a whole.
 OF_DRAWING, EDGES = 30.0, 0.75
@@ -168,6 +165,12 @@ class JointFitter:
         self.known_modules = {module.first_cell for module in prepared.data.cells.modules}
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
+        self.prepared_cells = prepared.data.cells
+        for one in self._places_of_cells():
+            terms = tuple(term for column in one.columns for term, _ in column.parts)
+            if self.prepared_cells.arc_radius_mm is not None if terms == (ARC,) else self.prepared_cells.waves_mm:
+                self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
+                self.waiting.append(one)
         self.unneeded: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.fitted: list[Fitted] = []
@@ -298,7 +301,8 @@ class JointFitter:
         self.groups = groups
         self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
         same = set(before) == set(self.fitted)
-        more = self._further_modules(grams, system, posterior.used, first_cells_of(tried) if same else ())
+        more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
+        more = self._further_places(grams, penalised, posterior) or more
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
@@ -328,13 +332,20 @@ class JointFitter:
         self.climb = climb = Climb(self.model, structured, self.scatter)
         most = MOST_JOINING if self.rounds <= JOINING else 0
         best = climb.to(posterior, groups, most)
-        modules = [group for group in groups if is_module(group.one)]
-        if most and any(group not in best.sizes for group in modules):
-            still = posterior.still
-            other = climb.to(still, modules, len(modules))
-            other = climb.to(other, groups, most) if set(other.sizes) != set(still.sizes) else other
+        # What is found first stands in for others: modules, an arc and waves are each tried first.
+        of_cells = [group for group in groups if is_on_detector(group.one)]
+        modules = [group for group in of_cells if is_module(group.one)]
+        starts = [modules, *([group] for group in of_cells if group not in modules)]
+        bare = posterior.still
+        for group in bare.sizes:
+            bare = bare.resized(group, 0.0) if is_on_detector(group.one) else bare
+        for some in starts if most else ():
+            if all(group in best.sizes for group in some):
+                continue
+            other = climb.to(bare, some, len(some))
+            other = climb.to(other, groups, most) if set(other.sizes) != set(bare.sizes) else other
             # As many groups may join both, before they are compared.
-            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(modules))) + BETTER:
+            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells))) + BETTER:
                 best = other
         return best, groups
 
@@ -358,6 +369,7 @@ class JointFitter:
             tuple(self.fitted),
             system,
             posterior.used,
+            posterior.precision * posterior.variance,
             change,
             self.variance,
             tuple(_shown_but_declined(system, posterior.used, tried, self.without)),
@@ -365,7 +377,6 @@ class JointFitter:
             self.angle_variance,
             self.variation if self.variation is not None and _varies(self.variation) else None,
             tuple(self._hidden_modules(grams, system, posterior.used)),
-            self._arc_radius_mm(grams, system, posterior.used),
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -455,14 +466,31 @@ class JointFitter:
         self.waiting += [self._of_module(module, MODULE_TRIALS * self._places_of_modules) for module in modules]
         return True
 
-    def _arc_radius_mm(self, grams: ViewGrams, system: System, used: list[int]) -> float | None:
-        """Return the radius of an arc on which the cells seem to lie, mm; None where the scan does not show one."""
-        variance = _variance_on_detector(system, used)
-        if Adjustment.MODULES in self.without or variance <= 0.0:
-            return None
-        curvature, power = self._module_search(grams, system, used).curvature(self.model.frame)
-        shown = power > ARC * variance and abs(curvature) * LARGEST_ARC_MM > 1.0
-        return 1.0 / abs(curvature) if shown else None
+    def _further_places(self, grams: ViewGrams, system: System, posterior: Posterior) -> bool:
+        """Let an arc and waves of the cells join in the next round, where they are likely; return whether any may."""
+        kinds = [Adjustment.MODULES, Adjustment.CELL_PLACES]
+        few = len(self.model.data.angles_rad) < FEWEST_VIEWS or self.rounds >= JOINING
+        if few or any(kind in self.without for kind in kinds):
+            return False
+        further, likely = [], False
+        for one in self._places_of_cells():
+            terms = [term for column in one.columns for term, _ in column.parts]
+            if set(terms) <= set(self.model.of_cells):
+                continue
+            further.append((one, terms))
+            search, group = self._module_search(grams, system, posterior.used), Group.of(one, self.model)
+            information, score = search.left_of(self.model.rows_of_cells(terms) * group.unit[:, None])
+            variance = max(posterior.variance, self.climb.structured / group.shares)
+            likely = likely or group.evidence(information / variance, score / variance).max() > 0.0
+        # Where one is likely, each is looked at.
+        for one, terms in further if likely else ():
+            self.waiting.append(one)
+            self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
+        return likely
+
+    def _places_of_cells(self) -> list[Fitted]:
+        effects = places_of_cells(self.prepared_cells)
+        return [Fitted(effect, effect.columns(self.model)) for effect in effects]
 
     @property
     def _places_of_modules(self) -> float:

@@ -15,7 +15,16 @@ import numpy as np
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
-from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term, first_cell, is_kink, is_of_module
+from sawmill_tomography.calibration.joint_fit.scan_model import (
+    ARC,
+    WAVES,
+    ScanModel,
+    Term,
+    first_cell,
+    is_kink,
+    is_of_module,
+)
+from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
@@ -51,6 +60,11 @@ class Fitted:
 def is_module(one: Fitted) -> bool:
     """Return whether an effect is the gap and kink of a module."""
     return one.effect.adjustment is Adjustment.MODULES
+
+
+def is_on_detector(one: Fitted) -> bool:
+    """Return whether an effect stays in place on the detector: cells elsewhere than the plain model has them."""
+    return one.effect.adjustment in (Adjustment.MODULES, Adjustment.CELL_PLACES)
 
 
 def is_motion(one: Fitted) -> bool:
@@ -93,6 +107,7 @@ PRIORS: dict[Adjustment, Prior] = {
     Adjustment.BOW: Prior(0.03, 1.5),
     Adjustment.SURFACE_DENSITY: Prior(0.01, 0.4),
     Adjustment.MODULES: Prior(0.05, 5.0, odds=0.01),
+    Adjustment.CELL_PLACES: Prior(0.05, 5.0, odds=1e-4),
 }
 
 
@@ -101,6 +116,11 @@ def unit_of(column: Column, model: ScanModel) -> float:
     term = column.parts[0][0]
     if is_of_module(term):
         return KINK_RAD_PER_MM if is_kink(term) else 1.0
+    if term == ARC:
+        # The curvature that moves the ray of an end of the detector by 10 mm.
+        return 10.0 / max(float(np.abs(model.rows_of_cells([ARC])).max()), 1e-9)
+    if term in WAVES:
+        return FIRST_WAVE / (FIRST_WAVE + term - WAVES.start)
     if term in (Term.PSI, Term.GRADIENT_X, Term.GRADIENT_Y):
         return 1.0 / model.drawing.radius_mm
     if term in (Term.HARDENING, Term.HARDENING_CUBIC):
@@ -132,7 +152,7 @@ class Group:
             unit,
             np.geomspace(prior.low, high, SIZES),
             math.log(odds / (1.0 - odds)),
-            ON_DETECTOR if is_module(one) else STRUCTURES,
+            ON_DETECTOR if is_on_detector(one) else STRUCTURES,
         )
 
     def at(self, evidence: FloatArray, size: float) -> float:

@@ -16,7 +16,7 @@ from sawmill_tomography.calibration.joint_fit.selection import EffectTest
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
-from sawmill_vocabulary import DetectorModule, TrueAxis
+from sawmill_vocabulary import DetectorModule, Scanner, TrueAxis
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +27,7 @@ class JointFit:
     fitted: tuple[Fitted, ...]  # effects in the fit
     system: System  # normal equations of all columns at the end
     used: list[int]
+    precision: FloatArray  # (used,): what the priors add to the diagonal of the normal equations
     change: FloatArray
     variance: float
     declined: tuple[tuple[Fitted, EffectTest], ...]  # effects that the scan shows, and that must not be fitted
@@ -34,7 +35,6 @@ class JointFit:
     angle_variance: float  # variance of the views' angles, rad^2; 0 where the angles do not scatter
     variation: Variation | None  # how much the wood's density varies from patch to patch
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
-    arc_radius_mm: float | None  # radius of the arc on which the detector's cells seem to lie, to first order
     converged: bool
     rounds: int
 
@@ -47,6 +47,16 @@ class JointFit:
     def modules(self) -> tuple[DetectorModule, ...]:
         """The detector's modules after the first: the known ones and the ones that the scan shows."""
         return self.model.data.cells.modules
+
+    def seen_by(self, scanner: Scanner) -> Scanner:
+        """Return the scanner with the places of the detector's cells that the scan shows."""
+        cells = self.model.data.cells
+        return replace(
+            scanner,
+            detector_modules=cells.modules,
+            detector_arc_radius_mm=cells.arc_radius_mm,
+            detector_waves_mm=cells.waves_mm,
+        )
 
     @property
     def aspect(self) -> float:

@@ -20,6 +20,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     Posterior,
     is_module,
     is_motion,
+    is_on_detector,
 )
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -106,7 +107,7 @@ class MotionSets:
         for each, probability in self.likely:
             for group in each.sizes if not has(each) else ():
                 effect = group.one.effect
-                if effect not in fitted and not is_module(group.one):
+                if effect not in fitted and not is_on_detector(group.one):
                     own = [each.used.index(place) for place in group.one.places]
                     likelier[effect] = likelier.get(effect, 0.0) + probability
                     reasons.setdefault(effect, effect.reason(self._climb.model, each.mean[own]))
@@ -144,7 +145,7 @@ class MotionSets:
                 break
             best = max(left, key=climb.weighed)
             looked.add(frozenset(best.sizes))
-            for group in [group for group in best.sizes if not is_module(group.one)]:
+            for group in [group for group in best.sizes if not is_on_detector(group.one)]:
                 explore(best.resized(group, 0.0), [group])
         return list(found.values())
 

@@ -96,9 +96,9 @@ class ViewGrams:
         self._stripes(squares, products)
         self.power = self.objective_at_model = squares - float(self.stripes @ products)
         views, cells = residual.shape
-        by_column, by_wood = model.module_rows, model.by_wood if of_wood else np.empty((0, views, cells))
+        by_column, by_wood = model.detector_rows, model.by_wood if of_wood else np.empty((0, views, cells))
         patch_edges, patches = model.patch_edges if of_patches else (np.empty((0, 5)), np.zeros(1, np.intp))
-        further = (*model.module_terms, *(OF_WOOD if of_wood else ()), *(model.patch_terms if of_patches else ()))
+        further = (*model.detector_terms, *(OF_WOOD if of_wood else ()), *(model.patch_terms if of_patches else ()))
         rows = ALWAYS_DIFFERENTIATED + len(further)
         self._rows = {term: ALWAYS_DIFFERENTIATED + number for number, term in enumerate(further)}
         self.grams, self.scores = np.zeros((views, rows, rows)), np.zeros((views, rows))
@@ -423,7 +423,7 @@ class System:
 
     def of_views(self, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Return each view's inner products of these columns (views, m, m), and with the residual (views, m)."""
-        gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed) if n not in places]
+        gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed).tolist() if n not in places]
         every = [*places, *gone]
         columns, patches = [self.columns[place] for place in every], self.patches
         grams, scores = self.source.of_columns([*columns, *(() if patches is None else patches.columns)])

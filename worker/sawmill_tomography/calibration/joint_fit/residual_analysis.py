@@ -44,12 +44,11 @@ class ResidualAnalysis:
 
     effects: tuple[FoundEffect, ...] = ()  # effects in the order in which they were found
     structure: Structure | None = None  # structure that is left in the residual; None where the residual is white noise
-    arc_radius_mm: float | None = None  # radius of the arc on which the detector's cells seem to lie
 
     @property
     def cells_misplaced(self) -> bool:
         """True if cells are elsewhere than the model has them: motions that are fitted in place of that are none."""
-        return self.arc_radius_mm is not None or (self.structure is not None and bool(self.structure.cells))
+        return self.structure is not None and bool(self.structure.cells)
 
     @property
     def adjustments(self) -> tuple[Reason, ...]:
@@ -75,7 +74,7 @@ def analyse_residual(
     if statistics.structured:
         used = 1.0 if model.data.weights is None else model.data.weights > 0.0
         structure = find_structure(model.residual * used, model.prediction)
-    return ResidualAnalysis(effects, structure, joint.arc_radius_mm)
+    return ResidualAnalysis(effects, structure)
 
 
 def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:

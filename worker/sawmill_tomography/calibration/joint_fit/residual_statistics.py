@@ -11,7 +11,8 @@ from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
-from sawmill_tomography.calibration.joint_fit.scan_model import gap_term, is_of_module, kink_term
+from sawmill_tomography.calibration.joint_fit.scan_model import ARC, WAVES, gap_term, is_of_detector, kink_term
+from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import (
@@ -44,9 +45,10 @@ class ResidualStatistics:
     """Statistics of the residual, and the covariance that the residual warrants."""
 
     covariance: Covariance  # covariance of the seven unknowns, inflated by what the residual has beyond white noise
-    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules)
+    ray_covariance: FloatArray  # (5 + 2 modules, 5 + 2 modules), with the places of cells where they are fitted
     hidden_modules: tuple[RayAlternatives, ...]
     mixture: RayErrorMixture | None  # all that may be real instead of what was fitted
+    further_mm: float  # RMS ray error by what the detector's cells have beyond the waves that are fitted
     inflation: float  # factor by which correlation within the views inflates the covariance; 1 for white noise
     deviation_ratio: float
     structured: bool  # True if the residual is more than white noise
@@ -80,10 +82,10 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     _refuse_undetermined(joint)
     scores = _scores(joint)
     views, unknowns = scores.white.shape
-    # The parameters, and the gaps and kinks of modules, by their places among the used columns.
+    # The parameters, and the places of the detector's cells, by their places among the used columns.
     columns = [joint.system.columns[place] for place in joint.used]
     free = {column.parameter: n for n, column in enumerate(columns) if column.parameter is not None}
-    modules = {column.term: n for n, column in enumerate(columns) if is_of_module(column.term)}
+    modules = {column.term: n for n, column in enumerate(columns) if is_of_detector(column.term)}
     own, noise, count = [*free.values(), *modules.values()], joint.variance, len(free)
     plain = joint.system.inverse(joint.used)[np.ix_(own, own)] * noise
     of_free = plain
@@ -113,6 +115,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     return ResidualStatistics(
         Covariance(values, held, unknown),
         *_of_rays(joint, [*free, *modules], own, of_free),
+        _beyond_waves_mm(joint),
         inflation,
         math.sqrt(float(ratio.mean())),
         structured,
@@ -126,6 +129,8 @@ def _of_rays(
     order: list[int | None] = [*range(FRAME.stop)]
     for module in joint.modules:
         order += [gap_term(module.first_cell), kink_term(module.first_cell)]
+    if any(term in joint.model.of_cells for term in names):
+        order += [ARC, *WAVES]
     kept = [n for n, name in enumerate(names) if name in order]
     rows, columns = [order.index(names[n]) for n in kept], [own[n] for n in kept]
     values = np.zeros((len(order), len(order)))
@@ -137,6 +142,21 @@ def _of_rays(
     errors = np.zeros((len(drawn), len(order)))
     errors[:, rows] = drawn[:, columns]
     return values, modules, RayErrorMixture(errors, DRAWS)
+
+
+def _beyond_waves_mm(joint: JointFit) -> float:
+    """Return the RMS ray error, mm, by shorter waves than those of the fit, if they are as those of a random walk.
+
+    The waves of a random walk are as large as 1 / k for k half waves over the detector; the last third of the fitted
+    ones shows how large.
+    """
+    waves = joint.model.data.cells.waves_mm
+    if not waves:
+        return 0.0
+    orders = np.arange(FIRST_WAVE, FIRST_WAVE + len(waves))
+    last = slice(2 * len(waves) // 3, None)
+    power = float(((orders[last] * np.array(waves)[last]) ** 2).mean())
+    return math.sqrt(0.5 * power / (orders[-1] + 0.5)) / joint.model.frame.magnification
 
 
 def _alternatives(
@@ -173,11 +193,11 @@ def _refuse_undetermined(joint: JointFit) -> None:
 
 def _scores(joint: JointFit) -> _Scores:
     system, used = joint.system, joint.used
-    going = [place for place in np.flatnonzero(joint.change) if place not in used]
+    going = [place for place in np.flatnonzero(joint.change).tolist() if place not in used]
     grams, scores = system.of_views([*used, *going])
     scores = (scores - grams @ joint.change[[*used, *going]])[:, : len(used)]
     scores = scores[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
-    own = grams[:, : len(used), : len(used)].sum(axis=0)
+    own = grams[:, : len(used), : len(used)].sum(axis=0) + np.diag(joint.precision)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > SINGULAR * values[-1]
@@ -228,6 +248,7 @@ def error_bars(
             statistics.hidden_modules,
             statistics.mixture,
             radius_mm=radius_mm,
+            further_mm=statistics.further_mm,
         ),
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,

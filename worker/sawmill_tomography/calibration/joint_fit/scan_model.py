@@ -18,11 +18,14 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.joint_fit.wood_patches import skin, with_rounded_corners, wood_patches
 from sawmill_tomography.calibration.sinogram_data import SinogramData
+from sawmill_tomography.geometry.detector_shape import wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom, Shape
 from sawmill_tomography.projection import analytic
+from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.sinograms.scattered_radiation import halo
+from sawmill_vocabulary.geometry import MOST_WAVES
 
 
 class Term(IntEnum):
@@ -76,13 +79,16 @@ ALWAYS_DIFFERENTIATED = int(OF_WOOD[0])
 
 # Terms from here on are the shares by which the wood is denser in each patch (`wood_patches`); there are fewer patches.
 PATCH_TERMS, MOST_PATCHES = len(Term), 10_000
+# The detector's curvature, 1/mm, and the sizes of the waves by which its cells lie at unequal distances, mm.
+ARC = PATCH_TERMS + MOST_PATCHES
+WAVES = range(ARC + 1, ARC + 1 + MOST_WAVES)
 # Terms from here on are a gap (even) or kink (odd) before a cell of the detector.
-MODULE_TERMS = PATCH_TERMS + MOST_PATCHES
+MODULE_TERMS = WAVES.stop
 
 
 def is_of_patch(term: int | None) -> bool:
     """Return whether a term is the density of the wood in a patch."""
-    return term is not None and PATCH_TERMS <= term < MODULE_TERMS
+    return term is not None and PATCH_TERMS <= term < ARC
 
 
 def gap_term(first_cell: int) -> int:
@@ -95,6 +101,11 @@ def kink_term(first_cell: int) -> int:
     return MODULE_TERMS + 2 * first_cell + 1
 
 
+def is_of_detector(term: int | None) -> bool:
+    """Return whether a term is a place of the detector's cells: an arc, a wave, a gap or a kink."""
+    return term is not None and term >= ARC
+
+
 def is_of_module(term: int | None) -> bool:
     """Return whether a term is a gap or a kink."""
     return term is not None and term >= MODULE_TERMS
@@ -102,7 +113,7 @@ def is_of_module(term: int | None) -> bool:
 
 def is_kink(term: int) -> bool:
     """Return whether the term of a module is the module's kink."""
-    return (term - MODULE_TERMS) % 2 == 1
+    return is_of_module(term) and (term - MODULE_TERMS) % 2 == 1
 
 
 def first_cell(term: int) -> int:
@@ -113,6 +124,8 @@ def first_cell(term: int) -> int:
 # The largest sizes of the terms that cannot be negative: 15 mm, 8 cells, a whole step.
 LARGEST: dict[int, float] = {Term.CORNERS: 225.0, Term.BLUR: 64.0, Term.EXPOSURE: 1.0}
 POSE = (Term.PSI, Term.T_X, Term.T_Y)
+# Detectors of a smaller curvature, 1/mm, are straight.
+LEAST_CURVATURE = 1e-7
 # The step in the squared radius of corners, mm^2, over which their effect is differentiated.
 CORNER_STEP = 9.0
 # The step in a bow or a taper, mm, over which its effect is differentiated.
@@ -133,6 +146,7 @@ class ScanModel:
     pose: FloatArray  # (views, 3): changes of (psi, t_x, t_y) in each view, in radians and mm
     sizes: Mapping[int, float] = field(default_factory=dict)
     view_gain: bool = False  # True if gain and offset differ from view to view
+    of_cells: tuple[int, ...] = ()  # terms `ARC` and `WAVES` that are differentiated
 
     def size(self, term: int) -> float:
         """Return the size of an effect; 0 where the model does not have the effect."""
@@ -234,18 +248,38 @@ class ScanModel:
             self.data.rays_per_cell,
         )
 
+    @property
+    def detector_terms(self) -> tuple[int, ...]:
+        """The terms of the detector's cells, in the order of `detector_rows`."""
+        return (*self.module_terms, *self.of_cells)
+
+    @property
+    def detector_rows(self) -> FloatArray:
+        """Factors (terms, cells) of the derivative by u_c that give the derivatives by `detector_terms`."""
+        return np.concatenate([self._module_rows, self.rows_of_cells(self.of_cells)])
+
+    def rows_of_cells(self, terms: Sequence[int]) -> FloatArray:
+        """Return the factors (terms, cells) as `detector_rows` does, for some of the terms `ARC` and `WAVES`.
+
+        The ray to a cell of an arc crosses the line that touches it further from the source's foot: by the depth over
+        the source's distance from the line.
+        """
+        u, from_foot = self.by_kink
+        waves = wave_shapes(MOST_WAVES, np.arange(u.size), u.size)
+        rows = [-0.5 * u**2 * from_foot if term == ARC else -waves[term - WAVES.start] for term in terms]
+        return np.reshape(rows, (-1, u.size))
+
     @cached_property
     def module_terms(self) -> tuple[int, ...]:
-        """The terms of all modules, in the order of `module_rows`."""
+        """The terms of all modules."""
         return tuple(
             term
             for module in self.data.cells.modules
             for term in (gap_term(module.first_cell), kink_term(module.first_cell))
         )
 
-    @cached_property
-    def module_rows(self) -> FloatArray:
-        """Factors (2 for each module, cells) of the derivative by u_c that give the derivatives by gap and kink."""
+    @property
+    def _module_rows(self) -> FloatArray:
         cells = self.data.cells
         across_mm, turn = self.by_kink
         rows = np.zeros((len(self.module_terms), cells.count))
@@ -430,10 +464,11 @@ class ScanModel:
         if term in SKIN_DEPTHS_MM:
             shapes = skin(self.drawing, SKIN_DEPTHS_MM[term])
             return self._warped(shapes) if shapes else None
-        # Skins and patches of other density hardly change what a warp does.
+        # Patches of other density hardly change what a warp does.
         step = WARP_STEP_MM
         more, less = (
-            self._warped(self._rounded, term, way * step).of_density(0.5 / (way * step)) for way in (1.0, -1.0)
+            self._warped((*self._rounded, *self._skins), term, way * step).of_density(0.5 / (way * step))
+            for way in (1.0, -1.0)
         )
         shapes = (*more.shapes, *less.shapes)
         return replace(self.drawing, shapes=shapes)
@@ -483,7 +518,7 @@ class ScanModel:
         x, sizes = self.x.copy(), dict(self.sizes)
         gain, offset, data = self.gain, self.offset, self.data
         for number, change in scalars.items():
-            if is_of_module(number):
+            if is_of_detector(number):
                 continue
             if number < Term.GAIN:
                 x[number] += change
@@ -504,4 +539,18 @@ class ScanModel:
                 for module in data.cells.modules
             )
             data = replace(data, cells=replace(data.cells, modules=modules))
+        if any(is_of_detector(term) and not is_of_module(term) for term in scalars):
+            data = replace(data, cells=_reshaped(data.cells, scalars))
         return replace(self, x=x, gain=gain, offset=offset, sizes=sizes, pose=self.pose + pose, data=data)
+
+
+def _reshaped(cells: DetectorCells, changes: Mapping[int, float]) -> DetectorCells:
+    """Return the detector's cells with these changes of the terms `ARC` and `WAVES`."""
+    curvature = (0.0 if cells.arc_radius_mm is None else 1.0 / cells.arc_radius_mm) + changes.get(ARC, 0.0)
+    waves = [*cells.waves_mm, *[0.0] * (MOST_WAVES - len(cells.waves_mm))]
+    waves = [wave + changes.get(term, 0.0) for wave, term in zip(waves, WAVES, strict=True)]
+    return replace(
+        cells,
+        arc_radius_mm=1.0 / curvature if curvature > LEAST_CURVATURE else None,
+        waves_mm=tuple(waves) if any(waves) else (),
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import largest_power
 from sawmill_tomography.calibration.joint_fit.groups import ON_DETECTOR, STRUCTURES
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, System
-from sawmill_tomography.calibration.joint_fit.scan_model import is_of_module
+from sawmill_tomography.calibration.joint_fit.scan_model import is_of_detector
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import exceeded_chi_square
 
@@ -89,7 +89,7 @@ class EffectTester:
         scores = (scores - grams[:, :, : len(base)] @ self._best) @ left - information @ score
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
-        on_detector = all(is_of_module(system.columns[place].term) for place in tried)
+        on_detector = all(is_of_detector(system.columns[place].term) for place in tried)
         shares = ON_DETECTOR if on_detector else STRUCTURES
         return EffectTest(power / max(variance * scatter, structured / shares), power, degrees, sizes, bias)
 

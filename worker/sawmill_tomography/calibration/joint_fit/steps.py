@@ -6,7 +6,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.covariance import pseudo_inverse
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term, is_kink
+from sawmill_tomography.calibration.joint_fit.scan_model import ARC, POSE, ScanModel, Term, is_kink
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A step is within the noise when it moves the geometry by less than MOVED standard deviations, squared, and the whole
@@ -56,9 +56,11 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
         Term.TAPER_Y: 1.0,
     }
     half_mm = 0.5 * model.data.cells.count * model.data.cells.width_mm
-    for term in model.module_terms:
+    for term in model.detector_terms:
         # A cell at the end of the detector, which a kink takes off the line by up to half the detector's length.
         arms[term] = (half_mm**2 / frame.source_to_detector_mm if is_kink(term) else 1.0) / frame.magnification
+    if ARC in model.of_cells:
+        arms[ARC] = 0.5 * half_mm**3 / frame.source_to_detector_mm / frame.magnification
     moves = (
         abs(size) * (arms.get(column.term, 0.0) if column.term is not None else 1.0)
         for column, size in zip(columns, change.tolist(), strict=True)
