@@ -6,7 +6,9 @@ RUN python -m venv /opt/sawmill
 # The dependencies are a layer of their own, which a change of the sources leaves as it is.
 COPY pyproject.toml constraints.txt /src/
 RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml', 'rb'))['project']; \
-               print(*project['dependencies'], *project['optional-dependencies']['postgresql'], sep='\n')" > /src/needed.txt \
+               extras = [project['optional-dependencies'][name] for name in ('service', 'celery', 'postgresql')]; \
+               needed = [*project['dependencies'], *sum(extras, [])]; \
+               print(*(each for each in needed if not each.startswith(project['name'])), sep='\n')" > /src/needed.txt \
  && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt --requirement /src/needed.txt \
 # A service runs no library's tests.
  && find /opt/sawmill/lib -depth -type d \( -name tests -o -name test \) -path '*/site-packages/*' -exec rm -r {} +

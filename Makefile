@@ -18,7 +18,7 @@ $(BIN)/python:
 # The stamp is written last: an interrupted installation is repeated.
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing sawmill-calibration (about half a minute) ..."
-	@$(PIP) --editable .
+	@$(PIP) --editable '.[all]'
 	@# Type checkers follow these paths, and no import hook of an editable installation.
 	@printf '%s\n' $(CURDIR)/service $(CURDIR)/worker > \
 		"$$($(BIN)/python -c 'import site; print(site.getsitepackages()[0])')/sawmill-calibration.pth"
@@ -64,6 +64,14 @@ nightly: install-dev
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
 	@$(BIN)/python -m tests.faults.inject_faults
 	@$(BIN)/python tests/faults/planted.py
+
+# The quick tests with the lowest versions that pyproject.toml allows. Ten minutes.
+lowest:
+	@rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
+	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
+	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --constraint .venv-lowest/lowest.txt \
+		--editable '.[dev]'
+	@.venv-lowest/bin/python -m pytest -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel

@@ -119,7 +119,12 @@ def pinned(root: Path) -> dict[str, str]:
     pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
     versions = {canonicalize_name(name): version for name, version in pins.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    texts = (*project["dependencies"], *project["optional-dependencies"]["postgresql"], *CLIENT_NEEDS)
+    extras = (text for name in ("service", "celery", "postgresql") for text in project["optional-dependencies"][name])
+    texts = (
+        *project["dependencies"],
+        *(text for text in extras if not text.startswith(project["name"])),
+        *CLIENT_NEEDS,
+    )
     asked = list(of_this_machine(texts, ()))
     found: dict[tuple[str, frozenset[str], bool], str] = {}
     while asked:

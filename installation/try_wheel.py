@@ -27,7 +27,10 @@ def main() -> int:
         venv.create(environment, with_pip=True)
         python = str(environment / "bin" / "python")
         constraints = ["--constraint", str(ROOT / "constraints.txt")]
-        run([python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *constraints, str(wheel)], base)
+        run(
+            [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *constraints, f"{wheel}[all]"],
+            base,
+        )
         for name in STRAY_MODULES:
             (beside / f"{name}.py").write_text(f'raise ImportError("a stray {name}.py was imported")\n')
         run([python, "-c", "import sawmill_calibration, sawmill_command.commands, sawmill_command.cli"], beside)

@@ -65,8 +65,6 @@ def test_files_import_each_other_in_no_circle():
 
 
 WITHOUT_CIRCLES = ("sawmill_tomography.", "sawmill_calibration.", "sawmill_store.")
-# The effects of a scan are declared beside the fit that selects them.
-FOLDERS_IN_A_CIRCLE = tuple(("sawmill_tomography", "calibration", folder) for folder in ("faults", "joint_fit"))
 
 
 def test_folders_of_the_science_the_library_and_the_store_import_each_other_in_no_circle():
@@ -78,8 +76,6 @@ def test_folders_of_the_science_the_library_and_the_store_import_each_other_in_n
             for depth in range(2, min(len(here), len(there)) + 1):
                 if here[: depth - 1] == there[: depth - 1] and here[:depth] != there[:depth]:
                     imports[here[:depth]].add(there[:depth])
-    effects, fit = FOLDERS_IN_A_CIRCLE
-    imports[effects].remove(fit)
     assert list(TopologicalSorter(imports).static_order())  # raises for a circle
 
 

@@ -3,6 +3,8 @@
 import sys
 
 INTERRUPTED = 130  # exit code of shells for SIGINT
+# Extras of the package that bring a module; every other module that may be missing belongs to `service`.
+EXTRAS = {"celery": "celery", "kombu": "celery", "redis": "celery", "psycopg": "postgresql"}
 
 
 def main() -> None:
@@ -17,5 +19,11 @@ def main() -> None:
             from sawmill_command.commands import main as command_line  # noqa: PLC0415
 
         command_line()
+    except ModuleNotFoundError as error:
+        module = (error.name or "sawmill").partition(".")[0]
+        if module.startswith("sawmill"):
+            raise
+        extra = EXTRAS.get(module, "service")
+        sys.exit(f"This needs {module}, which is not installed: pip install 'sawmill-calibration[{extra}]'")
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)

@@ -12,7 +12,7 @@ from PIL import Image
 import sawmill_calibration as sawmill
 from sawmill_calibration import InputError
 from sawmill_contracts.plans import PlanResult
-from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_arguments
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.analytic import DetectorCells, project
@@ -221,10 +221,10 @@ def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
     flags = ("--views", 3, "--angles-deg", "10:120", "-o", tmp_path / "out.xml")
     run("export", "--to", "rtk", "--calibration", result_file, *flags)
     root = ET.parse(tmp_path / "out.xml").getroot()  # noqa: S314 - our own text
-    expected = rtk_geometry(calibrated(result_file, np.array([10.0, 130.0, 250.0])))
+    expected = rtk_arguments(calibrated(result_file, np.array([10.0, 130.0, 250.0])))
     matrices = [np.array(view.findtext("Matrix").split(), float) for view in root.findall("Projection")]
-    assert np.array_equal(np.reshape(matrices, (3, 3, 4)), expected.matrices)
-    assert float(root.findtext("SourceToDetectorDistance")) == expected.source_to_detector_mm
+    assert np.array_equal(np.reshape(matrices, (3, 3, 4)), expected["Matrix"])
+    assert float(root.findtext("SourceToDetectorDistance")) == expected["SourceToDetectorDistance"]
     assert "256 cells, spacing 4.508593749 mm, origin -574.8457" in (tmp_path / "out.xml").read_text()
 
 

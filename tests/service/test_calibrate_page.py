@@ -403,7 +403,6 @@ MOVED = MovementMessage.MOVED(MovementMessage.TURNTABLE(column_mm=2.61), moved_m
 SLIP = CalibrationMessage.EFFECT_FITTED(EffectMessage.SLIP(view=17, slip_mm=2.5, slip_deg=0.3), off_mm=0.26)
 IMPRECISE = CalibrationMessage.IMPRECISE(rms_mm=0.05, upper_mm=0.19, allowed_mm=0.1)
 DRIFTED = LogMessage.MOVED(LogMessage.DETECTOR_SLID(column_mm=-2.12), moved_mm=0.8, allowed_mm=0.5)
-WORDS_FI = {"A log", "Check", "Scan", "The ", "Something", "phantom", "Fasten", "allowed"}
 
 
 def reasons_of(*reasons):
@@ -427,7 +426,7 @@ STATES = {
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_pages_report_and_answers_agree_and_are_finnish_for_finns(seeded, store, worker, state):
+def test_pages_report_and_answers_agree(seeded, store, worker, state):
     changes, log, button = STATES[state]
     identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
     worker.finish_calibration(**changes)
@@ -451,10 +450,3 @@ def test_pages_report_and_answers_agree_and_are_finnish_for_finns(seeded, store,
     assert primary == {"accept": "Accept", "scan-again": "Scan again", "calibrate": "Calibrate"}[button]
     events = seeded.get("/v1/events?duration_s=0.05&after=0").text
     assert f'"headline":{json.dumps(step["headline"])}' in events.replace('": ', '":')
-
-    # In Finnish, and without a word of English that is not marked as such.
-    for path in (*places[:3], f"{places[3]}?language=fi"):
-        page = seeded.get(path, headers={"Accept-Language": "fi"}).text
-        main = re.search(r"<main.*?</main>", page, re.DOTALL)[0]
-        finnish = shown(re.sub(r'<(\w+)[^>]*lang="en"[^>]*>.*?</\1>', "", main, flags=re.DOTALL))
-        assert [word for word in WORDS_FI if word in finnish] == [], path

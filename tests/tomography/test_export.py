@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_arguments
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.projection.analytic import DetectorCells, project
@@ -120,27 +120,27 @@ def test_cil_leaves_the_system_as_it_is(fan):
 
 def test_rtk_s_matrices_project_points_to_where_our_rays_end(fan, points):
     log = np.random.default_rng(7).uniform(-50.0, 50.0, len(points))
-    exported = rtk_geometry(fan)
+    exported = rtk_arguments(fan)
     theirs = np.stack([points[:, 0], log, -points[:, 1], np.ones(len(points))])
-    u, v, w = np.moveaxis(exported.matrices @ theirs, 1, 0)
+    u, v, w = np.moveaxis(exported["Matrix"] @ theirs, 1, 0)
     np.testing.assert_allclose(u / w, shadows(fan, points), atol=1e-9)
     source, _, _ = fan.vectors()
     # Along the log a point is magnified as its distance from the source along the detector's normal says.
-    normal = np.deg2rad(exported.gantry_angles_deg)
+    normal = np.deg2rad(exported["GantryAngle"])
     towards = np.stack([np.sin(normal), -np.cos(normal)], -1)
     depth = np.einsum("vpc,vc->vp", source[:, None, :] - points, towards)
-    np.testing.assert_allclose(v / w, exported.source_to_detector_mm * log / depth, atol=1e-9)
+    np.testing.assert_allclose(v / w, exported["SourceToDetectorDistance"] * log / depth, atol=1e-9)
 
 
 def test_rtk_s_parameters_place_our_sources_and_cells(fan):
-    exported = rtk_geometry(fan)
+    exported = rtk_arguments(fan)
     source, _, _ = fan.vectors()
-    u = cell_centres_mm(fan.scanner) + exported.projection_offset_x_mm
-    level = exported.source_to_isocenter_mm - exported.source_to_detector_mm
-    for view, gantry in enumerate(np.deg2rad(exported.gantry_angles_deg)):
+    u = cell_centres_mm(fan.scanner) + exported["ProjectionOffsetX"]
+    level = exported["SourceToIsocenterDistance"] - exported["SourceToDetectorDistance"]
+    for view, gantry in enumerate(np.deg2rad(exported["GantryAngle"])):
         # RTK's documentation of its geometry: x along the detector, z towards the source, turned by the gantry angle.
         x, z = np.array([math.cos(gantry), -math.sin(gantry)]), np.array([math.sin(gantry), math.cos(gantry)])
-        at = exported.source_offset_x_mm * x + exported.source_to_isocenter_mm * z
+        at = exported["SourceOffsetX"] * x + exported["SourceToIsocenterDistance"] * z
         np.testing.assert_allclose(at * [1.0, -1.0], source[view], atol=1e-9)
         np.testing.assert_allclose((u[:, None] * x + level * z) * [1.0, -1.0], cells(fan)[view], atol=1e-9)
-    assert np.all((exported.gantry_angles_deg >= 0.0) & (exported.gantry_angles_deg < 360.0))
+    assert np.all((exported["GantryAngle"] >= 0.0) & (exported["GantryAngle"] < 360.0))

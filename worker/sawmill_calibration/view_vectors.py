@@ -75,7 +75,8 @@ def read_views(path: str | Path, cells: int | None = None) -> FanViews:
         held = json.loads(path.read_bytes())
         return FanViews.of(*(held[name] for name in NAMES))
     except (ValueError, TypeError, KeyError, EOFError, RecursionError) as error:
-        raise refused("geometry", f"{path.name} is no file of geometry: {error}") from error
+        forms = f"JSON with {', '.join(NAMES)}, or rows of fanflat_vec (.npy)"
+        raise refused("geometry", f"{path.name} is no file of geometry, {forms}: {error}") from error
 
 
 def vectors_of(views: FanViews) -> dict[str, Any]:

@@ -138,12 +138,12 @@ class Scanner(AsContract):
         },
     )
 
-    def with_cells_of(self, other: "Scanner") -> "Scanner":
+    def with_cells_of(self, other: "Scanner") -> Self:
         """Return the scanner with the places of another's cells: modules, arc and waves."""
         return replace(self, **{name: getattr(other, name) for name in CELL_PLACES})
 
     @property
-    def with_equal_cells(self) -> "Scanner":
+    def with_equal_cells(self) -> Self:
         """The scanner with cells at equal distances on a straight line."""
         return replace(self, detector_modules=(), detector_arc_radius_mm=None, detector_waves_mm=())
 

@@ -13,7 +13,6 @@ from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull
 from sawmill_platform.files.folder_identity import refuse_used
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.webhooks.webhook_store import WebhookStore
-from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.housekeeping import TOLERABLE_S
 from sawmill_service.pages.system.system_parts import SEEN
 from sawmill_service.routes.health import Readiness, health_of
@@ -88,6 +87,8 @@ def broker(url: str | None) -> DoctorFinding:
     """Check Redis, if it is used."""
     if url is None:
         return good("Redis", "not used: workers look into the database")
+    from sawmill_platform.workers.broker_report import report_of  # noqa: PLC0415 - of the extra `celery`
+
     report = report_of(url)
     if report.refused:
         sentence = f"{report.host} refuses the user or the password: jobs of Celery workers do not begin"

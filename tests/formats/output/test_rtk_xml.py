@@ -3,7 +3,6 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from sawmill_tomography.geometry.export import RtkGeometry
 from sawmill_worker.commands.export import rtk_xml
 
 SID, SDD, SOURCE, PROJECTION = 900.0, 1600.0, 75.0, 150.0
@@ -19,23 +18,25 @@ def matrix(gantry_deg: float) -> np.ndarray:
     return shift @ magnify @ turn
 
 
+NAMED = {
+    "SourceToIsocenterDistance": SID,
+    "SourceToDetectorDistance": SDD,
+    "SourceOffsetX": SOURCE,
+    "ProjectionOffsetX": PROJECTION,
+}
+
+
 @pytest.fixture
 def text():
     matrices = np.stack([matrix(angle) for angle in GANTRY_DEG])
-    return rtk_xml(RtkGeometry(SID, SDD, SOURCE, PROJECTION, GANTRY_DEG, matrices), "three views")
+    return rtk_xml({**NAMED, "GantryAngle": GANTRY_DEG, "Matrix": matrices}, "three views")
 
 
 def test_the_file_holds_every_number_to_the_last_digit(text):
     assert text.startswith('<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n')
     root = ET.fromstring(text)  # noqa: S314 - our own text
     assert (root.tag, root.get("version")) == ("RTKThreeDCircularGeometry", "3")
-    named = {
-        "SourceToIsocenterDistance": SID,
-        "SourceToDetectorDistance": SDD,
-        "SourceOffsetX": SOURCE,
-        "ProjectionOffsetX": PROJECTION,
-    }
-    assert {name: float(root.findtext(name)) for name in named} == named
+    assert {name: float(root.findtext(name)) for name in NAMED} == NAMED
     views = root.findall("Projection")
     assert [float(view.findtext("GantryAngle")) for view in views] == GANTRY_DEG.tolist()
     for view, angle in zip(views, GANTRY_DEG, strict=True):

@@ -3,10 +3,10 @@ import pytest
 
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport, TurnedAlternative
 from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.joint_fit.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
+from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.judgement import Degree, Evidence, JudgementLimits, implausible, judge
 from sawmill_tomography.calibration.scale import ScaleUncertainty
 from sawmill_tomography.calibration.source_distance import SourceDistance

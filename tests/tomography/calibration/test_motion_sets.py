@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.faults.effects import PACE
+from sawmill_tomography.calibration.joint_fit.effects import PACE
 from sawmill_tomography.calibration.joint_fit.groups import Fitted, Group, Posterior
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import Term

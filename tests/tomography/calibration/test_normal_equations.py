@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from sawmill_tomography.calibration.faults.effects import harmonics, in_the_laboratory
-from sawmill_tomography.calibration.faults.modules import FEWEST_CELLS, ModuleSearch, with_modules
+from sawmill_tomography.calibration.joint_fit.effects import harmonics, in_the_laboratory
+from sawmill_tomography.calibration.joint_fit.modules import FEWEST_CELLS, ModuleSearch, with_modules
 from sawmill_tomography.calibration.joint_fit.normal_equations import WIDER, Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import PATCH_TERMS, WARPS, ScanModel, Term, is_of_patch
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester

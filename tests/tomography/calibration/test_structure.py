@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.calibration.faults.structure import ResidualPlace, find_structure
+from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, find_structure
 
 VIEWS, CELLS = 80, 200
 

@@ -92,7 +92,7 @@ def _phantom_image(
         from sawmill_tomography.reconstruction.total_variation import total_variation  # noqa: PLC0415
 
         few = slice(None, None, max(1, fan.angles_rad.size // MOST_VIEWS))
-        coarse = Projector(replace(fan, angles_rad=fan.angles_rad[few]), projector.grid)
+        coarse = Projector(fan.at(few), projector.grid)
         image = total_variation(coarse, lines[few], weight=WEIGHT, iterations=ITERATIONS).image
         return image, ReconstructionMethod.TOTAL_VARIATION
 

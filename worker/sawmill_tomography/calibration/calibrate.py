@@ -8,13 +8,13 @@ import numpy as np
 
 from sawmill_tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
-from sawmill_tomography.calibration.faults.effects import DEFORMATION
-from sawmill_tomography.calibration.faults.finding import WELL_EXPLAINED, AdjustedFit, EffectFinding, KnownEffect
-from sawmill_tomography.calibration.faults.intensity_averaging import INTENSITY_AVERAGING
-from sawmill_tomography.calibration.faults.metal import PhantomMetal, find_metal
-from sawmill_tomography.calibration.faults.outliers import OUTLIERS
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress
+from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION
+from sawmill_tomography.calibration.joint_fit.finding import WELL_EXPLAINED, AdjustedFit, EffectFinding, KnownEffect
+from sawmill_tomography.calibration.joint_fit.intensity_averaging import INTENSITY_AVERAGING
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit, as_fit
+from sawmill_tomography.calibration.joint_fit.metal import PhantomMetal, find_metal
+from sawmill_tomography.calibration.joint_fit.outliers import OUTLIERS
 from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.joint_fit.residual_statistics import error_bars
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term

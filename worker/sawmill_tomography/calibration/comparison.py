@@ -106,9 +106,13 @@ def _scale_values(change: _Change) -> dict[str, Value]:
     return {"scale_percent": change.scale_change_percent, **of_spread}
 
 
+SHAPE = ("detector_modules", "detector_arc_radius_mm")
+
+
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
     try:
-        before, after = (replace(scanner, detector_modules=each.scanner.detector_modules) for each in (active, new))
+        known = (active.scanner, new.scanner)
+        before, after = (replace(scanner, **{name: getattr(one, name) for name in SHAPE}) for one in known)
         return ray_error(before, active.frame, new.frame, radius_mm=radius_mm, other_scanner=after)
     except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
         scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0

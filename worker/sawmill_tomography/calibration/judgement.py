@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import Enum
 
 from sawmill_tomography.calibration.alternatives import Alternatives
-from sawmill_tomography.calibration.faults.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
+from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
 from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm

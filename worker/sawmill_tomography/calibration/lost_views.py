@@ -14,9 +14,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sawmill_tomography.calibration.alternatives import RankedFit
-from sawmill_tomography.calibration.faults.effects import PACE, Effect, of_angle
-from sawmill_tomography.calibration.faults.finding import KnownEffect
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.joint_fit.effects import PACE, Effect, of_angle
+from sawmill_tomography.calibration.joint_fit.finding import KnownEffect
 from sawmill_tomography.calibration.search.misfit import COARSE_VIEWS, Candidate
 from sawmill_tomography.calibration.search.search import coarse_misfit, geometry_box, guesses_from_shadow
 from sawmill_tomography.calibration.sinogram_data import SinogramData

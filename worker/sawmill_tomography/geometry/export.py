@@ -5,13 +5,11 @@ detector's normal; every function here says in which frame its toolkit's image i
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, rotate
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, rotate
 
 
 def odl_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
@@ -76,25 +74,18 @@ def cil_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class RtkGeometry:
-    """The parameters of RTK's `ThreeDCircularProjectionGeometry`, and the matrices that it makes of them.
+def rtk_arguments(geometry: FanBeamGeometry) -> dict[str, Any]:
+    """Return the parameters of RTK's `ThreeDCircularProjectionGeometry`, and the matrices that it makes of them.
 
     RTK turns about its y axis: RTK's (x, y, z) is our (x, along the log, -y). Distances count along the detector's
     normal and offsets along the detector, so that its tilt is a part of the gantry angle: the in-plane and out-of-plane
     angles, which lean a flat panel out of the fan, are 0.
+
+    Returns
+    -------
+    dict
+        Lengths in mm by RTK's names, `GantryAngle` (views,) in [0, 360) degrees, and `Matrix` (views, 3, 4).
     """
-
-    source_to_isocenter_mm: float
-    source_to_detector_mm: float
-    source_offset_x_mm: float
-    projection_offset_x_mm: float
-    gantry_angles_deg: FloatArray  # (views,): angles in [0, 360)
-    matrices: NDArray[np.float64]  # (views, 3, 4)
-
-
-def rtk_geometry(geometry: FanBeamGeometry) -> RtkGeometry:
-    """Return the geometry in the conventions of RTK."""
     geometry.check_even()
     scanner, theta = geometry.scanner, geometry.theta
     tilt = math.atan(theta.detector_tilt)
@@ -110,11 +101,11 @@ def rtk_geometry(geometry: FanBeamGeometry) -> RtkGeometry:
     # The point where the ray from the source through p meets the detector (RTK's ProjectionGeometry).
     first = -sdd * (along - [0.0, 0.0, 0.0, source_x]) + (source_x - centre_x) * towards
     second = np.stack([zero, -sdd * one, zero, zero], -1)
-    return RtkGeometry(
-        source_to_isocenter_mm=sid,
-        source_to_detector_mm=sdd,
-        source_offset_x_mm=source_x,
-        projection_offset_x_mm=centre_x,
-        gantry_angles_deg=np.mod(np.rad2deg(gantry), 360.0),
-        matrices=np.stack([first, second, towards], axis=1),
-    )
+    return {
+        "SourceToIsocenterDistance": sid,
+        "SourceToDetectorDistance": sdd,
+        "SourceOffsetX": source_x,
+        "ProjectionOffsetX": centre_x,
+        "GantryAngle": np.mod(np.rad2deg(gantry), 360.0),
+        "Matrix": np.stack([first, second, towards], axis=1),
+    }

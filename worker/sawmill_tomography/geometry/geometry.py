@@ -187,17 +187,17 @@ class FanViews:
 
 
 def turning(views: FanViews) -> "FanBeamGeometry":
-    """Return the geometry as a turn about one axis, with the source on it: theta has no shift of the source.
+    """Return the geometry as a turn about one axis; that of an arc, and of a list, by cells of the line's mean width.
 
     Raises
     ------
     GeometryError
         The views are no such turn to `SAME_MM`, or their cells count clockwise.
     """
-    if isinstance(views, FanBeamGeometry):
+    if isinstance(views, FanBeamGeometry) and views.scanner.detector_arc_radius_mm is None:
         return views
-    back = -views.angles_rad
-    source, middle, axis = (np.stack(rotate(back, *each.T), -1) for each in views.vectors())
+    angles = np.arctan2(views.source_mm[:, 0], -views.source_mm[:, 1])
+    source, middle, axis = (np.stack(rotate(-angles, *each.T), -1) for each in views.vectors())
     off = max(float(np.abs(each - each[0]).max()) for each in (source, middle, 0.5 * np.ptp(views.borders_mm) * axis))
     if off > SAME_MM or views.depths_mm[0][0] < 0.0:
         raise GeometryError(
@@ -209,7 +209,7 @@ def turning(views: FanViews) -> "FanBeamGeometry":
     u_c = -x / c + float(borders[0, 0] - views.borders_mm[0, 0])
     scanner = Scanner(r, len(borders), float(np.ptp(borders)) / len(borders))
     frame = SourceFrame(0.0, r, r + float(y - x * s / c), float(u_c), math.atan2(s, c))
-    return FanBeamGeometry(scanner, frame.theta(r), views.angles_rad, borders)
+    return FanBeamGeometry(scanner, frame.theta(r), angles, borders)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -14,22 +14,22 @@ from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, read_views
 from sawmill_vocabulary import ProgressCallback
-from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource, VectorSource
+from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 
 
 @contextmanager
 def open_with_geometry(
     scan: ScanSource,
-    geometry: ThetaSource | CalibrationSource | VectorSource,
+    geometry: ThetaSource | CalibrationSource | Path,
     *,
     on_progress: ProgressCallback,
     beside: Path | None = None,
 ) -> Iterator[tuple[ScanRows, AnyGeometry]]:
     """Open a scan with a theta, with vectors, or with a calibration of the same scanner, whose constants must agree."""
-    if isinstance(geometry, VectorSource):
-        r_s = float(np.hypot(*read_views(geometry.path).source_mm.T).mean())
+    if isinstance(geometry, Path):
+        r_s = float(np.hypot(*read_views(geometry).source_mm.T).mean())
         with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
-            yield ImportedGeometry.of(read_views(geometry.path, used.scanner.num_detector_pixels), used)
+            yield ImportedGeometry.of(read_views(geometry, used.scanner.num_detector_pixels), used)
         return
     if isinstance(geometry, ThetaSource):
         r_s = geometry.source_to_cor_mm

@@ -12,7 +12,7 @@ import numpy as np
 from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_formats.input.angles import AnglesGiven
-from sawmill_tomography.geometry.export import RtkGeometry, cil_arguments, odl_arguments, rtk_geometry
+from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_arguments
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
 
@@ -38,7 +38,7 @@ def _write_for_rtk(output: Path, fan: FanBeamGeometry) -> None:
     scanner = fan.scanner
     pitch, origin = scanner.detector_pitch_mm, float(cell_centres_mm(scanner)[0])
     remark = f"projections: {scanner.num_detector_pixels} cells, spacing {pitch!r} mm, origin {origin!r} mm"
-    output.write_text(rtk_xml(rtk_geometry(fan), remark), encoding="utf-8")
+    output.write_text(rtk_xml(rtk_arguments(fan), remark), encoding="utf-8")
 
 
 _WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = MappingProxyType(
@@ -55,21 +55,17 @@ _WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = Mappi
 HEAD = '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n'
 
 
-def rtk_xml(geometry: RtkGeometry, remark: str) -> str:
+def rtk_xml(arguments: dict[str, Any], remark: str) -> str:
     """Write the text of the file; RTK recomputes the matrices, and refuses a file in which they disagree.
 
     The remark stands at the top: the geometry does not hold the projections' spacing and origin.
     """
     root = ET.Element("RTKThreeDCircularGeometry", version="3")
     root.append(ET.Comment(f" {remark} "))
-    for name, value in (
-        ("SourceToIsocenterDistance", geometry.source_to_isocenter_mm),
-        ("SourceToDetectorDistance", geometry.source_to_detector_mm),
-        ("SourceOffsetX", geometry.source_offset_x_mm),
-        ("ProjectionOffsetX", geometry.projection_offset_x_mm),
-    ):
+    *lengths, angles, matrices = arguments.items()
+    for name, value in lengths:
         ET.SubElement(root, name).text = repr(value)
-    for angle, matrix in zip(geometry.gantry_angles_deg.tolist(), geometry.matrices, strict=True):
+    for angle, matrix in zip(angles[1].tolist(), matrices[1], strict=True):
         projection = ET.SubElement(root, "Projection")
         ET.SubElement(projection, "GantryAngle").text = repr(angle)
         rows = "\n".join(" ".join(repr(value) for value in row) for row in matrix.tolist())

@@ -48,13 +48,6 @@ class CalibrationSource:
     source_to_cor_mm: float | None
 
 
-@dataclass(frozen=True)
-class VectorSource:
-    """A geometry given by a file of vectors for each view."""
-
-    path: Path
-
-
 class WithGeometry(Command):
     """A command that needs a geometry, as five numbers, as a calibration or as vectors."""
 
@@ -68,10 +61,10 @@ def given_geometry(
     calibration: Path | None,
     source_to_cor_mm: float | None,
     vectors: Path | None = None,
-) -> ThetaSource | CalibrationSource | VectorSource:
-    """Return the geometry of the flags; a rotation together with a calibration or vectors is wrong use."""
+) -> ThetaSource | CalibrationSource | Path:
+    """Return the geometry of the flags, a path for vectors; a rotation with these or a calibration is wrong use."""
     if vectors is not None and rotation is None:
-        return VectorSource(vectors)
+        return vectors
     if calibration is None and vectors is None:
         assert theta is not None  # noqa: S101 - checked by WithGeometry
         assert source_to_cor_mm is not None  # noqa: S101

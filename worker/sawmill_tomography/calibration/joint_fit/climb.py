@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.slip import fewest
 from sawmill_tomography.calibration.joint_fit.groups import SIZES, STRUCTURES, Fitted, Group, Posterior, is_module
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel
 from sawmill_tomography.calibration.joint_fit.selection import EffectTester
+from sawmill_tomography.calibration.joint_fit.slip import fewest
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # A set of groups is left for another one that is likelier by this (logarithm).

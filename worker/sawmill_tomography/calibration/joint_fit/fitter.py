@@ -11,27 +11,12 @@ from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.cell_places import places_of_cells
-from sawmill_tomography.calibration.faults.effects import EFFECTS, OF_WOOD, Effect
-from sawmill_tomography.calibration.faults.finding import AdjustedFit
-from sawmill_tomography.calibration.faults.intensity_averaging import averaging
-from sawmill_tomography.calibration.faults.modules import (
-    FEWEST_CELLS,
-    HIDDEN,
-    NEAR,
-    HiddenModule,
-    ModuleSearch,
-    effect_of,
-    with_modules,
-)
-from sawmill_tomography.calibration.faults.outliers import (
-    inconsistent_views,
-    views_differ,
-    without_views,
-)
-from sawmill_tomography.calibration.faults.slip import angle_scatter, jump_at, likeliest_slip, slip_at
+from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
+from sawmill_tomography.calibration.joint_fit.cell_places import places_of_cells
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
+from sawmill_tomography.calibration.joint_fit.effects import EFFECTS, OF_WOOD, Effect
+from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.groups import (
     ON_DETECTOR,
     STRUCTURES,
@@ -42,9 +27,24 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_module,
     is_on_detector,
 )
+from sawmill_tomography.calibration.joint_fit.intensity_averaging import averaging
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
+from sawmill_tomography.calibration.joint_fit.modules import (
+    FEWEST_CELLS,
+    HIDDEN,
+    NEAR,
+    HiddenModule,
+    ModuleSearch,
+    effect_of,
+    with_modules,
+)
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
+from sawmill_tomography.calibration.joint_fit.outliers import (
+    inconsistent_views,
+    views_differ,
+    without_views,
+)
 from sawmill_tomography.calibration.joint_fit.scan_model import ARC, ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -53,6 +53,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     EffectTester,
     chance_limit,
 )
+from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm
 from sawmill_tomography.geometry.fit_parameters import FitParameter
@@ -72,16 +73,14 @@ FEWEST_VIEWS = 12
 # A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
 # this many standard deviations, squared.
 TOLERABLE = 25.0
-# The variance of a sample counts as at least this, for a scan without noise.
-LEAST_VARIANCE = 1e-30
 # Effects of wood are first looked for in this number of views, and not where neighbouring cells of the residual have
 # products whose mean is within this number of standard deviations of 0.
 SCREENED_VIEWS, UNCORRELATED = 20, 1.0
 # Densities of the wood's patches are fitted where they explain more than this share of the structured residual.
 LEAST_EXPLAINED = 0.5
-# Modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no gaps. A gap
-# of a tenth of a cell in the middle of the shadow makes up 0.0008.
-LEAST_OF_MODULES = 2e-4
+# Noise and modules change the sinogram by at least this share (RMS): rounding errors of a scan without noise are no
+# effects. A gap of a tenth of a cell in the middle of the shadow makes up 0.0008.
+ROUNDING = 2e-4
 # Borders between modules move in the rounds before this one.
 LATEST_MOVE = 9
 # A module is likelier beforehand than another effect: its limit of chance is this much larger (benchmarks/families.py).
@@ -320,7 +319,7 @@ class JointFitter:
         groups = [Group.of(one, self.model) for one in (*self.fitted, *tried) if not one.declined]
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
-        noise = max(remaining / max(system.samples - len(everything), 1.0), LEAST_VARIANCE)
+        noise = max(remaining, self._rounding(system)) / max(system.samples - len(everything), 1.0)
         structured = max(
             system.structured - (system.power - remaining),
             UNTRUSTED * system.structured,
@@ -481,7 +480,10 @@ class JointFitter:
             search, group = self._module_search(grams, system, posterior.used), Group.of(one, self.model)
             information, score = search.left_of(self.model.rows_of_cells(terms) * group.unit[:, None])
             variance = max(posterior.variance, self.climb.structured / group.shares)
-            likely = likely or group.evidence(information / variance, score / variance).max() > 0.0
+            power = float(score @ scaled_inverse(information) @ score)
+            likely = likely or (
+                power > self._rounding(system) and group.evidence(information / variance, score / variance).max() > 0.0
+            )
         # Where one is likely, each is looked at.
         for one, terms in further if likely else ():
             self.waiting.append(one)
@@ -500,8 +502,11 @@ class JointFitter:
     def _module_by_chance(self, system: System, used: list[int]) -> float:
         """Return the power that a gap or a kink explains by chance, or by rounding errors, at its likeliest place."""
         variance = _variance_on_detector(system, used)
-        rounding = system.samples * (LEAST_OF_MODULES * float(self.model.data.sinogram.std())) ** 2
-        return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), rounding)
+        return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), self._rounding(system))
+
+    def _rounding(self, system: System) -> float:
+        """Return the power of a residual that rounding errors make in a scan without noise."""
+        return system.samples * (ROUNDING * float(self.model.data.sinogram.std())) ** 2
 
     def _hidden_modules(self, grams: ViewGrams, system: System, used: list[int]) -> Iterator[tuple[HiddenModule, ...]]:
         """Yield the modules that the scan may hide, and for each that it shows the places at which it may begin."""

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
-from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ARC,

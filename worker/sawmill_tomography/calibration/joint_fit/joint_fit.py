@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance
-from sawmill_tomography.calibration.faults.modules import HiddenModule
 from sawmill_tomography.calibration.fit import Fit
 from sawmill_tomography.calibration.joint_fit.groups import Fitted
+from sawmill_tomography.calibration.joint_fit.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.motion_sets import MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term

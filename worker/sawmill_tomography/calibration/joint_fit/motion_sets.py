@@ -10,9 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.effects import DEFORMATION, Effect
-from sawmill_tomography.calibration.faults.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
+from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
     STRUCTURES,
     Fitted,
@@ -23,6 +22,7 @@ from sawmill_tomography.calibration.joint_fit.groups import (
     is_on_detector,
 )
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
+from sawmill_tomography.calibration.joint_fit.slip import jump_at, likeliest_slip, places_of_slips, slip_at
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 from sawmill_vocabulary.messages import Reason

@@ -13,7 +13,6 @@ from functools import cache, cached_property
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
-from sawmill_tomography.calibration.faults.structure import beyond_chance
 from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
@@ -23,6 +22,7 @@ from sawmill_tomography.calibration.joint_fit.scan_model import (
     ScanModel,
     Term,
 )
+from sawmill_tomography.calibration.joint_fit.structure import beyond_chance
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.structure import Structure, find_structure
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
+from sawmill_tomography.calibration.joint_fit.structure import Structure, find_structure
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias

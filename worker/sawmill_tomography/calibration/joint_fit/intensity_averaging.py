@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
+from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray, SourceFrame
 from sawmill_tomography.phantoms.phantom import Phantom

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_tomography.calibration.faults.finding import AdjustedFit, EffectFinding
-from sawmill_tomography.calibration.faults.structure import SHADOW
+from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit, EffectFinding
 from sawmill_tomography.calibration.joint_fit.normal_equations import ViewGrams
+from sawmill_tomography.calibration.joint_fit.structure import SHADOW
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Adjustment

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.effects import Effect
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom

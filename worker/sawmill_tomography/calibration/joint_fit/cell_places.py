@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sawmill_tomography.calibration.faults.effects import Effect
+from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.scan_model import ARC, LEAST_CURVATURE, WAVES
 from sawmill_tomography.geometry.detector_shape import waves

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
-from sawmill_tomography.calibration.faults.effects import Effect, in_the_laboratory
+from sawmill_tomography.calibration.joint_fit.effects import Effect, in_the_laboratory
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel, Term
 from sawmill_tomography.geometry.geometry import FloatArray

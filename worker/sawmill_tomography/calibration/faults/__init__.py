@@ -1,1 +1,0 @@
-"""Faults and effects in a scan: the evidence for each, the adjustment, and the sentence that reports it."""
