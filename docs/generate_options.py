@@ -15,8 +15,10 @@ HEAD = '''"""Options of `calibrate` and `reconstruct`, written by `make docs` fr
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
+# ruff: noqa: UP013 - short
+
 '''
-INDENT, WIDTH = " " * 4, 118
+INDENT, WIDTH, UNBROKEN = " " * 4, 118, "\xa0"
 PLAIN = {"string": "str", "integer": "int", "number": "float", "boolean": "bool", "null": "None"}
 
 
@@ -26,10 +28,7 @@ def option_types() -> str:
     shared = {name: schema for each in schemas.values() for name, schema in each.pop("$defs").items()}
     lines = [_literal(name, schema["enum"]) for name, schema in sorted(shared.items()) if "enum" in schema]
     objects = {name: schema for name, schema in (shared | schemas).items() if "enum" not in schema}
-    for name, schema in objects.items():
-        about = schema["description"].split("\n")[0]
-        lines.append(f'\n\nclass {name}(TypedDict, total=False):\n    """{about}"""\n\n')
-        lines += [f"    {option}: {_annotation(each)}\n" for option, each in schema["properties"].items()]
+    lines += [_dictionary(name, schema["properties"]) for name, schema in objects.items()]
     return HEAD + "".join(lines)
 
 
@@ -37,9 +36,17 @@ def _literal(name: str, values: list[str]) -> str:
     line = f"{name} = Literal[{', '.join(map(chr(34).__add__, (f'{value}{chr(34)}' for value in values)))}]"
     if len(line) <= WIDTH:
         return f"{line}\n"
-    wrapping = textwrap.TextWrapper(WIDTH, initial_indent=INDENT, subsequent_indent=INDENT, break_on_hyphens=False)
-    body = wrapping.fill(line.partition("[")[2][:-1])
-    return f"{name} = Literal[\n{body},\n]\n"
+    return f"{name} = Literal[\n{_wrapped(line.partition('[')[2][:-1], INDENT)},\n]\n"
+
+
+def _dictionary(name: str, properties: dict[str, Any]) -> str:
+    options = (f'"{option}": {_annotation(each)}'.replace(" ", UNBROKEN) for option, each in properties.items())
+    body = _wrapped(", ".join(options), 2 * INDENT).replace(UNBROKEN, " ")
+    return f'{name} = TypedDict(\n{INDENT}"{name}",\n{INDENT}{{\n{body},\n{INDENT}}},\n{INDENT}total=False,\n)\n'
+
+
+def _wrapped(words: str, indent: str) -> str:
+    return textwrap.fill(words, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def _annotation(schema: dict[str, Any]) -> str:

@@ -165,8 +165,7 @@ def draw_ray_error(axes: Axes) -> None:
         source, ends = places(scanner, other, turn, scale)
         along = ends[cells] - source
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
-        reach = np.einsum("rpc,rc->rp", points - source, along)
-        return source + reach[..., None] * along[:, None, :]
+        return source + np.einsum("rpc,rc->rp", points - source, along)[..., None] * along[:, None, :]
 
     fitted = least_squares(lambda both: (feet(both) - points).ravel(), (0.0, 1.0), xtol=1e-15, ftol=1e-15).x
     distances = np.linalg.norm(feet(fitted) - points, axis=-1)

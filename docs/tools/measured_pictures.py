@@ -79,8 +79,7 @@ def outline(disc: Disc) -> Figure:
 
 def few_views(disc: Disc) -> Figure:
     """Draw FBP above total variation, from few views on the left to all on the right, in one grey window."""
-    reference = image_of(disc, VIEWS, "fbp")
-    window = (0.0, 1.15 * float(np.percentile(reference, 95.0)))
+    window = (0.0, 1.15 * float(np.percentile(image_of(disc, VIEWS, "fbp"), 95.0)))
     figure = Figure(figsize=(12.0, 6.2), layout="constrained")
     panels = figure.subplots(2, len(FEW_VIEWS), sharex=True, sharey=True)
     for row, method in zip(panels, ("fbp", "total_variation"), strict=True):

@@ -214,8 +214,7 @@ def save(
 ) -> None:
     """Save a picture as a PNG with a palette, which must be small."""
     path = PICTURES / f"{name}.png"
-    palette = picture.convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE)
-    palette.save(path, optimize=True)
+    picture.convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE).save(path, optimize=True)
     size = path.stat().st_size
     print(f"{path.name}: {picture.width} x {picture.height}, {size / 1e3:.0f} kB", flush=True)
     if size > LARGEST_BYTES:

@@ -18,8 +18,7 @@ def is_genuine(headers, body):
     identifier, seconds = headers.get("webhook-id", ""), headers.get("webhook-timestamp", "")
     if not seconds.isdecimal() or abs(time.time() - int(seconds)) > TOLERANCE_S:
         return False
-    signed = f"{identifier}.{seconds}.".encode() + body
-    right = b64encode(hmac.new(KEY, signed, hashlib.sha256).digest())
+    right = b64encode(hmac.new(KEY, f"{identifier}.{seconds}.".encode() + body, hashlib.sha256).digest())
     given = [each.partition(",") for each in headers.get("webhook-signature", "").split()]
     return any(version == "v1" and hmac.compare_digest(right, one.encode()) for version, _, one in given)
 

@@ -97,8 +97,7 @@ def _progress() -> Iterator[_Step]:
             task = bar.add_task(what, total=1.0)
 
             def on_progress(progress: Progress) -> None:
-                done = min(progress.fraction, 0.99)
-                bar.update(task, completed=done, description=f"{what}: {progress.stage}")
+                bar.update(task, completed=min(progress.fraction, 0.99), description=f"{what}: {progress.stage}")
 
             yield on_progress
             bar.update(task, completed=1.0, description=what)

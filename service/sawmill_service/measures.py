@@ -60,8 +60,7 @@ class Measures(Collector):
         came_at = self._clock_s()
         with self._lock:
             if self._begun_at < came_at:
-                begun_at = self._clock_s()
-                self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], begun_at
+                self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], self._clock_s()
             return self._counted
 
 

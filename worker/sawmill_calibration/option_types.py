@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
+# ruff: noqa: UP013 - short
+
 Adjustment = Literal[
     "faulty-cells", "corrupt-views", "metal", "intensity-averaging", "blur", "outliers", "view-gain",
     "beam-hardening", "density-gradient", "scattered-radiation", "lag", "rotation-during-exposure", "flat-field",
@@ -23,58 +25,33 @@ Preference = Literal["quality", "speed"]
 ReconstructionMethod = Literal["fbp", "tikhonov", "cauchy_map", "total_variation", "ring_tv", "auto"]
 Rotation = Literal["as-given", "reversed"]
 Weighting = Literal["exact", "none"]
-
-
-class PaperOptions(TypedDict, total=False):
-    """Switches of the published search (arXiv 2206.14444)."""
-
-    objective: PaperObjective
-    weighting: Weighting
-    correlation: PaperCorrelation
-    stop: PaperStop
-    max_generations: int
-    image_size: int
-
-
-class CalibrationOptions(TypedDict, total=False):
-    """Options of a calibration, apart from scan and phantom."""
-
-    rows: str | None
-    log_rows: str | None
-    views: int | None
-    handedness: Handedness | None
-    rotation: Rotation | None
-    method: CalibrationMethod
-    seed: int
-    rays_per_cell: int | None
-    without: Sequence[Adjustment]
-    size_tolerance_percent: float | None
-    true_axis: Axis | None
-    paper: PaperOptions
-
-
-class ReconstructionOptions(TypedDict, total=False):
-    """The rows, the grid, the method and its options."""
-
-    rows: str | None
-    views: int | None
-    method: ReconstructionMethod
-    prefer: Preference
-    filter: FilterName
-    frequency_scaling: float
-    weighting: Weighting
-    size: int
-    field_mm: float
-    field_centre_mm: tuple[float, float]
-    metal: MetalHandling
-    hardening: HardeningHandling
-    alpha: float | None
-    alpha_rule: AlphaRule
-    sigma: float | None
-    beta: float | None
-    preset: Literal["paper"] | None
-    weight: float | None
-    ring_weight: float | None
-    coupling: str | float
-    non_negative: bool
-    uncertainty: bool
+PaperOptions = TypedDict(
+    "PaperOptions",
+    {
+        "objective": PaperObjective, "weighting": Weighting, "correlation": PaperCorrelation, "stop": PaperStop,
+        "max_generations": int, "image_size": int,
+    },
+    total=False,
+)
+CalibrationOptions = TypedDict(
+    "CalibrationOptions",
+    {
+        "rows": str | None, "log_rows": str | None, "views": int | None, "handedness": Handedness | None,
+        "rotation": Rotation | None, "method": CalibrationMethod, "seed": int, "rays_per_cell": int | None,
+        "without": Sequence[Adjustment], "size_tolerance_percent": float | None, "true_axis": Axis | None,
+        "paper": PaperOptions,
+    },
+    total=False,
+)
+ReconstructionOptions = TypedDict(
+    "ReconstructionOptions",
+    {
+        "rows": str | None, "views": int | None, "method": ReconstructionMethod, "prefer": Preference,
+        "filter": FilterName, "frequency_scaling": float, "weighting": Weighting, "size": int, "field_mm": float,
+        "field_centre_mm": tuple[float, float], "metal": MetalHandling, "hardening": HardeningHandling,
+        "alpha": float | None, "alpha_rule": AlphaRule, "sigma": float | None, "beta": float | None,
+        "preset": Literal["paper"] | None, "weight": float | None, "ring_weight": float | None,
+        "coupling": str | float, "non_negative": bool, "uncertainty": bool,
+    },
+    total=False,
+)

@@ -169,8 +169,7 @@ def phantom_slices(
 ) -> list[Phantom]:
     """Return the same phantom for each row; with `as_wood` it attenuates like sapwood, else by its drawn densities."""
     drawn = to_phantom(drawing)
-    seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
-    moved = seen.moved(*position_mm)
+    moved = (drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()).moved(*position_mm)
     return [moved.of_density(SAPWOOD_PER_MM) if as_wood else moved] * rows
 
 

@@ -209,8 +209,7 @@ class PhantomDrawing(Contract):
             return STANDARD_SIZE_TOLERANCE
         if self.follows is None or self.axis_as_drawn is None:
             return self.size_tolerance
-        squared = 2.0 * self.size_tolerance**2 - self._measured_share() ** 2
-        return math.sqrt(max(squared, 0.0))
+        return math.sqrt(max(2.0 * self.size_tolerance**2 - self._measured_share() ** 2, 0.0))
 
     def _factor(self, axis: str, measured: SizeMeasurement | None) -> float:
         """Return the measured extent along an axis over the drawn one; 1 where nothing was measured."""

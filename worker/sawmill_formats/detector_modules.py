@@ -76,8 +76,7 @@ def placed_modules(modules: Sequence[DetectorModule], cells: int, pitch_mm: floa
     steps = [pitch_mm * (math.cos(tilt) * ACROSS + math.sin(tilt) * BEAM) for tilt in tilts]
     placed = [PlacedModule(0, borders[1], np.zeros(3), steps[0])]
     for module, end, before, step in zip(modules, borders[2:], steps, steps[1:], strict=False):
-        nearer = before if module.first_cell > cells // 2 else step
-        start_mm = placed[-1].end_mm + module.gap_mm / pitch_mm * nearer
+        start_mm = placed[-1].end_mm + module.gap_mm / pitch_mm * (before if module.first_cell > cells // 2 else step)
         placed.append(PlacedModule(module.first_cell, end - module.first_cell, start_mm, step))
     return placed
 

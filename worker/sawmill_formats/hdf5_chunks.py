@@ -158,8 +158,7 @@ def _inflated(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
     inflater = zlib.decompressobj()
     inflated = inflater.decompress(data.data, most + 1)
     # A stream without its end has no checksum, so all of it is discarded.
-    ended = inflater.eof or len(inflated) > most
-    return np.frombuffer(inflated if ended else b"", np.uint8)
+    return np.frombuffer(inflated if (inflater.eof or len(inflated) > most) else b"", np.uint8)
 
 
 def _of_lzf(data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
@@ -193,8 +192,7 @@ class _Szip:
     def __init__(self, dataset: h5py.Dataset, values: tuple[int, ...]) -> None:
         layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         layout.set_chunk(dataset.chunks)
-        options = values[0] & (h5py.h5z.SZIP_NN_OPTION_MASK | h5py.h5z.SZIP_EC_OPTION_MASK)
-        layout.set_szip(options, values[1])
+        layout.set_szip(values[0] & (h5py.h5z.SZIP_NN_OPTION_MASK | h5py.h5z.SZIP_EC_OPTION_MASK), values[1])
         self._file = h5py.File(uuid4().hex, "w", driver="core", backing_store=False)
         space = h5py.h5s.create_simple(dataset.chunks)
         self._type = dataset.id.get_type()

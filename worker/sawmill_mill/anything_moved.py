@@ -58,8 +58,7 @@ class AnythingMoved:
         numbers = slip, comparison.ray_change_mm, comparison.tolerance_mm
         moved = moved_reason(comparison)
         if moved is not None:
-            answer = Answer.ACCEPTED if accepted else Answer.NO
-            return cls(answer, comparison.explanation.reason or moved, *numbers)
+            return cls(Answer.ACCEPTED if accepted else Answer.NO, comparison.explanation.reason or moved, *numbers)
         within = MovementMessage.WITHIN(moved_mm=comparison.ray_change_mm, allowed_mm=comparison.tolerance_mm or 0.0)
         return cls(Answer.YES if slip is None else slipped, within, *numbers)
 

@@ -38,8 +38,7 @@ def differences(first: FoundGeometry, second: FoundGeometry) -> Iterator[Differe
         before, after = (getattr(each.source_frame, name) for each in (first, second))
         spreads = [getattr(each.deviations.source_frame, name) for each in (first, second)]
         change = math.remainder(after - before, math.tau) if name == "psi_rad" else after - before
-        error = None if None in spreads else DEVIATIONS * math.hypot(*spreads)
-        yield Difference(name, before, after, change, error)
+        yield Difference(name, before, after, change, None if None in spreads else DEVIATIONS * math.hypot(*spreads))
 
 
 # Largest relative difference of two equal distances.

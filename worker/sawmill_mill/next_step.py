@@ -272,8 +272,7 @@ def _still_red(state: ScannerState, step: NextStep) -> NextStep:
     if red is None:
         return step
     if step.button is Button.ACCEPT or step.tone == "good":
-        still = StepMessage.STILL_RED(*red.reason.parts)
-        return NextStep(still, Button.ACCEPT, red.tone, red.word, red.english)
+        return NextStep(StepMessage.STILL_RED(*red.reason.parts), Button.ACCEPT, red.tone, red.word, red.english)
     return replace(step, tone=red.tone, word=red.word)
 
 

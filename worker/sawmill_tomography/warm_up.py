@@ -77,8 +77,7 @@ def _iterative_methods() -> None:
 
     geometry, sinogram = _scan(20)
     projector = Projector(geometry, ImageGrid(32, 600.0))
-    noise = 0.02 * float(sinogram.std())
-    noisy = sinogram + np.random.default_rng(0).normal(scale=noise, size=sinogram.shape)
+    noisy = sinogram + np.random.default_rng(0).normal(scale=0.02 * float(sinogram.std()), size=sinogram.shape)
     for method in (tikhonov, cauchy_map, ring_tv):
         method(projector, noisy)
     for ring_weight in (1.0, 0.5):

@@ -221,8 +221,7 @@ class SourceFrame(AsContract):
         delta = math.atan2(h_s, r_s)
         distance = self.source_to_detector_mm - r
         c_x = -self.cor_column_mm * math.cos(self.tilt_rad)
-        c_y = distance - self.cor_column_mm * math.sin(self.tilt_rad)
-        d_x, d_y = _rotate(delta, c_x, c_y)
+        d_x, d_y = _rotate(delta, c_x, distance - self.cor_column_mm * math.sin(self.tilt_rad))
         return Theta(
             initial_angle_rad=wrap_angle(self.psi_rad - delta),
             detector_to_cor_mm=d_y,

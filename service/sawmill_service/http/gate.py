@@ -166,8 +166,7 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
 
 def _is_browser(headers: Headers) -> bool:
     """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
-    ours = "sec-fetch-mode" in headers or NAME in headers.get("cookie", "")
-    return ours and "authorization" not in headers
+    return ("sec-fetch-mode" in headers or NAME in headers.get("cookie", "")) and "authorization" not in headers
 
 
 def _login_before(scope: Scope, headers: Headers) -> str:

@@ -143,8 +143,7 @@ def _keyed(request: Request, key: str | None, body: bytes) -> KeyedRequest | Non
     caller, scope = caller_of(request), request.scope
     parts = (scope["method"].encode(), scope["path"].encode(), scope["query_string"], body)
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()
-    name = caller.name if caller.key_id is None else f"key {caller.key_id}"
-    return KeyedRequest(name, _read(key), digest)
+    return KeyedRequest(caller.name if caller.key_id is None else f"key {caller.key_id}", _read(key), digest)
 
 
 def _read(key: str) -> str:

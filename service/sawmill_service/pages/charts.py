@@ -314,8 +314,7 @@ def _panel(
     else:
         # A typical bar fits; a long bar ends at the edge, because it must not flatten all others.
         half = median([(upper - lower) / 2.0 for _, lower, upper in bars]) if bars else 0.0
-        reached = [min(numbers) - half, max(numbers) + half] if numbers else []
-        low, high = range_of(reached, least=quantity.least)
+        low, high = range_of([min(numbers) - half, max(numbers) + half] if numbers else [], least=quantity.least)
 
     def y(number: float) -> float:
         share = (min(max(number, low), high) - low) / (high - low)

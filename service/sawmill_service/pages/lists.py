@@ -69,8 +69,7 @@ class DaySpan:
     def bounds(self) -> dict[str, datetime | None]:
         """Return the span as arguments for the store."""
         since = None if self.first is None else day_of(self.first, self.zone)[0]
-        until = None if self.last is None else day_of(self.last, self.zone)[1]
-        return {"since": since, "until": until}
+        return {"since": since, "until": None if self.last is None else day_of(self.last, self.zone)[1]}
 
 
 def _day_span(

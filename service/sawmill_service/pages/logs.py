@@ -109,8 +109,7 @@ def method_of(log: Reconstruction) -> ReconstructionMethod:
 def name_of(page: PageFrame, log: Reconstruction, scanner: str) -> str:
     """Return the name of a log: the one that somebody gave it, or its scanner, its number and the hour."""
     default = page.text.gettext("%(scanner)s, log %(number)s, %(time)s")
-    values = {"scanner": scanner, "number": log.number, "time": page.formats.hour(log.created_at)}
-    return log.name or default % values
+    return log.name or default % {"scanner": scanner, "number": log.number, "time": page.formats.hour(log.created_at)}
 
 
 def _others(reconstructions: TheReconstructions, log: Reconstruction) -> dict[str, Reconstruction]:

@@ -208,8 +208,7 @@ def get_mosaic(
 
     side = min(result.shape[1], TILE_PX)  # small slices are enlarged by whole factors
     values = result.shape[1] ** 2 + len(indices) * (side * -(-TILE_PX // side)) ** 2
-    made_of = (reconstruction_id, "mosaic", query, window)
-    return picture(request, made_of, draw, size_bytes=BYTES_PER_VALUE * values)
+    return picture(request, (reconstruction_id, "mosaic", query, window), draw, size_bytes=BYTES_PER_VALUE * values)
 
 
 @router.get(

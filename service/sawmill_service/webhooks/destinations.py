@@ -122,8 +122,7 @@ def _address(text: str) -> Address | None:
 def _is_public(address: Address) -> bool:
     if isinstance(address, IPv6Address) and address not in _GLOBAL_UNICAST:
         return False
-    reserved = any(address in network for network in _NOT_PUBLIC)
-    return address.is_global and not address.is_multicast and not reserved
+    return address.is_global and not address.is_multicast and not any(address in network for network in _NOT_PUBLIC)
 
 
 def _example(destination: Destination) -> str:

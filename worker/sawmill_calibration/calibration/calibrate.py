@@ -95,8 +95,7 @@ def run_calibration(
         calibration_input, stack = _with_odd_rows(calibration_input, stack), None
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
-    start = 0.0 if stack is None else ROWS_DONE
-    reporting = SearchProgress(on_progress, start)
+    reporting = SearchProgress(on_progress, 0.0 if stack is None else ROWS_DONE)
     if options.method is CalibrationMethod.PAPER:
         if stack is not None:
             calibration_input = _narrowed(calibration_input, stack, options, on_progress, keeper)

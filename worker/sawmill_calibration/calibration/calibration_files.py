@@ -100,8 +100,7 @@ def _phantom_image(
 def _closed(phantom: Phantom) -> NDArray[np.float64]:
     """Concatenate all outlines, each closed, with NaN between outlines."""
     gap = np.full((1, 2), np.nan)
-    pieces = [piece for outline in phantom.outlines() for piece in (gap, outline, outline[:1])]
-    return np.concatenate(pieces[1:])
+    return np.concatenate([piece for outline in phantom.outlines() for piece in (gap, outline, outline[:1])][1:])
 
 
 def _log_arrays(log: LogImages, unit: str) -> dict[str, NamedArray]:

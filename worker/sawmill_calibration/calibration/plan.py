@@ -31,8 +31,7 @@ def run_plan(
     ValueError
         The phantom determines nothing there: errors of `sawmill_tomography`.
     """
-    angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
-    fan = FanBeamGeometry(scanner, theta, angles_rad)
+    fan = FanBeamGeometry(scanner, theta, (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views)
     phantom = to_phantom(drawing, options.size_tolerance_percent)
     planned = plan(fan, phantom, noise=options.noise, log_radius_mm=log_radius_mm)
     return PlanResult(

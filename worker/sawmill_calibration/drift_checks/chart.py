@@ -41,8 +41,7 @@ def follow(
             if newest.alarm and alarm is None:
                 alarm = (finding, counted.at)
         scatters.append(finding.scatter)
-    pools = list(_pools(before, looks, scatters))
-    return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
+    return Followed(chart_to_state(chart), baseline, finding, alarm, list(_pools(before, looks, scatters)))
 
 
 def _pools(

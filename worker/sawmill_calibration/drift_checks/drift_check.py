@@ -294,8 +294,7 @@ def _reported(
 def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
     of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
     of_distance = [DISTANCE_NOT_SEEN] if fit.distance_held else []
-    of_few_views = [] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN]
-    return [*NOT_SEEN, *of_distance, *of_few_views]
+    return [*NOT_SEEN, *of_distance, *([] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN])]
 
 
 def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
@@ -333,8 +332,7 @@ def with_coarse_column(
         return frame
     centres = lines[heavy] @ u / mass[heavy]
     phi = angles_rad[heavy]
-    swing = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], -1)
-    column = float(np.linalg.lstsq(swing, centres)[0][0])
+    column = float(np.linalg.lstsq(np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], -1), centres)[0][0])
     return replace(frame, cor_column_mm=float(np.clip(column, u[0], u[-1])))
 
 

@@ -130,8 +130,7 @@ def side_view_png(
     size = width, height = _side_view_size(densest.shape, across_mm, along_mm)
     layout = Layout.around(size, axis_labels=True, title=True)
     page, draw = page_of(layout, None, color_map)
-    few = densest_of(densest.T, (height, width))
-    draw_panel(page, layout, few, shown, color_map)
+    draw_panel(page, layout, densest_of(densest.T, (height, width)), shown, color_map)
     draw_color_bar(draw, page, layout, shown, unit, color_map)
     span = along_mm or (-0.5, len(densest) - 0.5)
     draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")
@@ -156,8 +155,7 @@ def _laid_out(tiles: list[Image.Image], side: int) -> tuple[Image.Image, list[tu
     columns = math.ceil(math.sqrt(len(tiles)))
     step, line = side + _GAP_PX, side + _GAP_PX + _STRIP_PX
     corners = [(n % columns * step, n // columns * line) for n in range(len(tiles))]
-    size = columns * step - _GAP_PX, corners[-1][1] + line - _GAP_PX
-    panel = Image.new(tiles[0].mode, size, PAPER)
+    panel = Image.new(tiles[0].mode, (columns * step - _GAP_PX, corners[-1][1] + line - _GAP_PX), PAPER)
     for tile, (left, top) in zip(tiles, corners, strict=True):
         panel.paste(tile, (left, top + _STRIP_PX))
     return panel, corners
@@ -174,8 +172,7 @@ def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | No
     slices, pixels = shape
     lines = -(-pixels // -(-pixels // _HIGHEST_PX))
     height = lines * -(-_LOWEST_PX // lines)
-    pixel_px = height / pixels
-    true = slices * pixel_px
+    true = slices * (height / pixels)
     if along_mm is not None:
         true = height * (along_mm[1] - along_mm[0]) / (across_mm[1] - across_mm[0])
     return round(min(max(true, _NARROWEST_PX), _WIDEST_PX)), height

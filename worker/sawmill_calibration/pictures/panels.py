@@ -263,5 +263,4 @@ def draw_theta_and_twin(figure: FigureBase, geometry: FoundGeometry, reader: Rea
 
 
 def _four(theta: Theta) -> tuple[float, ...]:
-    angle_deg = math.degrees(theta.initial_angle_rad)
-    return angle_deg, theta.detector_to_cor_mm, theta.detector_shift_mm, theta.detector_tilt
+    return math.degrees(theta.initial_angle_rad), theta.detector_to_cor_mm, theta.detector_shift_mm, theta.detector_tilt

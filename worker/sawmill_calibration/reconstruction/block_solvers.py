@@ -185,8 +185,7 @@ class _DirectSolver:
         return {"step": self.step}
 
     def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:  # noqa: ARG002 - slices are independent
-        complete = filled(rows, self._projector.geometry.angles_rad)
-        block = self._metal(complete.transpose(1, 0, 2))
+        block = self._metal(filled(rows, self._projector.geometry.angles_rad).transpose(1, 0, 2))
         findings = BlockFindings(metal=block.count())
         images = self._method.reconstruct(self._projector, block.lines).image
         for index in range(rows.shape[1]):
@@ -253,8 +252,7 @@ class _FittedSolver:
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
         self.halo = method.halo if isinstance(method, CoupledMethod) and task.slices > 1 else 0
-        most = COUPLED_TOGETHER if self.halo else FITTED_TOGETHER
-        self.step = int(max(min(together, most) - 2 * self.halo, 1))
+        self.step = int(max(min(together, COUPLED_TOGETHER if self.halo else FITTED_TOGETHER) - 2 * self.halo, 1))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out, weigh=method.weighs)
         if method.is_open or self._outside is not None:
             self._sample = _levelled(task.sample[None], general)

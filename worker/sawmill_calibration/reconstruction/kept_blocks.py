@@ -91,8 +91,7 @@ def _parsed(text: NDArray[np.uint8]) -> dict[str, Any]:
 def _findings(parsed: dict[str, Any]) -> BlockFindings:
     metal, curve = MetalCount(**parsed.pop("metal")), parsed.pop("curve")
     remarks = [CodedReason.model_validate(each).text for each in parsed.pop("remarks")]
-    points = None if curve is None else CurvePoints(**curve)
-    return BlockFindings(**parsed, remarks=remarks, metal=metal, curve=points)
+    return BlockFindings(**parsed, remarks=remarks, metal=metal, curve=None if curve is None else CurvePoints(**curve))
 
 
 def _coded(remarks: Iterable[str]) -> list[dict[str, Any]]:

@@ -248,8 +248,7 @@ class _Run:
     ) -> BlockSolver:
         """Create the solver of the requested method or, for `auto`, of a method chosen by the middle slice."""
         middle = self.slices // 2
-        rows = self._scan.read(middle, middle + 1)
-        sample = np.ascontiguousarray(filled(rows, self._scan.angles_rad)[:, 0])
+        sample = np.ascontiguousarray(filled(self._scan.read(middle, middle + 1), self._scan.angles_rad)[:, 0])
         radius_mm = _radius_mm(self._scan.read, self._projector.geometry, self.slices)
         name, recommended = self._options.method, None
         if name is ReconstructionMethod.AUTO:
@@ -325,8 +324,7 @@ class _Run:
         if step == 1:
             return sample
         used, scan = views_of_step(self._scan.angles_rad, step), self._scan
-        geometry = self._projector.geometry
-        self._projector = Projector(geometry.at(used), self._projector.grid)
+        self._projector = Projector(self._projector.geometry.at(used), self._projector.grid)
         self._scan = replace(
             scan, angles_rad=scan.angles_rad[used], read=lambda start, stop: scan.read(start, stop)[used]
         )
@@ -349,8 +347,7 @@ class _Run:
                 yield
                 images, findings = solver(first, rows, part)
                 yield
-                fewest = int(present_rows(rows)[:, part].sum(axis=0).min())
-                block = FinishedBlock(seen.sample(images), findings, fewest)
+                block = FinishedBlock(seen.sample(images), findings, int(present_rows(rows)[:, part].sum(axis=0).min()))
                 write(start, images, block)
             blocks[start] = block
 
@@ -394,8 +391,7 @@ def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:
 
 def _radius_mm(read: ReadRows, geometry: FanViews, slices: int) -> float:
     """Return the radius of the disc that holds the log in rows all along its length, including first and last."""
-    rows = {round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}
-    lines = (read(n, n + 1)[:, 0] for n in sorted(rows))
+    lines = (read(n, n + 1)[:, 0] for n in sorted({round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}))
     return max(object_radius_mm(geometry, line[present_rows(line)]) for line in lines)
 
 

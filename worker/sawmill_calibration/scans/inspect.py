@@ -109,8 +109,7 @@ def inspect_file(source: InspectionInput) -> InspectionResult:
     no_scan = kind if format_ else PNG
     read: Fields = {"refusal": _no_scan(source, no_scan)} if no_scan in NO_SCAN else _read(source, kind)
     if "refusal" not in read:
-        needed = any(part.needed for part in read["missing"])
-        read["verdict"] = FileVerdict.INCOMPLETE if needed else FileVerdict.READY
+        read["verdict"] = FileVerdict.INCOMPLETE if any(part.needed for part in read["missing"]) else FileVerdict.READY
     of_file = {"format": format_.name if format_ else PNG, "own_kind": kind, "listing_ended": ended}
     listed = {"parts": parts[:MOST_PARTS], "parts_left_out": max(0, len(parts) - MOST_PARTS)}
     return result.model_copy(update={**of_file, **listed, **read})

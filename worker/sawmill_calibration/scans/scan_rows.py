@@ -183,8 +183,7 @@ def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: Progress
 def _prepared_rows(
     source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback, beside: Path | None
 ) -> Iterator[ScanRows]:
-    folder = None if beside is None else beside.absolute().parent
-    with TemporaryDirectory(prefix=".sawmill-", dir=folder) as temporary:
+    with TemporaryDirectory(prefix=".sawmill-", dir=None if beside is None else beside.absolute().parent) as temporary:
         path = Path(temporary) / "scan.h5"
         reading = reading_scan(
             source.path,

@@ -196,8 +196,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
 
 def _check_angles(angles_rad: NDArray[np.float64]) -> None:
     check_angles(np.rad2deg(angles_rad))
-    steps = np.diff(angles_rad)
-    standing = np.abs(np.remainder(steps + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
+    standing = np.abs(np.remainder(np.diff(angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
     if standing.any():
         view = int(np.argmax(standing))
         raise UnreadableScan(

@@ -60,8 +60,7 @@ def _images_of(contents: FileContents, kind: FieldKind, bounds: Bounds) -> NDArr
         raise UnreadableScan(
             "too-large", f"its images need {needed} bytes and {bounds.piece} are allowed or free; give fewer"
         )
-    rows = shape[1] if len(shape) == 3 else 1
-    return contents.projections.read(slice(0, shape[0]), slice(0, rows)).reshape(shape)
+    return contents.projections.read(slice(0, shape[0]), slice(0, shape[1] if len(shape) == 3 else 1)).reshape(shape)
 
 
 Fields = NDArray[np.float32]

@@ -135,8 +135,7 @@ def _only_candidate(infos: Mapping[str, ArrayInfo], selection: Wanted) -> str:
     ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or [name for name in possible if kind_of(name) is selection.fields] or possible
-    in_cells = [name for name in candidates if name.startswith(CELL_CONTENTS)]
-    if not candidates or len(candidates) == len(in_cells) > 1:
+    if not candidates or len(candidates) == len([name for name in candidates if name.startswith(CELL_CONTENTS)]) > 1:
         outside = {name: info for name, info in infos.items() if not name.startswith(CELL_CONTENTS)}
         raise UnreadableScan(
             "dataset-missing",

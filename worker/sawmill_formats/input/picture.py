@@ -92,8 +92,8 @@ def picture_parts(path: Path) -> Iterator[Part]:
 
 def _check_stored(picture: Image.Image, stored_bytes: int) -> None:
     width, height = picture.size
-    row_bytes = math.ceil(width * BITS.get(picture.mode, 8 * len(picture.getbands())) / 8)
-    declared = height * (1 + row_bytes)  # each row starts with its filter's number
+    # Each row starts with its filter's number.
+    declared = height * (1 + math.ceil(width * BITS.get(picture.mode, 8 * len(picture.getbands())) / 8))
     if declared > max(HARMLESS_BYTES, LARGEST_RATIO * stored_bytes):
         raise UnreadableScan(
             "too-large",

@@ -169,8 +169,7 @@ def reading_contents(
 def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:
     """Return how much may be read with this free memory, or any amount for None."""
     # Divided by two: for a moment an array is there as stored and as float32, and there are flat and dark fields.
-    piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
-    return Bounds(max_bytes, piece)
+    return Bounds(max_bytes, max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2))
 
 
 def canonical_scan(

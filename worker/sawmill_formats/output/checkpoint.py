@@ -66,8 +66,7 @@ def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[
     """
     with path.open("rb") as file:
         head = file.read(_SEAL.size)
-        length = path.stat().st_size - _SEAL.size
-        if len(head) < _SEAL.size or head != _SEAL.pack(_MARK, _checksum(file), length):
+        if len(head) < _SEAL.size or head != _SEAL.pack(_MARK, _checksum(file), path.stat().st_size - _SEAL.size):
             raise UnusableCheckpoint("it is damaged")
         file.seek(_SEAL.size)
         with np.load(file, allow_pickle=False) as stored:

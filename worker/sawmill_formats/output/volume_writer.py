@@ -132,8 +132,7 @@ def new_reconstruction(
         if row_pitch_mm is not None:
             along = first_slice_mm + along * row_pitch_mm
         volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
-        spacing_mm = (row_pitch_mm or 1.0, pixel_mm, pixel_mm)
-        describe_image(volume, "attenuation", (along, x_mm, y_mm), spacing_mm)
+        describe_image(volume, "attenuation", (along, x_mm, y_mm), (row_pitch_mm or 1.0, pixel_mm, pixel_mm))
         _write_origin(entry)
         process = write_process(file, layout.RECONSTRUCTION, software_version, input_sha256)
         # The scan's file had a name at its origin; here it is known by its checksum.

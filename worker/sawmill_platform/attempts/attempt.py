@@ -82,8 +82,8 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
                 ),
                 assignment.job.kind,
             )
-            measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
-            channel.write(to_line(measured))  # before logging: a log that cannot be written must not lose the answer
+            # Before logging: a log that cannot be written must not lose the answer.
+            channel.write(to_line(answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})))
             _log(answer, error)
 
 

@@ -254,8 +254,7 @@ class _Supervision:
         try:
             self._given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
-            code = f"{error.kind}-deleted"
-            return Failed(failure=Failure(kind=FailureKind.INPUT, code=code, detail=str(error)))
+            return Failed(failure=Failure(kind=FailureKind.INPUT, code=f"{error.kind}-deleted", detail=str(error)))
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error, self._claim.job.kind))
@@ -438,8 +437,7 @@ class _Supervision:
 
     def _cancellation_came_in(self) -> bool:
         silent_s = time.monotonic() - self._last_beat
-        wait_s = self._settings.heartbeat_s if self._progress is None else self._settings.progress_s
-        if silent_s < wait_s:
+        if silent_s < (self._settings.heartbeat_s if self._progress is None else self._settings.progress_s):
             return False
         self._last_beat = time.monotonic()
         progress, self._progress = self._progress, None

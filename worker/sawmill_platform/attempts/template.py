@@ -71,8 +71,7 @@ class Template:
         """Request a child without waiting for the answer."""
         with self._lock:
             requests = self._running()
-            pipes = [os.pipe() for _ in range(3)]
-            (assignment_in, assignment), (channel, channel_in), (book, book_in) = pipes
+            (assignment_in, assignment), (channel, channel_in), (book, book_in) = [os.pipe() for _ in range(3)]
             try:
                 with suppress(BrokenPipeError, ConnectionResetError):  # then it has just died, and the pipes close
                     socket.send_fds(requests, [b"fork"], [assignment_in, channel_in, book_in])

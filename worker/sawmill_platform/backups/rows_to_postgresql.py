@@ -56,6 +56,5 @@ def copy_rows(source: StorageSettings, target: StorageSettings) -> int:
 
 def _copy(rows: Connection, into: Connection, tables: list[Table]) -> None:
     for table in tables:
-        found = rows.execution_options(yield_per=_BATCH).execute(select(table))
-        for batch in found.mappings().partitions():
+        for batch in rows.execution_options(yield_per=_BATCH).execute(select(table)).mappings().partitions():
             into.execute(insert(table), [dict(row) for row in batch])

@@ -31,8 +31,7 @@ class EventType(RegisteredWord):
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """List the words as an enumeration, with the explanations of some."""
         explained = "; ".join(f"`{kind}`: {kind.about}" for kind in cls.all() if kind.about)
-        listed = super().__get_pydantic_json_schema__(schema, handler)
-        return listed | {"description": f"{cls.__doc__} {explained}."}
+        return super().__get_pydantic_json_schema__(schema, handler) | {"description": f"{cls.__doc__} {explained}."}
 
     @classmethod
     def published(cls) -> tuple[Self, ...]:

@@ -64,8 +64,7 @@ class SharedClock:
         self._offset_s, self._read_at_s = self._read(), since_boot_s()
 
     def _current_offset_s(self) -> float:
-        known = self._offset_s
-        if known is None:
+        if self._offset_s is None:
             with self._reading:
                 if self._offset_s is None:
                     self.refresh()

@@ -39,8 +39,7 @@ class PatientConnection(psycopg.Connection[Any]):
 
     def wait(self, gen: PQGen[T], interval: float = _LOOK_S, timeout: float | None = None) -> T:
         """Wait for an answer; psycopg calls this method for everything that a connection waits for."""
-        bounded = gen if self.patience_s is None else self._bounded(gen, self.patience_s)
-        return super().wait(bounded, interval, timeout)
+        return super().wait(gen if self.patience_s is None else self._bounded(gen, self.patience_s), interval, timeout)
 
     def _bounded(self, gen: PQGen[T], patience_s: float) -> PQGen[T]:
         until = monotonic() + patience_s

@@ -152,8 +152,7 @@ class WaitEstimates:
             for job_id, before in _before(session, list(queued.values())).items():
                 row = queued[job_id]
                 wait_s = _wait_s(row, before, at_work, durations, now)
-                seconds_left = _rounded(_sum([wait_s, durations.get(_line(row))]))
-                estimates[job_id] = WaitEstimate(before.total(), seconds_left)
+                estimates[job_id] = WaitEstimate(before.total(), _rounded(_sum([wait_s, durations.get(_line(row))])))
         return estimates
 
     def wait_s(self, session: Session, row: JobRow, now: datetime) -> float | None:

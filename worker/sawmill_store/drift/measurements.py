@@ -85,8 +85,7 @@ def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement
     """
     starts = [since + (until - since) * (part / PARTS) for part in range(PARTS)]
     of_part = column("since", UtcDateTime()), column("until", UtcDateTime())
-    spans = list(zip(starts, [*starts[1:], _NEVER], strict=True))
-    parts = values(*of_part, name="parts").data(spans).cte()
+    parts = values(*of_part, name="parts").data(list(zip(starts, [*starts[1:], _NEVER], strict=True))).cte()
     later = MeasurementRow.at.desc(), MeasurementRow.number.desc()
 
     def first(*order: ColumnElement[Any], **of: MeasurementKind) -> Select[tuple[int]]:

@@ -177,8 +177,7 @@ def _newest_log() -> Select[str]:
 
 
 def _scanners_that_check_drift(session: Session) -> list[str]:
-    checking = select(ScheduleRow.scanner_id).where(ScheduleRow.kind == "check-drift")
-    return sorted(set(session.scalars(checking)))
+    return sorted(set(session.scalars(select(ScheduleRow.scanner_id).where(ScheduleRow.kind == "check-drift"))))
 
 
 def _rows(job: JobKind, table: type[Any], protections: Protections | None = None) -> RemovableRows:

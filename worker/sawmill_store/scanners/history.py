@@ -190,9 +190,7 @@ def changes_in_words(difference: Mapping[str, Any]) -> str:
 def _parts(difference: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any, Any]]:
     for name, (before, after) in difference.items():
         if isinstance(before, dict) and isinstance(after, dict):
-            names = {**before, **after}
-            pairs = {each: (before.get(each), after.get(each)) for each in names}
-            changed = {each: pair for each, pair in pairs.items() if pair[0] != pair[1]}
-            yield from _parts(changed, f"{within}{name}.")
+            pairs = {each: (before.get(each), after.get(each)) for each in {**before, **after}}
+            yield from _parts({each: pair for each, pair in pairs.items() if pair[0] != pair[1]}, f"{within}{name}.")
         else:
             yield f"{within}{name}", before, after

@@ -106,8 +106,7 @@ def _record_success(session: Session, kind: JobKind, subject_id: str, result: Co
             step = step_alone(result, active=activated)
         elif isinstance(result, DriftResult):
             step = step_of_check(result)
-        detail = {} if step is None else {"next_step": step.answer.model_dump(mode="json")}
-        return Recorded(why, detail)
+        return Recorded(why, {} if step is None else {"next_step": step.answer.model_dump(mode="json")})
     if kind is kinds.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reading = ScanState.READY, stored
@@ -150,8 +149,7 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Cal
     )
     if reason is not None:
         job = calibration.job
-        by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
-        with acting_as(by_request):
+        with acting_as(Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)):
             activate(session, calibration.scanner_id, calibration.id, reason, now)
     return reason is not None
 

@@ -141,8 +141,7 @@ def _scatter(air: FloatArray) -> tuple[float, float]:
     """Return the noise of rays in air (views, cells), and the variance of what their cells add to every view."""
     views, common = len(air), air.mean(axis=0)
     noise = noise_of_differences(np.diff(air - common, 2, axis=1), 2) * math.sqrt(views / (views - 1))
-    seen = noise_of_differences(np.diff(common, 2), 2)
-    return noise, max(seen**2 - noise**2 / views, 0.0)
+    return noise, max(noise_of_differences(np.diff(common, 2), 2) ** 2 - noise**2 / views, 0.0)
 
 
 def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
@@ -155,8 +154,7 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
     mean = max(float(np.median(rays)), 1e-6)
     k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
-    most = 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))
-    return air_noise**2 * np.exp(np.clip(k * rays, 0.0, most))
+    return air_noise**2 * np.exp(np.clip(k * rays, 0.0, 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))))
 
 
 # The air's cells are averaged in groups to about this number of them, which costs milliseconds.
@@ -203,8 +201,7 @@ def flat_structure(
     uncorrected = crossed - behind.T @ (fit @ of_air)
     taken = (0.5 * (crossed + uncorrected) @ fit.T) @ behind
     rest, shared = np.eye(means.size) - grouped.T @ fit, uncorrected - (uncorrected @ grouped.T) @ fit
-    seen = rest @ of_air @ rest + noise**2 / group * np.eye(means.size)
-    weights = np.linalg.solve(seen, shared.T).T
+    weights = np.linalg.solve(rest @ of_air @ rest + noise**2 / group * np.eye(means.size), shared.T).T
     return FlatStructure(weights @ means, of_log - taken - taken.T - weights @ shared.T)
 
 
@@ -235,6 +232,5 @@ def _smooth_covariance(
         likelihoods[at] = -0.5 * np.log(factors).sum(axis=1) - 0.5 * number * np.log(squares)
     weights = np.exp(likelihoods - likelihoods.max())
     weights[:, 0] *= VARIANCES.size
-    variances = np.sum(weights * noises * ratios, axis=1) / weights.sum()
-    smooth: FloatArray = variances @ bumps
+    smooth: FloatArray = (np.sum(weights * noises * ratios, axis=1) / weights.sum()) @ bumps
     return smooth

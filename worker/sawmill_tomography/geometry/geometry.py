@@ -116,8 +116,7 @@ class FanViews:
         pitch = np.hypot(*step.T)
         if np.ptp(pitch) * cells > SAME_MM:
             raise GeometryError("the cells must have the same width in all views: this list has views of two detectors")
-        even = (np.arange(cells)[:, None] + np.array([0.0, 1.0]) - 0.5 * cells) * pitch[0]
-        return cls.of(source, middle, step, even)
+        return cls.of(source, middle, step, (np.arange(cells)[:, None] + np.array([0.0, 1.0]) - 0.5 * cells) * pitch[0])
 
     @property
     def sinogram_shape(self) -> tuple[int, int]:

@@ -187,8 +187,7 @@ def _derivatives(
     c, s, sdd = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad), frame.source_to_detector_mm
     # Movements of the cells, which form one body, by SDD, u_c and tau, and of the cells on one side of each joint.
     moves = [(np.zeros(x.size), np.ones(x.size)), (np.full(x.size, -c), np.full(x.size, -s)), (sdd - y, x)]
-    known = [module.first_cell for module in scanner.detector_modules]
-    moves += _module_moves(scanner, frame, cells, (x, y), known)
+    moves += _module_moves(scanner, frame, cells, (x, y), [module.first_cell for module in scanner.detector_modules])
     if of_places:
         depth = 0.5 * cell_centres_mm(scanner)[cells] ** 2
         moves.append((depth * s, -depth * c))

@@ -81,8 +81,7 @@ class Phantom:
             replace(shape, radius_mm=shape.radius_mm * factor) if isinstance(shape, Disc) else shape
             for shape in self.shapes
         )
-        resized = replace(self, shapes=shapes)
-        return resized._mapped(factor, factor, 0.0, 0.0)  # noqa: SLF001 - its own class
+        return replace(self, shapes=shapes)._mapped(factor, factor, 0.0, 0.0)  # noqa: SLF001 - its own class
 
     def of_density(self, factor: float) -> "Phantom":
         """Return the phantom with every density times factor: a drawing's wood becomes attenuation per mm."""
@@ -193,8 +192,7 @@ class Phantom:
             if isinstance(shape, Polygon):
                 lines.append(np.array([*shape.vertices_mm, shape.vertices_mm[0]], np.float64))
             else:
-                circle = np.stack([np.cos(turn), np.sin(turn)], -1)
-                lines.append(np.array(shape.center_mm) + shape.radius_mm * circle)
+                lines.append(np.array(shape.center_mm) + shape.radius_mm * np.stack([np.cos(turn), np.sin(turn)], -1))
         return lines
 
     def rasterise(self, size: int, field_mm: float, *, subsamples: int = 4) -> NDArray[np.float32]:

@@ -75,8 +75,7 @@ def trace(
     shapes = [_shape((outline - centre) * pixel, pixel, 1.0 if _area(outline) < 0.0 else -1.0) for outline in outlines]
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
-    tolerance = max(size_tolerance, _pixel_tolerance(shapes, pixel))
-    return Phantom(name, tuple(shapes), tolerance, pixel / math.sqrt(2.0))
+    return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)), pixel / math.sqrt(2.0))
 
 
 def _bright_part(
@@ -113,8 +112,7 @@ def _check_edges(picture: NDArray[np.floating], level: float) -> None:
 
 def _pixel_tolerance(shapes: list[Shape], pixel: float) -> float:
     """Return the size's relative uncertainty: two sides, each somewhere in its pixel, leave pixel / sqrt(6)."""
-    outlines = np.concatenate(Phantom("outlines", tuple(shapes)).outlines())
-    extent = float(np.ptp(outlines, axis=0).mean())
+    extent = float(np.ptp(np.concatenate(Phantom("outlines", tuple(shapes)).outlines()), axis=0).mean())
     return pixel / math.sqrt(6.0) / extent
 
 
@@ -147,8 +145,7 @@ def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
     A side is cut at its farthest point until none is farther than the tolerance (Douglas and Peucker 1973).
     """
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
-    closed = np.concatenate([outline[first:], outline[: first + 1]])
-    x, y = closed.T.copy()
+    x, y = np.concatenate([outline[first:], outline[: first + 1]]).T.copy()
     corners, sides = [0], [(0, len(outline))]
     while sides:
         start, stop = sides.pop()
@@ -204,5 +201,4 @@ def _side(outline: FloatArray, start: int, stop: int, near: float) -> tuple[Floa
     far = (np.hypot(*(points - points[0]).T) > near) & (np.hypot(*(points - points[-1]).T) > near)
     points = points[far] if far.sum() >= 3 else points[[0, -1]]
     middle = points.mean(axis=0)
-    direction = np.linalg.svd(points - middle)[2][0]
-    return middle, direction
+    return middle, np.linalg.svd(points - middle)[2][0]

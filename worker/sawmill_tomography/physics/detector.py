@@ -95,6 +95,5 @@ def spoil(counts: FloatArray, converter: Converter, effects: DetectorEffects, rn
     chosen = rng.permutation(counts.shape[1])
     dead, hot = chosen[: effects.dead_cells], chosen[effects.dead_cells :][: effects.hot_cells]
     counts[:, dead] = np.rint(converter.dark_level)
-    changed = counts[:, hot] * rng.uniform(1.0 - HOT, 1.0 + HOT, hot.size)
-    counts[:, hot] = np.rint(changed).clip(0.0, converter.largest)
+    counts[:, hot] = np.rint(counts[:, hot] * rng.uniform(1.0 - HOT, 1.0 + HOT, hot.size)).clip(0.0, converter.largest)
     return counts.astype(np.uint16)

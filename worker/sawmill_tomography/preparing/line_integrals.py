@@ -76,8 +76,7 @@ class Exposure:
         bridged = dead | saturated
         if bridged.mean() <= MOST_DEAD:
             dead = bridged
-        level = np.where(dead, 1.0, air).astype(np.float32)
-        return cls(dark.astype(np.float32), level, dead, saturated, largest)
+        return cls(dark.astype(np.float32), np.where(dead, 1.0, air).astype(np.float32), dead, saturated, largest)
 
     def same_in_all_rows(self) -> "Exposure":
         """Return the mean dark signal and gain over each cell's rows: a row's deviation stays in the line integrals.
@@ -193,8 +192,7 @@ def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
     second = int(np.count_nonzero(flats == below.max())) if below.size else number
     if number >= PLATEAU * flats.size and (top in LARGEST_VALUES or number >= max(PILED_UP * second, FEWEST)):
         return top, has_it.mean(axis=0) > SATURATED
-    none = np.zeros(flats.shape[1:], bool)
-    return next((value for value in LARGEST_VALUES if value >= top), math.inf), none
+    return next((value for value in LARGEST_VALUES if value >= top), math.inf), np.zeros(flats.shape[1:], bool)
 
 
 @dataclass(frozen=True)

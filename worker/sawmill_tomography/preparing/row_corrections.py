@@ -153,8 +153,7 @@ def _subtract_air(sinogram: Sinogram, corrections: Corrections, results: _Findin
 def _visible(deviation: float, sinogram: Sinogram) -> bool:
     some = sinogram[:: max(1, len(sinogram) // 64)]
     low, high = np.quantile(some, [0.005, 0.995])
-    noise = noise_of_differences(np.diff(some, axis=1), 1)
-    noise_of_median = NOISE_OF_MEDIAN * noise / math.sqrt(len(sinogram))
+    noise_of_median = NOISE_OF_MEDIAN * noise_of_differences(np.diff(some, axis=1), 1) / math.sqrt(len(sinogram))
     return deviation > max(VISIBLE_STRIPES * float(high - low), 3.0 * noise_of_median)
 
 

@@ -60,8 +60,7 @@ class RowShifts:
         All shifts are rounded if the views are whole rows apart; otherwise only shifts that are nearly whole are.
         """
         ends = np.zeros(0, np.intp) if ends is None else ends
-        common = float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
-        apart = shifts - common
+        apart = shifts - float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
         off = apart - np.rint(apart)
         whole = bool(off.std() < WHOLE_SCATTER and np.abs(off).max() < WHOLE_FURTHEST)
         if whole:
@@ -150,8 +149,7 @@ def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArra
         return out
     at: FloatArray = np.arange(len(image), dtype=np.float64) - shift
     mixed = [int(np.rint(end + 0.5 - shift)) for end in ([] if ends is None else ends.tolist())]
-    borders = [first - 1, *(row for row in mixed if first < row < last), last + 1]
-    for before, after in pairwise(borders):
+    for before, after in pairwise([first - 1, *(row for row in mixed if first < row < last), last + 1]):
         there = (at >= before + 1) & (at <= after - 1)
         out[there] = _resampled(image[before + 1 : after], at[there] - before - 1)
     return out

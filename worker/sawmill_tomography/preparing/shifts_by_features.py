@@ -124,8 +124,7 @@ def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
 
 def _jumps(image: Stack) -> Rows:
     """Select the rows of an image (rows, cells) that jump to the next one, apart from their gain: a body ends."""
-    steps = np.diff(image, axis=0).std(axis=1, dtype=np.float64)
-    return jumps_between(np.append(0.0, np.cumsum(steps)))
+    return jumps_between(np.append(0.0, np.cumsum(np.diff(image, axis=0).std(axis=1, dtype=np.float64))))
 
 
 def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
@@ -172,8 +171,7 @@ def _by_matches(one: _Features, other: _Features) -> tuple[float, float] | None:
     if inliers.size < max(FEWEST_AGREEING, SHARE_AGREEING * along.size):
         return None
     # The window of agreement limits the precision: a handful of equal shifts proves no more.
-    spread = max(float(inliers.std()), AGREEING_ROWS / 4.0)
-    return float(inliers.mean()), spread / math.sqrt(inliers.size)
+    return float(inliers.mean()), max(float(inliers.std()), AGREEING_ROWS / 4.0) / math.sqrt(inliers.size)
 
 
 def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
@@ -198,8 +196,7 @@ def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
         normal = incidence.T @ (weight[:, None] * incidence) + 1.0
         solved = np.linalg.solve(normal, incidence.T @ (weight * shift))
         weight = precision * np.minimum(1.0, CONTRADICTING / np.maximum(np.abs(shift - incidence @ solved), 1e-9))
-    scatter = weight * (shift - incidence @ solved) ** 2
-    inflation = max(1.0, float(scatter.sum()) / max(len(pairs) - views + 1, 1))
+    inflation = max(1.0, float((weight * (shift - incidence @ solved) ** 2).sum()) / max(len(pairs) - views + 1, 1))
     deviation = np.sqrt(inflation * np.diag(np.linalg.inv(normal)))
     check_certain(deviation, "the views are too far apart or too noisy for features: align the rows by their profile")
     return RowShifts.of(solved, deviation, present)

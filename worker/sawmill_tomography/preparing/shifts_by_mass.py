@@ -52,8 +52,7 @@ class RowMoments:
         """Compute the moments of all views' images (rows, cells) over some of the cells: air adds only noise."""
         over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
-        sums = np.stack([image @ weights for image in images])
-        mass, first = np.moveaxis(sums.astype(np.float64), 2, 0)
+        mass, first = np.moveaxis(np.stack([image @ weights for image in images]).astype(np.float64), 2, 0)
         centroid = np.nansum(first) / (np.nansum(mass) or 1.0)
         return cls(mass, (first - centroid * mass) * max(over.size - 1, 1))
 
@@ -273,15 +272,13 @@ def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatAr
     along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
     levelled = (values - along) / fit.gain[:, None]
     origin = int(np.floor(shifts.min()))
-    length = rows + int(np.ceil(shifts.max())) - origin
-    at = np.arange(length) + origin - shifts[:, None]
+    at = np.arange(rows + int(np.ceil(shifts.max())) - origin) + origin - shifts[:, None]
     below = np.floor(at).astype(np.intp)
     taps = below[..., None] + np.arange(-1, 3)
     view = np.arange(len(values))[:, None, None]
     clipped = np.clip(taps, 0, rows - 1)
     inside = present[view, clipped] & (taps >= 0) & (taps < rows)
-    whole = np.isclose(at, below)
-    there = np.where(whole, inside[..., 1], inside.all(axis=2))
+    there = np.where(np.isclose(at, below), inside[..., 1], inside.all(axis=2))
     weights, _ = cubic_weights(at - below)
     sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
     count = there.sum(axis=0)

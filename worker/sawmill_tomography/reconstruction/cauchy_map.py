@@ -282,8 +282,7 @@ def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
 
 
 def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:
-    corners = betas if corner is None else np.full(betas.shape, corner)
-    return CauchyPrior(betas, np.full(betas.shape, STRENGTH), corners)
+    return CauchyPrior(betas, np.full(betas.shape, STRENGTH), betas if corner is None else np.full(betas.shape, corner))
 
 
 def _settings(
@@ -296,8 +295,7 @@ def _settings(
         left_out = ~np.isfinite(problem.noises)
         sigmas = np.where(left_out, np.inf, sigmas) if left_out.any() else sigmas
     betas = _betas(beta, problem)
-    parameters = {"sigma": np.array([rms_noise(sigmas)]), "beta": betas}
-    return Settings(sigmas, _prior(betas, corner), parameters)
+    return Settings(sigmas, _prior(betas, corner), {"sigma": np.array([rms_noise(sigmas)]), "beta": betas})
 
 
 def _betas(beta: float | None, problem: PriorProblem) -> Floats:
@@ -306,8 +304,7 @@ def _betas(beta: float | None, problem: PriorProblem) -> Floats:
         if not (np.isfinite(beta) and beta > 0.0):
             raise GeometryError(f"beta must be a positive attenuation, not {beta}")
         return np.full(len(problem.lines), float(beta))
-    pixels_across = problem.support.projector.grid.size
-    return BETA_SHARE / math.sqrt(pixels_across) * typical_attenuation(problem.first_images)
+    return BETA_SHARE / math.sqrt(problem.support.projector.grid.size) * typical_attenuation(problem.first_images)
 
 
 @dataclass(frozen=True)

@@ -167,8 +167,7 @@ def _candidates(geometry: FanViews, noise: float, size: int, fitted_size: int) -
 
 def _words(one: _Candidate, geometry: FanViews) -> str:
     name = one.method.value
-    views = geometry.angles_rad.size
-    of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"
+    of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {geometry.angles_rad.size} views"
     if not turns_all_round(geometry):
         return f"{name} from {of}, {_milliseconds(one.seconds)}"
     return f"{name} from {of}, relative error {one.error:.2g}, {_milliseconds(one.seconds)}"

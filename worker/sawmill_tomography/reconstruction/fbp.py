@@ -145,8 +145,7 @@ def fbp(
     """
     geometry = turning(projector.geometry)
     if geometry.uneven_mm > SAME_MM:
-        flat = FlatDetector.of(geometry.borders_mm, geometry.scanner)
-        sinogram = flat.resampled(np.asarray(sinogram, np.float32))
+        sinogram = FlatDetector.of(geometry.borders_mm, geometry.scanner).resampled(np.asarray(sinogram, np.float32))
     if np.ndim(sinogram) == 3:
         data = _block(projector, sinogram)
         prepared = Preparation.of(projector, weighting, filter_name, frequency_scaling)

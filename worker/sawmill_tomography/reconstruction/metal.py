@@ -137,8 +137,7 @@ class MetalFinder:
         """Return the samples (views, cells) that see the metal."""
         near = scipy.ndimage.binary_dilation(excess > 0.0, np.ones((3, 3), bool))
         # Shadows of two pieces side by side are not narrow, and not dark.
-        thick = self.fine.forward(excess) > THICK * shadows.least
-        covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | thick
+        covered = (shadows.dark & (self.fine.forward(near) > 0.0)) | (self.fine.forward(excess) > THICK * shadows.least)
         return scipy.ndimage.binary_dilation(covered, ALONG_DETECTOR)
 
 
@@ -280,8 +279,7 @@ def _narrow(geometry: FanViews, sinogram: Image, longest_mm: float = LONGEST_MM)
         half_mm = 0.5 * _width_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
         wide = _opened(smooth, max(min(longest_mm, half_mm), NARROW_MM) / cell_mm)
     wood = _wood_per_mm(wide - wide.min(axis=1, keepdims=True), cell_mm)
-    excess = smooth - wide
-    return Shadows(excess, max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
+    return Shadows(smooth - wide, max(LEAST_WOOD_MM * wood, LEAST_NOISE * estimated_noise(sinogram)), wood)
 
 
 def _opened(lines: Image, cells: float) -> Image:
@@ -291,8 +289,7 @@ def _opened(lines: Image, cells: float) -> Image:
 
 def _width_mm(lines: Image, cell_mm: float) -> float:
     """Return the width of the log in the median view."""
-    widths = (lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1)
-    return float(np.median(widths)) * cell_mm
+    return float(np.median((lines > 0.1 * np.median(lines.max(axis=1))).sum(axis=1))) * cell_mm
 
 
 def _wood_per_mm(lines: Image, cell_mm: float) -> float:

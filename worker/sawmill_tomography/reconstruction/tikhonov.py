@@ -233,8 +233,7 @@ class _Bidiagonalisation:
     @property
     def exhausted(self) -> bool:
         """True if the data show no further direction."""
-        norm = float(np.linalg.norm(self._next))
-        return norm <= 1e-6 * (self.diagonal[0] if self.diagonal else 1e-300)
+        return float(np.linalg.norm(self._next)) <= 1e-6 * (self.diagonal[0] if self.diagonal else 1e-300)
 
     def extend(self, steps: int, on_step: OnIteration) -> None:
         """Take further steps, or fewer if the directions are exhausted; call `on_step` with each step and the limit."""

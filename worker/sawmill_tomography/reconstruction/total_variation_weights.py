@@ -79,8 +79,7 @@ def choose_weight(
 
     Parameters are documented in `total_variation`, here for one sinogram.
     """
-    problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
-    return _chosen_weight(problem, on_progress)
+    return _chosen_weight(PriorProblem.of(projector, sinogram, noise, non_negative=non_negative), on_progress)
 
 
 def _chosen_weight(problem: PriorProblem, on_progress: OnProgress | None) -> WeightChoice:

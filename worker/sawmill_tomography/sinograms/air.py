@@ -57,8 +57,7 @@ class Air:
         if correction is AirCorrection.OFF:
             return np.zeros((self.level.size, 1), np.float32)
         by_view = correction is AirCorrection.VIEWS and self.drifts
-        level = self.level if by_view else np.full_like(self.level, self.background)
-        return level.astype(np.float32)[:, None]
+        return (self.level if by_view else np.full_like(self.level, self.background)).astype(np.float32)[:, None]
 
 
 def find_air(sinogram: Sinogram) -> Air | None:
@@ -103,8 +102,7 @@ def _run(end: Sinogram, span: float) -> tuple[int, float]:
 
 def _noise(departure: Sinogram) -> float:
     """Estimate noise from second differences along the detector, which contain neither drift nor a smooth object."""
-    second = departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:]
-    return noise_of_differences(second, 2)
+    return noise_of_differences(departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:], 2)
 
 
 Cells = NDArray[np.bool_]
@@ -147,8 +145,7 @@ def faulty_cells(
     faulty: Cells = departure > threshold
     if recheck and faulty.any() and not faulty.all():
         at = np.arange(faulty.size)
-        smooth = np.interp(at, at[~faulty], middle[~faulty])
-        faulty &= np.abs(middle - _median_filter(smooth)) > threshold
+        faulty &= np.abs(middle - _median_filter(np.interp(at, at[~faulty], middle[~faulty]))) > threshold
     # Air may be free of noise: a cell without changes has no signal only where it lies between cells that change.
     first, last = np.flatnonzero(changing)[[0, -1]]
     faulty[first : last + 1] |= ~changing[first : last + 1]

@@ -57,8 +57,7 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike, *, smoothed: int = 
 
 
 def _smooth(sinogram: ArrayLike, cells: int = SMOOTHED) -> FloatArray:
-    values = np.asarray(sinogram, np.float64)
-    return np.asarray(scipy.ndimage.uniform_filter1d(values, cells, axis=-1, mode="nearest"))
+    return np.asarray(scipy.ndimage.uniform_filter1d(np.asarray(sinogram, np.float64), cells, axis=-1, mode="nearest"))
 
 
 def noise_of_rays(
@@ -148,8 +147,7 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     seen = of_shift > 0.0
     explained = float(np.sum(np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen])) - seen.sum() * power / samples
     share = explained / max(power - samples, 1e-30)
-    message = ImageMessage.DISPLACED if share > displaced else ImageMessage.NOT_DISPLACED
-    return message(percent=100.0 * max(share, 0.0))
+    return ImageMessage.DISPLACED if share > displaced else ImageMessage.NOT_DISPLACED(percent=100.0 * max(share, 0.0))
 
 
 def remarks_on(

@@ -122,8 +122,7 @@ def fit_hardening(lengths_mm: FloatArray, integrals: FloatArray, *, from_counts:
     weight = np.sqrt(number[seen])
 
     def residual(x: FloatArray) -> FloatArray:
-        bent = np.log1p(x[2] * length) / x[2]
-        weighted: FloatArray = weight * (mean - x[0] - x[1] * bent)
+        weighted: FloatArray = weight * (mean - x[0] - x[1] * (np.log1p(x[2] * length) / x[2]))
         return weighted
 
     # Unknowns: background, attenuation per mm, and spread times attenuation per mm.
@@ -149,7 +148,6 @@ def measured_and_slope(hardening: BeamHardening, straight: FloatArray) -> tuple[
     """Return measured line integrals for unhardened ones, and the slope of the correction there."""
     spread = hardening.spread
     limit = (STEEPEST - 1.0) / spread
-    inside = np.clip(straight, 0.0, limit)
-    slope = 1.0 + spread * inside
+    slope = 1.0 + spread * np.clip(straight, 0.0, limit)
     measured = np.log(slope) / spread + np.maximum(straight - limit, 0.0) / STEEPEST + np.minimum(straight, 0.0)
     return measured, slope

@@ -53,8 +53,7 @@ def option(model: ContractType, name: str, *, flag: str | None = None, **changes
         "max": high,
         "callback": _checked(model, name),
     }
-    names = () if flag is None else (flag,)
-    info: OptionInfo = typer.Option(*names, **(settings | changes))
+    info: OptionInfo = typer.Option(*(() if flag is None else (flag,)), **(settings | changes))
     return info
 
 

@@ -130,7 +130,6 @@ def print_plans(plans: list[PlanResult]) -> None:
         spread, predicted = each.standard_deviation.source_frame, each.predicted_ray_error_mm
         lengths = (spread.source_distance_mm, spread.cor_column_mm)
         angles = (math.degrees(value or 0.0) for value in (spread.tilt_rad, spread.psi_rad))
-        scale = each.scale_uncertainty_percent or 0.0
-        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, scale)
+        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, (each.scale_uncertainty_percent or 0.0))
         table.add_row(escape(each.phantom), str(each.views), *(f"{value:.2g}" for value in numbers))
     Console().print(table)

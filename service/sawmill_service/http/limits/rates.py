@@ -80,8 +80,7 @@ class Rates:
                     raise self._refusal(limit, name)
 
     def _refusal(self, limit: RateLimitItem, name: tuple[str, ...]) -> Refused:
-        resets_at = self._windows.get_window_stats(limit, *name).reset_time
-        wait_s = max(1, math.ceil(resets_at - time.time()))
+        wait_s = max(1, math.ceil(self._windows.get_window_stats(limit, *name).reset_time - time.time()))
         kind, caller = name[0], name[-1]
         return too_many(
             f"{caller} may send {limit.amount} {kind} in {limit.get_expiry()} s, and has: try again in {wait_s} s",

@@ -182,8 +182,7 @@ def file(
         status = regular_status(path)
     except FileNotFoundError:
         raise _missing(path) from None
-    disposition = "inline" if media_type.startswith("image/") else "attachment"
-    headers = _saved(disposition, save_as or name_of(request))
+    headers = _saved("inline" if media_type.startswith("image/") else "attachment", save_as or name_of(request))
     download = Download(path, media_type=media_type, stat_result=status, headers=headers)
     download.compute_digest = digest
     return download

@@ -238,8 +238,7 @@ def plan_views(plans: Plans, scanners: Scanners, phantom_id: str, page: PageFram
         scanner = _scanner(scanners, plan.scanner_id)
         questions: list[ShownQuestion] = []
         if plan.result is not None and scanner is not None:
-            promised = TwoQuestions.of_plan(plan.result, scanner.tolerances)
-            questions = shown_pair(promised, page.text, page.formats)
+            questions = shown_pair(TwoQuestions.of_plan(plan.result, scanner.tolerances), page.text, page.formats)
         yield PlanView(plan, scanner, questions)
 
 

@@ -77,8 +77,7 @@ class ScannerLine:
     @property
     def group(self) -> str:
         """List of a board of many scanners: `fine`, `grey` (without a calibration), or `scanners`, each with a row."""
-        tone = "" if self.example else self.condition.step.tone
-        return {"good": "fine", "idle": "grey"}.get(tone, "scanners")
+        return {"good": "fine", "idle": "grey"}.get("" if self.example else self.condition.step.tone, "scanners")
 
     @property
     def rank(self) -> tuple[bool, int, float, list[str | int]]:

@@ -191,8 +191,7 @@ def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) 
 
 def _runs(images: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(images) != 1) + 1
-    bounds = [0, *edges.tolist(), len(images)]
-    return ((start, stop) for start, stop in pairwise(bounds) if stop > start)
+    return ((start, stop) for start, stop in pairwise([0, *edges.tolist(), len(images)]) if stop > start)
 
 
 def _key(name: str) -> bytes:

@@ -83,8 +83,7 @@ class VariableStream:
 
     def _piece(self, most: int, *, required: bool = True) -> bytes:
         piece = self._stored(most) if self._inflater is None else self._unpacked(self._inflater, most)
-        ended = self._inflater is not None and self._inflater.eof
-        if not piece and (required or not ended):
+        if not piece and (required or not (self._inflater is not None and self._inflater.eof)):
             raise EOFError("a variable ends before its data do")
         self.position += len(piece)
         if self.position > self._most:

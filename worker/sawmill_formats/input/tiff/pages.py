@@ -151,8 +151,7 @@ class TiffPages:
             page = self.tiff.pages[index]
             _check_unpacked(page, f"a strip or tile of page {index}")
             # Zeros, because the library does not write the parts that it does not fill.
-            stored = np.zeros(page.shape, page.dtype)
-            image[:] = self.values[index].image(page.asarray(out=stored, maxworkers=1))[rows]
+            image[:] = self.values[index].image(page.asarray(out=np.zeros(page.shape, page.dtype), maxworkers=1))[rows]
         return block
 
 
@@ -358,8 +357,7 @@ def check_chain(tiff: "tifffile.TiffFile", name: str, size_bytes: int) -> None:
 
 def _values_bytes(tags: NDArray[np.void], inside_bytes: int) -> float:
     """Return the number of bytes that tags claim for values stored outside of the tags."""
-    types = np.minimum(tags["type"], len(VALUE_BYTES) - 1)
-    sizes = VALUE_BYTES[types] * tags["count"]
+    sizes = VALUE_BYTES[np.minimum(tags["type"], len(VALUE_BYTES) - 1)] * tags["count"]
     return float(sizes[sizes > inside_bytes].sum())
 
 

@@ -74,6 +74,5 @@ def steps_and_trends(
     slope_covariance = inverse(square - sandwich(along, every))
     slope = times(slope_covariance, right - times(along, mean))
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
-    groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
-    slope[groups < FEWEST_OF_A_TREND] = 0.0
+    slope[np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1] < FEWEST_OF_A_TREND] = 0.0
     return steps, StepAndTrendFits.of(began, slope, slope_covariance, scatter, quiet * over_span)

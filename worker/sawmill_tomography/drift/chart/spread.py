@@ -71,8 +71,7 @@ def inverse(matrices: FloatArray) -> FloatArray:
     # A determinant below the rounding error of its two terms is zero.
     regular = determinant > 4.0 * np.finfo(float).eps * np.abs(first * second)
     over = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=regular)
-    inverted = np.stack([second, -cross, -cross, first], axis=-1) * over[..., None]
-    return inverted.reshape(matrices.shape)
+    return (np.stack([second, -cross, -cross, first], axis=-1) * over[..., None]).reshape(matrices.shape)
 
 
 def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -219,8 +219,7 @@ def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm:
     best = int(np.argmax(np.einsum("kj,kj->k", right, shifts)))
     shift = shifts[best]
     covariance = jumps.covariance(int(tried[best]), shift, least[best], cross[best])
-    chi_squared = float(shift @ np.linalg.solve(covariance, shift))
-    return LogMovement(int(tried[best]), math.hypot(*shift), chi_squared)
+    return LogMovement(int(tried[best]), math.hypot(*shift), float(shift @ np.linalg.solve(covariance, shift)))
 
 
 class _Jumps:
@@ -390,5 +389,4 @@ def _evidence(x: FloatArray, y: FloatArray, slope: FloatArray, intercept: FloatA
     """
     residual = float(np.sum((y - slope * x - intercept) ** 2))
     explained = float(np.sum((y - x) ** 2)) - residual
-    freedom = (len(x) - 2) / 2
-    return explained / residual * freedom
+    return explained / residual * ((len(x) - 2) / 2)

@@ -112,8 +112,7 @@ def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.
     places = np.flatnonzero(np.diff(unwrapped, prepend=-math.inf) > SAME_PLACE * TAU / angles_rad.size)
     members = np.diff(places, append=order.size)
     knots = np.add.reduceat(unwrapped, places) / members
-    values = np.add.reduceat(sinogram[order], places) / members[:, None]
-    return periodic_spline(knots, values, even_angles), first
+    return periodic_spline(knots, np.add.reduceat(sinogram[order], places) / members[:, None], even_angles), first
 
 
 def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: FloatArray) -> FloatArray:
@@ -132,8 +131,7 @@ def periodic_spline(knots_rad: FloatArray, values: FloatArray, angles_rad: Float
     link, ends = steps[-1], np.zeros_like(steps)
     ends[[0, -1]] = 1.0
     band = np.hstack([np.roll(steps, 1), 2.0 * (steps + np.roll(steps, 1)) - link * ends]).T
-    bends = 6.0 * (slopes - np.roll(slopes, 1, axis=0))
-    unlinked = scipy.linalg.solveh_banded(band, np.hstack([bends, ends]))
+    unlinked = scipy.linalg.solveh_banded(band, np.hstack([6.0 * (slopes - np.roll(slopes, 1, axis=0)), ends]))
     curvatures, of_ends = unlinked[:, :-1], unlinked[:, -1:]
     curvatures -= of_ends * link * (curvatures[0] + curvatures[-1]) / (1.0 + link * (of_ends[0] + of_ends[-1]))
     wrapped = knots_rad[0] + np.mod(angles_rad - knots_rad[0], TAU)

@@ -76,8 +76,7 @@ class Pairs:
         for angles in self.views_of() if self._turn.filled_rad.size else ():
             for filled in self._turn.filled_rad:
                 used &= np.abs(np.remainder(angles - filled + math.pi, TAU) - math.pi) > step
-        missing = np.abs(fan[self._turn.bridged])
-        touched = (np.abs(self.gamma[:, None] - missing) < CELL_REACH * self._width).any(axis=1)
+        touched = (np.abs(self.gamma[:, None] - np.abs(fan[self._turn.bridged])) < CELL_REACH * self._width).any(axis=1)
         if touched.mean() < MOST_TOUCHED:
             used[touched] = False
         touching = self._touching(fan)
@@ -123,8 +122,7 @@ class Pairs:
     def relative_residual(self, vector: FloatArray) -> float:
         """Return the RMS of the used pairs' blurred differences divided by the RMS of the blurred rays."""
         (rays, opposite), _ = self._both_sides(vector)
-        both = np.stack([rays - opposite, 0.5 * (rays + opposite)])
-        blurred = self._over_chi(self._blur * both) * self._used
+        blurred = self._over_chi(self._blur * np.stack([rays - opposite, 0.5 * (rays + opposite)])) * self._used
         residual, signal = np.sum(blurred**2, axis=(1, 2))
         return math.sqrt(residual / signal)
 
@@ -166,8 +164,7 @@ class Pairs:
         borders = np.arange(2 * gamma.size + 1) * self._taps.size
         values, cells = np.concatenate([kernel, -z / self._width * kernel]), np.concatenate([near, near])
         weights = scipy.sparse.csr_array((values.ravel(), cells.ravel(), borders), shape=(2 * gamma.size, fan.size))
-        smoothed = weights @ turned
-        return np.asarray(smoothed).reshape(2, 2, self.gamma.size, -1)
+        return np.asarray(weights @ turned).reshape(2, 2, self.gamma.size, -1)
 
     def solve(
         self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool
@@ -216,8 +213,7 @@ class Solution:
 
     def is_near(self, vector: FloatArray) -> bool:
         """Return whether another vector differs from this one by less than the errors can show."""
-        spread = np.sqrt(np.diag(self.free_covariance))
-        return bool(np.all(np.abs(self.vector - vector)[self.free] <= NEAR * spread))
+        return bool(np.all(np.abs(self.vector - vector)[self.free] <= NEAR * np.sqrt(np.diag(self.free_covariance))))
 
     @cached_property
     def relative_residual(self) -> float:

@@ -201,8 +201,7 @@ class PairSums:
         angles = self.angles_rad + turned_rad
         delta = 0.5 * np.mod(angles[self.pairs.second] - angles[self.pairs.first], TAU)
         separations, separation = np.unique(delta.round(SAME), return_inverse=True)
-        pairs = replace(self.pairs, separation=separation, delta=separations)
-        return replace(self, pairs=pairs, angles_rad=angles)
+        return replace(self, pairs=replace(self.pairs, separation=separation, delta=separations), angles_rad=angles)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the weights of the rays of the log's cells in first and in second views, (separations, cells) each."""

@@ -151,12 +151,10 @@ def view_pair_fit(
         near, fit = _with_disturbances(common, vector, times, _fit(common, vector, vector))
     motion = fit.motion
     if motion is not None:
-        moved = ScanMotions.of_scan(common.angles_rad, times).described(motion)
-        adjustments = (*adjustments, moved)
+        adjustments = (*adjustments, ScanMotions.of_scan(common.angles_rad, times).described(motion))
     hardened = False
     if fit.settled and fit.unrest > UNREST:
-        hard = _disturbed(common, vector, near, times, fit, hardened=HARDENED)
-        hardened = hard.unrest <= UNREST
+        hardened = _disturbed(common, vector, near, times, fit, hardened=HARDENED).unrest <= UNREST
         adjustments = (*adjustments, HARDENING_SEEN) if hardened else adjustments
     return PairFit(
         float(fit.vector[0]),

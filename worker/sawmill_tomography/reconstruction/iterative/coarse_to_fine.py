@@ -224,8 +224,7 @@ def mean_along_rays(projector: Projector, lines: Images) -> Images:
     """
     lengths = projector.forward(np.ones((projector.grid.size, projector.grid.size), np.float32))
     crossed = projector.adjoint(np.ones_like(lengths))
-    mean = np.divide(lines, lengths, out=np.zeros_like(lines), where=lengths > 0.0)
-    image: Images = projector.adjoint(mean)
+    image: Images = projector.adjoint(np.divide(lines, lengths, out=np.zeros_like(lines), where=lengths > 0.0))
     return np.divide(image, crossed, out=np.zeros_like(image), where=crossed > 0.0)
 
 

@@ -139,8 +139,7 @@ def minimise(
             history.scale(preconditioner, active)
         _step(objective, preconditioner, history, x, gradient, values, active, lower)
         done[active] = iteration + 1
-        earlier = past[(iteration + 1) % window, active]
-        converged[active] = earlier - values[active] < tolerance * np.abs(values[active])
+        converged[active] = past[(iteration + 1) % window, active] - values[active] < tolerance * np.abs(values[active])
         if on_iteration is not None:
             on_iteration(iteration + 1, iterations)
     return Minimum(x.reshape(start.shape), values, done, converged)

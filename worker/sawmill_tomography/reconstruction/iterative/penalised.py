@@ -116,8 +116,7 @@ class HalvedInverseCurvature(InverseCurvature):
 
         def of_means(curvature: Floats) -> Floats:
             # A frequency of the means represents four frequencies of the pixels.
-            shares = np.multiply.outer(mean, mean) * curvature
-            return np.asarray(shares.reshape(2, size, 2, size).sum(axis=(0, 2)))
+            return np.asarray((np.multiply.outer(mean, mean) * curvature).reshape(2, size, 2, size).sum(axis=(0, 2)))
 
         return super()._inverse_of(of_means(blur), of_means(rough))
 

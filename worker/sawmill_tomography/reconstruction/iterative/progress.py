@@ -69,5 +69,4 @@ def share_of_descent(done: int, most: int, usual: int) -> float:
     The remaining iterations are predicted as the usual number at first and as fewer and fewer later, since a descent
     that takes longer mostly ends soon; never as more than are allowed. The share rises with every iteration.
     """
-    remaining = min(usual * math.exp(-done / usual), float(most - done))
-    return done / (done + remaining)
+    return done / (done + min(usual * math.exp(-done / usual), float(most - done)))
