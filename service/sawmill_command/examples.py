@@ -35,15 +35,10 @@ def full_turn(views: int) -> FloatArray:
     return (np.arange(views) + 0.5) * 2.0 * np.pi / views
 
 
-def mill_log() -> LogModel:
-    """Return the log of the example stack."""
-    return LogModel.random(SEED)
-
-
 def mill_slices(*, log_rows: int = LOG_ROWS, row_pitch_mm: float = ROW_PITCH_MM) -> list[Phantom]:
     """Return a log with the L-shaped phantom on its sawn end: phantom rows, then log rows."""
     wood = L_SHAPE.of_density(SAPWOOD_PER_MM).moved(3.0, -2.0)
-    log = mill_log()
+    log = LogModel.random(SEED)
     return [wood] * PHANTOM_ROWS + [log.slice_at(LOG_START_MM + row * row_pitch_mm) for row in range(log_rows)]
 
 

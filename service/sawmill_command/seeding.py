@@ -27,10 +27,9 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.uploads import UploadRequest
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import EXAMPLES
-from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
+from sawmill_platform.uploads.upload_store import UploadQuota
 from sawmill_store.examples import EXAMPLE, SCANNER_NAMES, SPARE, SPARSE
 from sawmill_store.requests.asked import NOTHING, Asked
-from sawmill_store.scans.inspections import Inspections
 from sawmill_store.scans.scans import Scans
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind, Polygon, ReconstructionMethod, Theta
@@ -66,8 +65,14 @@ def seed_examples(store: Store) -> None:
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store.scans)
-    _seed_inspections(store.inspections)
-    _seed_uploads(store.uploads)
+    for identifier in {SPARE, EXAMPLE} - {item.id for item in store.inspections.page().items}:
+        received = store.files.receive([(RECORDED / PHANTOM_FILE).read_bytes()], max_bytes=2**30)
+        store.inspections.accept_file(
+            InspectionOptions(), received, name=PHANTOM_FILE, identifier=identifier, priority=Priority.BACKGROUND
+        )
+    for identifier in (EXAMPLE, SPARE):
+        with suppress(Conflict):  # the upload waits already
+            store.uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
     _ask_once(store.calibrations, CalibrationRequest(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
     log = ReconstructionRequest(
         scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}"
@@ -88,7 +93,8 @@ def seed_examples(store: Store) -> None:
     for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
         ask = declared.ask.model_validate(given.pop("body"))
-        _ask_once(store.asked(declared), ask, declared.example_id, given=given)
+        example_id = str(declared.to_get.example.get(f"{declared.noun}_id", "example"))
+        _ask_once(store.asked(declared), ask, example_id, given=given)
     for identifier in {EXAMPLE, SPARE} - {item.id for item in store.schedules.page().items}:
         store.schedules.create(
             ScheduleSpec(scanner_id=EXAMPLE, cron="30 5 * * 1-6", enabled=False), schedule_id=identifier
@@ -130,18 +136,3 @@ def _seed_scans(scans: Scans) -> None:
             )
             received = scans.files.receive([(RECORDED / STACK_FILE).read_bytes()], max_bytes=2**30)
             scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
-
-
-def _seed_inspections(inspections: Inspections) -> None:
-    for identifier in {SPARE, EXAMPLE} - {item.id for item in inspections.page().items}:
-        received = inspections.files.receive([(RECORDED / PHANTOM_FILE).read_bytes()], max_bytes=2**30)
-        inspections.accept_file(
-            InspectionOptions(), received, name=PHANTOM_FILE, identifier=identifier, priority=Priority.BACKGROUND
-        )
-
-
-def _seed_uploads(uploads: Uploads) -> None:
-    """Declare two uploads that wait for their first part."""
-    for identifier in (EXAMPLE, SPARE):
-        with suppress(Conflict):  # the upload waits already
-            uploads.create(UploadRequest(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)

@@ -81,11 +81,6 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     stall_s: int = 1800
     lighter: str = "ask for fewer rows, fewer views or a smaller size"
 
-    @property
-    def example_id(self) -> str:
-        """Id of the example: the one in `to_get`, else `example`."""
-        return str(self.to_get.example.get(f"{self.noun}_id", "example"))
-
 
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
     """Read a stored record as a contract whose fields have the record's names."""

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from typing import Any
 
-from sqlalchemy import ColumnElement, Delete, and_, delete, or_, select
+from sqlalchemy import Delete, and_, delete, or_, select
 
 from sawmill_contracts import mill_events
 from sawmill_contracts.declared_kinds import asked_kinds
@@ -51,7 +51,10 @@ def remove_examples(store: Store) -> None:
         rows = session.scalars(select(ScannerRow).where(ScannerRow.id.in_(SCANNER_NAMES)).with_for_update()).all()
         scanners = [row for row in rows if row.spec["name"] == SCANNER_NAMES[row.id]]
         ids = [row.id for row in scanners]
-        of_examples = {table: _is_of(table, ids) for table in _TABLES}
+        of_examples = {
+            table: or_(table.scanner_id.in_(ids), and_(table.scanner_id.is_(None), table.id.in_(SCANNER_NAMES)))
+            for table in _TABLES
+        }
         job_ids = [
             job_id
             for table, condition in of_examples.items()
@@ -79,8 +82,3 @@ def remove_examples(store: Store) -> None:
             session.delete(row)
     with suppress(NotFound, Conflict):  # somebody has deleted it, or uses it
         store.phantoms.delete(SPARE)
-
-
-def _is_of(table: type[Any], scanner_ids: list[str]) -> ColumnElement[bool]:
-    """Select the rows of the example scanners, and the rows of no scanner that have the examples' ids."""
-    return or_(table.scanner_id.in_(scanner_ids), and_(table.scanner_id.is_(None), table.id.in_(SCANNER_NAMES)))

@@ -189,8 +189,7 @@ def webhooks(store: WebhookStore, allowed: list[str]) -> Iterator[DoctorFinding]
 
 
 def _failing(webhook: Webhook) -> DoctorFinding:
-    name = webhook.description or webhook.url
-    sentence = f"{name!r} fails: {webhook.last_failure}; {webhook.waiting} events wait"
+    sentence = f"{(webhook.description or webhook.url)!r} fails: {webhook.last_failure}; {webhook.waiting} events wait"
     if webhook.state is WebhookState.PAUSED:
         cure = "mend the receiver, send a test, and enable the webhook again (/system/webhooks)"
         return bad("webhooks", f"{sentence}, and the service has given up", cure)

@@ -110,7 +110,9 @@ class Gate:
             await self.app(scope, checked(bounded, headers) if sums_here else bounded, send)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
-        _check_version(scope)
+        version = scope["http_version"]
+        if not version.startswith("1."):  # HTTP/2 without a proxy: its first bytes read as a request of HTTP/2.0
+            raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
         self._check_origin(scope, headers)
         is_open = scope["path"] in self.open_files or no_key(scope) in {NoKey.MONITORING, NoKey.LOGIN}
         caller = ANYBODY if is_open else await self._known(scope, headers)
@@ -177,13 +179,6 @@ def _login_before(scope: Scope, headers: Headers) -> str:
         path, query = page.path or "/", page.query
     ended = {"ended": "true"} if of_form or NAME in headers.get("cookie", "") else {}
     return f"{LOGIN}?{urlencode({'next': path + (f'?{query}' if query else ''), **ended})}"
-
-
-def _check_version(scope: Scope) -> None:
-    """Refuse HTTP/2 without a proxy, whose first bytes read as a request of HTTP/2.0."""
-    version = scope["http_version"]
-    if not version.startswith("1."):
-        raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
 
 
 def _check_length(scope: Scope, headers: Headers, limit: int) -> None:

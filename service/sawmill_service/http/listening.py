@@ -56,8 +56,7 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
 def is_loopback(address: str) -> bool:
     """Return whether an IP address is this machine's own, which other machines cannot reach."""
     ip = ip_address(address)
-    mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
-    return (mapped or ip).is_loopback
+    return ((ip.ipv4_mapped if isinstance(ip, IPv6Address) else None) or ip).is_loopback
 
 
 def _check_guarded(host: str, address: str, *, guarded: bool) -> None:

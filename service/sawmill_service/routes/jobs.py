@@ -119,7 +119,8 @@ async def stream_job(
             yield _event("closing", now, retry_ms)
             return
         before, now = now, await run_in_threadpool(_read_or_keep, events, jobs, now)
-        if _tells_more(now.job, before.job):
+        # The time left changes by itself.
+        if now.job.model_copy(update={"seconds_left": before.job.seconds_left}) != before.job:
             yield _event("job", now)
     yield ServerSentEvent(data=now.job.state, event="end", id=None if now.numbers.end is None else str(now.numbers.end))
 
@@ -143,11 +144,6 @@ def _read_or_keep(events: TheEvents, jobs: TheJobs, before: JobNow) -> JobNow:
         return _read(events, jobs, before.job.id)
     except StorageUnavailable:
         return before
-
-
-def _tells_more(now: Job, before: Job) -> bool:
-    """Return whether more has changed than the time left, which changes by itself."""
-    return now.model_copy(update={"seconds_left": before.seconds_left}) != before
 
 
 def _pause_s(waited_s: float, longest_s: float) -> float:

@@ -11,7 +11,6 @@ from PIL import Image
 from sawmill_calibration.pictures.pages import (
     INK,
     PAPER,
-    Drawing,
     Layout,
     Span,
     draw_bottom_axis,
@@ -83,7 +82,9 @@ def mosaic_png(
     layout = Layout.around(panel.size, axis_labels=False, title=title is not None)
     page, draw = page_of(layout, title, color_map, framed=False)
     page.paste(panel, (layout.left, layout.top))
-    _draw_labels(draw, layout, labels, corners)
+    font = font_of(_STRIP_PX - 8)
+    for label, (left, top) in zip(labels, corners, strict=True):
+        draw.text((layout.left + left, layout.top + top + _STRIP_PX // 2), label, fill=INK, font=font, anchor="lm")
     draw_color_bar(draw, page, layout, window, unit, color_map)
     if pixel_mm is not None:
         draw_scale_bar(draw, layout, pixel_mm * size / side, across_px=side)
@@ -159,12 +160,6 @@ def _laid_out(tiles: list[Image.Image], side: int) -> tuple[Image.Image, list[tu
     for tile, (left, top) in zip(tiles, corners, strict=True):
         panel.paste(tile, (left, top + _STRIP_PX))
     return panel, corners
-
-
-def _draw_labels(draw: Drawing, layout: Layout, labels: list[str], corners: list[tuple[int, int]]) -> None:
-    font = font_of(_STRIP_PX - 8)
-    for label, (left, top) in zip(labels, corners, strict=True):
-        draw.text((layout.left + left, layout.top + top + _STRIP_PX // 2), label, fill=INK, font=font, anchor="lm")
 
 
 def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | None) -> tuple[int, int]:

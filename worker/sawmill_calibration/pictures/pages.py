@@ -130,8 +130,7 @@ def draw_bottom_axis(draw: Drawing, layout: Layout, span: Span, label: str) -> N
         draw.line((x, bottom, x, bottom + layout.font_px // 3), fill=INK)
         draw.text((x, bottom + layout.font_px // 2), f"{value:g}", fill=INK, font=layout.font, anchor="mt")
     middle = layout.left + layout.panel[0] / 2
-    y = layout.height - layout.font_px // 2
-    draw.text((middle, y), label, fill=INK, font=layout.font, anchor="mb")
+    draw.text((middle, (layout.height - layout.font_px // 2)), label, fill=INK, font=layout.font, anchor="mb")
 
 
 def draw_left_axis(draw: Drawing, layout: Layout, marks: Sequence[tuple[float, str]], label: str) -> None:

@@ -317,7 +317,7 @@ class _FittedSolver:
             images_found = estimate.image
             block.put_back(images_found, self._projector.grid)
             images[shown] = images_found[(slice(None), *self._field)]
-        findings.add_empty(int((~shown[part]).sum()))
+        findings.misfit += [0.0] * int((~shown[part]).sum())  # image and data are both 0
         return Solved(images[part], findings)
 
     def _uncertainty(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> Images | None:

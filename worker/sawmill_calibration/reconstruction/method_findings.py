@@ -72,10 +72,6 @@ class BlockFindings:
         if misfit is not None:
             self.misfit.extend(misfit.tolist())
 
-    def add_empty(self, slices: int) -> None:
-        """Add slices whose image and data are both 0, with misfit 0."""
-        self.misfit.extend([0.0] * slices)
-
 
 def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
     """Merge the findings of all blocks; of the curves, keep the curve nearest to the middle."""

@@ -67,8 +67,7 @@ def fields_in_order(
     if fields is None or not (axes := axes_of_fields(fields.ndim, order)):
         return fields
     ordered = np.ascontiguousarray(fields.transpose(axes))
-    fits_as_stored = fields.shape[1 - len(shape) :] == shape[1:] != ordered.shape[1 - len(shape) :]
-    return fields if fits_as_stored else ordered
+    return fields if (fields.shape[1 - len(shape) :] == shape[1:] != ordered.shape[1 - len(shape) :]) else ordered
 
 
 @dataclass(frozen=True, eq=False)

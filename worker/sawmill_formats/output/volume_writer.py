@@ -139,7 +139,7 @@ def new_reconstruction(
         write_mapping(process, "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
         process["parameters"].attrs["NX_class"] = "NXparameters"
         for dataset in (volume, *(file[layout.PLOT][axis] for axis in file[layout.PLOT].attrs["axes"])):
-            _link_to_process(dataset)
+            file[layout.RECONSTRUCTION][dataset.name.rpartition("/")[2]] = dataset  # a hard link
         file[layout.PROCESS] = process
         write_mapping(entry, "geometry", geometry)
         yield NewVolume(file)
@@ -178,11 +178,6 @@ def _new_volume(
         # NXtomoproc requires a z, in any unit.
         data["z"] = data["slice"]
     return volume
-
-
-def _link_to_process(dataset: h5py.Dataset) -> None:
-    """Link a dataset to the process group under its own name, by a hard link."""
-    dataset.file[layout.RECONSTRUCTION][dataset.name.rpartition("/")[2]] = dataset
 
 
 def _new_side_views(file: h5py.File) -> list[h5py.Dataset]:

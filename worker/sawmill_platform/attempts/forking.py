@@ -121,7 +121,8 @@ class _Children:
                 if key.data is not None:
                     os.close(key.data[1])
             self._events.close()
-            _seed_anew()
+            if "numpy.random" in sys.modules:  # whose generator all children would share; Python seeds its own
+                sys.modules["numpy.random"].seed()
             with open(channel, "wb", buffering=0) as opened:
                 attempt(opened)
             code = 0
@@ -157,9 +158,3 @@ def _children() -> set[int]:
 def _enter(book: int, number: int) -> None:
     with suppress(BrokenPipeError):  # the supervisor has let go of it
         os.write(book, b"%d\n" % number)
-
-
-def _seed_anew() -> None:
-    """Seed NumPy's global generator, whose state all children would share; Python's generator is seeded by Python."""
-    if "numpy.random" in sys.modules:
-        sys.modules["numpy.random"].seed()

@@ -351,8 +351,7 @@ class _Supervision:
                 self._note(message, output)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
-                own_limit = failure.code in LIMITS_MET
-                return Failed(failure=failure if own_limit else self._outage() or failure)
+                return Failed(failure=failure if (failure.code in LIMITS_MET) else self._outage() or failure)
             looking = self._time_to_look()
             beyond = (self._overuse(output) if looking else None) or self._patience.end(
                 processor_s_of(self._process.process_id)

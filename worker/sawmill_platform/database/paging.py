@@ -150,19 +150,9 @@ def read_numbered_page(
     return Page[Any](items=[read(row) for row in shown], next=following)
 
 
-def microseconds_of(moment: datetime) -> int:
-    """Return the microseconds since 1970."""
-    return (moment - _EPOCH) // _MICROSECOND
-
-
-def moment_of(microseconds: int) -> datetime:
-    """Return the time that number of microseconds after the beginning of 1970, UTC."""
-    return _EPOCH + microseconds * _MICROSECOND
-
-
 def cursor_of(moment: datetime, identifier: str) -> str:
     """Return the cursor of a page whose last row has this time, and this id among rows of the same time."""
-    return f"{microseconds_of(moment)}.{identifier}"
+    return f"{(moment - _EPOCH) // _MICROSECOND}.{identifier}"
 
 
 def parse_cursor(cursor: str) -> tuple[datetime, str]:
@@ -176,4 +166,4 @@ def parse_cursor(cursor: str) -> tuple[datetime, str]:
     if re.fullmatch(CURSOR, cursor) is None:
         raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
     microseconds, _, identifier = cursor.partition(".")
-    return moment_of(int(microseconds)), identifier
+    return _EPOCH + int(microseconds) * _MICROSECOND, identifier

@@ -203,10 +203,6 @@ class FileStore:
                     raise NotFound("file", name)
             flush(folder)
 
-    def forget_kept(self, job_id: str) -> None:
-        """Remove the checkpoints of a job."""
-        self.remove(self.kept_with(job_id))
-
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name is removed."""
         with disk_outage_reported("publishing a result"):
@@ -294,12 +290,8 @@ class FileStore:
             flush(path.parent)
             flush(path.parent.parent)
 
-    def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
-        """Link an owned upload under a second name for another owner, without a copy; None: the file is gone."""
-        return self.second_name(self.upload(kind, subject_id), size_bytes=size_bytes, sha256=sha256)
-
     def second_name(self, file: Path, *, size_bytes: int, sha256: str) -> Received | None:
-        """Link a file as an upload without an owner; None: the file is gone."""
+        """Link a file as an upload without an owner, without a copy; None: the file is gone."""
         path = self.folder / "incoming" / uuid4().hex
         with disk_outage_reported("the upload"):
             try:

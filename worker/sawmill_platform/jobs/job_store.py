@@ -418,8 +418,7 @@ class Jobs:
         long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
         waiting = _claimable(self._database.now(), Selection(short=True)).where(foreground).with_only_columns(JobRow.id)
         with self._database.read() as session:
-            busy = (session.scalar(long) or 0) >= workers
-            return busy and session.scalar(waiting.limit(1)) is not None
+            return (session.scalar(long) or 0) >= workers and session.scalar(waiting.limit(1)) is not None
 
     def is_in_the_way(self, claim: Claim) -> bool:
         """Return whether an attempt's job is a background job by its row, and a more urgent job could start instead."""
@@ -443,7 +442,7 @@ class Jobs:
         with self._database.write() as session:
             yield session
         for job_id in session.info.pop(_ENDED_HERE, ()):
-            after_commit(partial(self._files.forget_kept, job_id))
+            after_commit(partial(self._files.remove, self._files.kept_with(job_id)))
 
     def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
         """Return jobs with their places in the queue and estimated times."""

@@ -77,7 +77,9 @@ class Inspections(Asked[InspectionRequest, Inspection]):
             There is no such inspection, or its file has been removed.
         """
         file = self.get(identifier).options
-        again = self.files.receive_again(kinds.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        again = self.files.second_name(
+            self.files.upload(kinds.INSPECT, identifier), size_bytes=file.size_bytes, sha256=file.sha256
+        )
         if again is None:
             raise Conflict(
                 "inspection-expired",

@@ -199,8 +199,7 @@ class _OppositeRays(NamedTuple):
         freedom = 2 * min(jump.view, self.angles_rad.size - jump.view) - 2
         by_chance = (1.0 + jump.chi_squared / freedom) ** (-0.5 * (freedom - 1))
         shortest_mm = SHORTEST_JUMP_CELLS * scanner.detector_pitch_mm / start.magnification
-        beyond_chance = by_chance < math.exp(-0.5 * CHANCE_OF_A_JUMP) and jump.by_mm > shortest_mm
-        return jump if beyond_chance else None
+        return jump if by_chance < math.exp(-0.5 * CHANCE_OF_A_JUMP) and jump.by_mm > shortest_mm else None
 
 
 def _opposite_rays(

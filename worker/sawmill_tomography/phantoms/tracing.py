@@ -196,8 +196,7 @@ def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> F
 def _side(outline: FloatArray, start: int, stop: int, near: float) -> tuple[FloatArray, FloatArray]:
     """Return a point and a unit direction of the line through one side."""
     count = len(outline)
-    index = (start + np.arange((stop - start) % count + 1)) % count
-    points = outline[index]
+    points = outline[(start + np.arange((stop - start) % count + 1)) % count]
     far = (np.hypot(*(points - points[0]).T) > near) & (np.hypot(*(points - points[-1]).T) > near)
     points = points[far] if far.sum() >= 3 else points[[0, -1]]
     middle = points.mean(axis=0)

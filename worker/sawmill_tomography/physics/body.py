@@ -67,8 +67,7 @@ def _affine(effects: WoodEffects) -> FloatArray:
     half = 0.5 * effects.aspect_percent / 100.0
     change = np.array([[1.0 + half, effects.shear_percent / 100.0], [0.0, 1.0 - half]])
     along = direction(effects.plane_tilt_towards_deg)
-    longer = 1.0 / math.cos(math.radians(effects.plane_tilt_deg)) - 1.0
-    tilted = np.eye(2) + longer * np.outer(along, along)
+    tilted = np.eye(2) + (1.0 / math.cos(math.radians(effects.plane_tilt_deg)) - 1.0) * np.outer(along, along)
     return np.asarray((1.0 + effects.size_percent / 100.0) * tilted @ change)
 
 

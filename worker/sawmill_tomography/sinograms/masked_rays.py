@@ -53,8 +53,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
         measured = rays[view, ~masked[view]]
         return np.full(width, np.median(measured)), float(np.ptp(measured))
     # A cubic needs rays on both sides; at an end of the detector, where there is air, the mean of the rays is used.
-    both = np.any(beside < first) and np.any(beside >= last)
-    degree = min(3, beside.size - 1) if both else 0
+    degree = min(3, beside.size - 1) if np.any(beside < first) and np.any(beside >= last) else 0
     middle = 0.5 * (first + last - 1)
     powers = np.vander((np.append(beside, np.arange(first, last)) - middle) / width, degree + 1)
     through = powers[beside.size :] @ np.linalg.pinv(powers[: beside.size])

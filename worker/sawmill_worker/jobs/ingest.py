@@ -11,7 +11,6 @@ from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.input.angles import parse_angles
 from sawmill_formats.input.arrays import MAX_BYTES
-from sawmill_formats.input.canonical import CanonicalScan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_platform.attempts.work import Needs
 from sawmill_vocabulary import DataKind, RowAlignment
@@ -37,8 +36,15 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
         free_bytes=memory_available(),
     )
     with reading as read:
-        _check_detector(read, constants.num_detector_pixels)
-        _check_phantom_rows(read, scan.phantom_rows)
+        _, rows, detector = read.shape
+        if detector != constants.num_detector_pixels:
+            raise refused(
+                "other-detector",
+                f"the file has {detector} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
+                f"num_detector_pixels {constants.num_detector_pixels}",
+            )
+        if scan.phantom_rows is not None and parse_rows(scan.phantom_rows).stop > rows:
+            raise refused("rows-outside", f"phantom_rows is {scan.phantom_rows}, but the file has rows 0:{rows} only")
         prepared = prepare_scan(
             read,
             scan,
@@ -62,18 +68,3 @@ def run(attempt: MillAttempt) -> dict[str, Any]:
 def needs(_: MillAttempt) -> Needs:
     """Return no needs beyond the common limits: sizes that a file declares are not trusted before it is read."""
     return Needs(0, int(FILE_SHARE * MAX_BYTES) + FILE_BYTES)
-
-
-def _check_detector(read: CanonicalScan, cells: int) -> None:
-    if read.shape[2] != cells:
-        raise refused(
-            "other-detector",
-            f"the file has {read.shape[2]} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
-            f"num_detector_pixels {cells}",
-        )
-
-
-def _check_phantom_rows(read: CanonicalScan, phantom_rows: str | None) -> None:
-    rows = read.shape[1]
-    if phantom_rows is not None and parse_rows(phantom_rows).stop > rows:
-        raise refused("rows-outside", f"phantom_rows is {phantom_rows}, but the file has rows 0:{rows} only")

@@ -89,8 +89,7 @@ def _fitting(attempt: MillAttempt, options: StoredReconstructionOptions, shape: 
     size = min(field.around(radius_mm)[0].size, LARGEST_SIZE)
     pixels = min(size**2, round(fitted_size(field, radius_mm) ** 2 / WORTH_WHILE))
     images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
-    lines = LINES_A_SLICE * MOST_TOGETHER * shape.views * shape.detector
-    return 4 * (images * pixels + lines)
+    return 4 * (images * pixels + LINES_A_SLICE * MOST_TOGETHER * shape.views * shape.detector)
 
 
 def _geometry_of(

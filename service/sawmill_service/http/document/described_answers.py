@@ -123,7 +123,9 @@ def describe_answers(operation: dict[str, Any]) -> None:
         for media_type, media in response.get("content", {}).items():
             # FastAPI describes events by a keyword of OpenAPI 3.2, which a 3.1 document may not have.
             media.pop("itemSchema", None)
-            if status < "300" and _is_binary(media_type):
+            if status < "300" and (
+                not media_type.startswith("text/") and media_type not in {"application/json", MEDIA_TYPE}
+            ):
                 media["schema"] = BINARY
         own = response.get("headers", {})
         named = {*own, *_BY_STATUS.get(status, ()), "X-Request-Id"}
@@ -133,10 +135,6 @@ def describe_answers(operation: dict[str, Any]) -> None:
 def _named(*headers: str) -> dict[str, Any]:
     """Return headers whose descriptions are added later."""
     return {name: {} for name in headers}
-
-
-def _is_binary(media_type: str) -> bool:
-    return not media_type.startswith("text/") and media_type not in {"application/json", MEDIA_TYPE}
 
 
 def _reference(name: str) -> dict[str, str]:

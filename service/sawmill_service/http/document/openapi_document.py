@@ -13,7 +13,7 @@ from sawmill_service.http.document.described_answers import BINARY, HEADERS, des
 from sawmill_service.http.document.generators import NULL, write_for_generators
 from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
 from sawmill_service.http.problems import Problem
-from sawmill_service.http.route_rules import NoKey, RouteRules, Rule
+from sawmill_service.http.route_rules import NoKey, RouteRules
 
 TRY = "x-try"
 SECURITY_SCHEMES = {
@@ -118,7 +118,9 @@ def _finish(document: dict[str, Any], rules: RouteRules) -> dict[str, Any]:
         _drop_generated_refusal(message["responses"])
     for path, method, operation in _operations(document):
         rule = rules.by_pattern[path][method.upper()]
-        _describe_access(rule, operation)
+        # A service on loopback without keys needs no key.
+        with_key = [{}, *({scheme: [rule.scope]} for scheme in SECURITY_SCHEMES)]
+        operation["security"] = [] if isinstance(rule.needs, NoKey) else with_key
         _describe_repeats(operation)
         _drop_generated_refusal(operation["responses"])
         list_refusals(method.upper(), rule, operation)
@@ -178,12 +180,6 @@ def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
             if answer[status] == commonest:
                 answer[status] = {"$ref": f"#/components/responses/{name}"}
     return shared
-
-
-def _describe_access(rule: Rule, operation: dict[str, Any]) -> None:
-    """Add the scope that a key needs; a service on loopback without keys needs no key."""
-    with_key = [{}, *({scheme: [rule.scope]} for scheme in SECURITY_SCHEMES)]
-    operation["security"] = [] if isinstance(rule.needs, NoKey) else with_key
 
 
 def _drop_generated_refusal(responses: dict[str, Any]) -> None:

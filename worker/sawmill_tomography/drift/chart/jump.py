@@ -38,8 +38,7 @@ def jump_at(
     if len(later) == 1:
         return _within(newest, mean, covariance, scatter, quiet)
     mean_later, covariance_later = _mean(later[1:])
-    own = scaled(covariance + covariance_later, scatter.ratio)
-    return Jump(DetectorEstimate.of(mean_later - mean, own + quiet), 0)
+    return Jump(DetectorEstimate.of(mean_later - mean, scaled(covariance + covariance_later, scatter.ratio) + quiet), 0)
 
 
 def _within(

@@ -299,8 +299,7 @@ def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:
     order = np.argsort(wrapped, kind="stable")
     turn = wrapped[order]
     middles = 0.5 * (turn + np.append(turn[1:], turn[0] + TAU))
-    at = np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size
-    taken: NDArray[np.intp] = order[at]
+    taken: NDArray[np.intp] = order[np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size]
     return taken
 
 
