@@ -41,12 +41,7 @@ from sawmill_tomography.reconstruction.stack import reconstruct_stack
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
-from sawmill_vocabulary import (
-    HardeningHandling,
-    Progress,
-    ProgressCallback,
-    ReconstructionMethod,
-)
+from sawmill_vocabulary import HardeningHandling, Progress, ProgressCallback, ReconstructionMethod
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection, BeamHardening
 from sawmill_vocabulary.version import VERSION
@@ -206,11 +201,7 @@ class _Run:
     """A reconstruction: the geometry, the grid, the solver, and the blocks to solve."""
 
     def __init__(
-        self,
-        scan: ScanRows,
-        geometry: AnyGeometry,
-        options: ReconstructionOptions,
-        report: ProgressCallback,
+        self, scan: ScanRows, geometry: AnyGeometry, options: ReconstructionOptions, report: ProgressCallback
     ) -> None:
         self._started = time.perf_counter()
         self._scan, self._beam = _with_beam_corrected(scan, geometry.beam, options)

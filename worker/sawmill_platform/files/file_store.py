@@ -355,12 +355,7 @@ class FileStore:
             raise
 
     async def receive_stream(
-        self,
-        chunks: AsyncIterable[bytes],
-        *,
-        max_bytes: int,
-        reserve_bytes: int = 0,
-        content: Content | None = None,
+        self, chunks: AsyncIterable[bytes], *, max_bytes: int, reserve_bytes: int = 0, content: Content | None = None
     ) -> Received:
         """Write a request's body as `receive` does; an upload that is broken off leaves nothing behind.
 

@@ -99,12 +99,7 @@ class Jobs:
             return self._described(session, [found(session, JobRow, "job", job_id)])[0]
 
     def page(
-        self,
-        *,
-        state: JobState | None = None,
-        kind: JobKind | None = None,
-        after: str | None = None,
-        limit: int = 50,
+        self, *, state: JobState | None = None, kind: JobKind | None = None, after: str | None = None, limit: int = 50
     ) -> Page[Job]:
         """Return a page of jobs, newest first."""
         statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
@@ -302,12 +297,7 @@ class Jobs:
             self._files.publish(output, self._files.results(kind, subject_id))
 
     def fail(
-        self,
-        claim: Claim,
-        failure: Failure,
-        *,
-        retries: Retries = RETRIES,
-        peak_memory_bytes: int | None = None,
+        self, claim: Claim, failure: Failure, *, retries: Retries = RETRIES, peak_memory_bytes: int | None = None
     ) -> JobState:
         """End an attempt that failed: after a passing failure the job waits in the queue, up to its last loss.
 
@@ -450,12 +440,7 @@ class Jobs:
         return [read_job(row, estimates.get(row.id, NOTHING_KNOWN)) for row in rows]
 
     def _fail(
-        self,
-        session: Session,
-        row: JobRow,
-        failure: Failure,
-        retries: Retries,
-        peak_memory_bytes: int | None = None,
+        self, session: Session, row: JobRow, failure: Failure, retries: Retries, peak_memory_bytes: int | None = None
     ) -> None:
         detail = failure.model_dump(mode="json")
         reported = detail | (_measured(peak_memory_bytes) or {})
@@ -505,9 +490,7 @@ def _claimable(at: datetime, selection: Selection = ANY) -> Select[JobRow]:
     """Select the jobs of a selection that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
-        JobDependencyRow.job_id == JobRow.id,
-        needed.id == JobDependencyRow.needs_job_id,
-        needed.state.not_in(ENDED),
+        JobDependencyRow.job_id == JobRow.id, needed.id == JobDependencyRow.needs_job_id, needed.state.not_in(ENDED)
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
     return select(JobRow).where(QUEUED, due, ~unfinished, *selection.conditions())

@@ -16,14 +16,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_contracts.choices import DriftMethod
 from sawmill_contracts.drifts import KnownBaseline
-from sawmill_contracts.scanner_drift import (
-    POOLED_LOOKS,
-    CountedLook,
-    Follow,
-    Followed,
-    PooledDrift,
-    ScannerDrift,
-)
+from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, Follow, Followed, PooledDrift, ScannerDrift
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
 from sawmill_store.activations import active_since

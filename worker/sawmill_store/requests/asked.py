@@ -81,13 +81,7 @@ class Asked(Generic[Ask, Answer]):
         """
         with self._database.write() as session:
             row = self.queue(
-                session,
-                ask,
-                self._database.now(),
-                identifier=identifier,
-                job_id=job_id,
-                priority=priority,
-                given=given,
+                session, ask, self._database.now(), identifier=identifier, job_id=job_id, priority=priority, given=given
             )
             _refuse_beyond_scan(session, row, ask)
             return self._read(row)

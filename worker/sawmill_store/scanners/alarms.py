@@ -80,14 +80,7 @@ class Alarms:
             detail = {"kind": kind, "until": notice["until"], "reason": reason}
             acknowledged, decided = mill_events.ALARM_ACKNOWLEDGED, {"scanner_id": scanner_id, **detail}
             announce(
-                session,
-                now,
-                acknowledged,
-                "scanner",
-                scanner_id,
-                group_id=scanner_id,
-                detail=detail,
-                decided=decided,
+                session, now, acknowledged, "scanner", scanner_id, group_id=scanner_id, detail=detail, decided=decided
             )
             return Alarm.of_row(row)
 

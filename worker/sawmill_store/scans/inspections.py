@@ -53,16 +53,10 @@ class Inspections(Asked[InspectionRequest, Inspection]):
             The allowed number of jobs is waiting already.
         """
         file = InspectionRequest(
-            **options.model_dump(),
-            name=name,
-            size_bytes=received.size_bytes,
-            sha256=received.sha256,
+            **options.model_dump(), name=name, size_bytes=received.size_bytes, sha256=received.sha256
         )
         identifier = identifier or new_id()
-        with (
-            kept_upload(self.files, received, kinds.INSPECT, identifier) as keep,
-            self._database.write() as session,
-        ):
+        with kept_upload(self.files, received, kinds.INSPECT, identifier) as keep, self._database.write() as session:
             now = self._database.now()
             row = self.queue(session, file, now, identifier=identifier, priority=priority)
             keep(session, now)

@@ -205,17 +205,7 @@ def _announce(
     decided: dict[str, Any] | None = None,
     why: str | None = None,
 ) -> None:
-    announce(
-        session,
-        now,
-        what,
-        "schedule",
-        row.id,
-        group_id=row.scanner_id,
-        detail=detail,
-        decided=decided,
-        why=why,
-    )
+    announce(session, now, what, "schedule", row.id, group_id=row.scanner_id, detail=detail, decided=decided, why=why)
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:

@@ -153,13 +153,7 @@ def cauchy_map(
         as_published=preset is not None,
     )
     problem = PriorProblem.of(projector, sinogram, noise, non_negative=non_negative)
-    return reconstruct_with_prior(
-        method,
-        problem,
-        iterations=iterations,
-        tolerance=tolerance,
-        on_progress=on_progress,
-    )
+    return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,22 +320,10 @@ class CauchyMap(FittedMethod):
         """True if sigma is to be chosen, together with beta."""
         return self.sigma is None and self.preset is None
 
-    def chosen(
-        self,
-        projector: Projector,
-        line: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
-    ) -> Self:
+    def chosen(self, projector: Projector, line: Image, *, noise: FloatArray, on_progress: OnProgress) -> Self:
         """Return the method with the sigma, a multiple of the noise, and the beta chosen for one slice."""
         choice = choose_sigma_and_beta(
-            projector,
-            line,
-            beta=self.beta,
-            noise=noise,
-            non_negative=self.non_negative,
-            on_progress=on_progress,
+            projector, line, beta=self.beta, noise=noise, non_negative=self.non_negative, on_progress=on_progress
         )
         return replace(self, sigma=choice.sigma, beta=choice.beta)
 
@@ -357,12 +339,7 @@ class CauchyMap(FittedMethod):
         return replace(self, sigma=NoiseMultiple(choice["noise_multiple"]), beta=choice["beta"])
 
     def reconstruct(
-        self,
-        projector: Projector,
-        lines: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
+        self, projector: Projector, lines: Image, *, noise: FloatArray, on_progress: OnProgress
     ) -> Estimate:
         """Reconstruct a block."""
         return cauchy_map(

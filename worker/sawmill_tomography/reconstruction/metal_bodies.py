@@ -119,12 +119,7 @@ class Rods:
 
 
 def fitted_rods(
-    excess: Image,
-    grid: ImageGrid,
-    geometry: FanViews,
-    departures: Samples,
-    sigma: Samples,
-    seen: NDArray[np.bool_],
+    excess: Image, grid: ImageGrid, geometry: FanViews, departures: Samples, sigma: Samples, seen: NDArray[np.bool_]
 ) -> Rods:
     """Fit a rod to each piece of an image, the largest first.
 
@@ -146,12 +141,7 @@ def fitted_rods(
 
 
 def _fitted(
-    rods: Rods,
-    found: FloatArray,
-    geometry: FanViews,
-    departures: Samples,
-    sigma: Samples,
-    seen: NDArray[np.bool_],
+    rods: Rods, found: FloatArray, geometry: FanViews, departures: Samples, sigma: Samples, seen: NDArray[np.bool_]
 ) -> Rods:
     """Return the rods that explain the departures (samples,) best, from these rods, near those in the image."""
 

@@ -60,11 +60,7 @@ class WeightCurve:
 
     def columns(self) -> dict[str, Floats]:
         """Return the curves by their names in a volume's file."""
-        columns = {
-            "alphas": self.weights,
-            "residual_norms": self.residual_norms,
-            "solution_norms": self.solution_norms,
-        }
+        columns = {"alphas": self.weights, "residual_norms": self.residual_norms, "solution_norms": self.solution_norms}
         return columns if self.gcv is None else {**columns, "gcv": self.gcv}
 
 
@@ -332,12 +328,7 @@ class Tikhonov(FittedMethod):
     alpha_rule: AlphaRule = AlphaRule.CROSS_VALIDATION
 
     def reconstruct(
-        self,
-        projector: Projector,
-        lines: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
+        self, projector: Projector, lines: Image, *, noise: FloatArray, on_progress: OnProgress
     ) -> Estimate:
         """Reconstruct a block; each slice chooses its own weight."""
         return tikhonov(projector, lines, weight=self.alpha, rule=self.alpha_rule, noise=noise, on_progress=on_progress)

@@ -116,11 +116,7 @@ def total_variation(
     elif weight is None:
         choose = partial(choose_weight, non_negative=non_negative)
     method = EdgePreservingMethod(
-        choose=choose,
-        settings=settings,
-        choosing_cost=CHOOSING_COST,
-        usual_iterations=USUAL_ITERATIONS,
-        convex=True,
+        choose=choose, settings=settings, choosing_cost=CHOOSING_COST, usual_iterations=USUAL_ITERATIONS, convex=True
     )
     return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
 
@@ -201,22 +197,9 @@ class TotalVariation(CoupledMethod):
         """True if the weight is to be chosen."""
         return self.weight is None
 
-    def chosen(
-        self,
-        projector: Projector,
-        line: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
-    ) -> Self:
+    def chosen(self, projector: Projector, line: Image, *, noise: FloatArray, on_progress: OnProgress) -> Self:
         """Return the method with the weight chosen for one slice."""
-        choice = choose_weight(
-            projector,
-            line,
-            noise=noise,
-            non_negative=self.non_negative,
-            on_progress=on_progress,
-        )
+        choice = choose_weight(projector, line, noise=noise, non_negative=self.non_negative, on_progress=on_progress)
         return replace(self, weight=weight_factor(self._coupling) * choice.weight)
 
     @property
@@ -270,14 +253,7 @@ class RingTotalVariation(TotalVariation):
         """True if the weight or the weight across rings is to be chosen."""
         return self.weight is None or self.ring_weight is None
 
-    def chosen(
-        self,
-        projector: Projector,
-        line: Image,
-        *,
-        noise: FloatArray,
-        on_progress: OnProgress,
-    ) -> Self:
+    def chosen(self, projector: Projector, line: Image, *, noise: FloatArray, on_progress: OnProgress) -> Self:
         """Return the method with both weights chosen for one slice."""
         choice = choose_ring_weight(
             projector,

@@ -14,14 +14,7 @@ from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked
 from sawmill_service.pages.frame.page_frame import ThePage
 from sawmill_service.pages.system.audit_filter import PER_PAGE, AuditFilter, read_filter, values_of
-from sawmill_service.pages.system.system_parts import (
-    clock_remarks,
-    disk_of,
-    limits_of,
-    queue_of,
-    versions,
-    workers_of,
-)
+from sawmill_service.pages.system.system_parts import clock_remarks, disk_of, limits_of, queue_of, versions, workers_of
 from sawmill_service.routes.health import Readiness, broker_of, health_of
 
 SYSTEM = "/system"
