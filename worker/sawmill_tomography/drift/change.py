@@ -279,7 +279,8 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> Reason:
     slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
     tilted = abs(moved.significance[1]) > SIGNIFICANT
     if turntable <= UNEXPLAINED and not tilted:
-        return LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE(column_mm=column)
+        either = LogMessage.TURNTABLE_OR_STOPS if slide <= UNEXPLAINED else LogMessage.TURNTABLE
+        return either(column_mm=column)
     if turntable <= UNEXPLAINED:
         return LogMessage.TURNTABLE_SIDEWAYS(column_mm=column)
     if slide <= UNEXPLAINED:

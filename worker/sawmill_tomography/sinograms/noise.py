@@ -147,7 +147,8 @@ def misfit_cause(projector: Projector, image: Image, line: Image, noise: FloatAr
     seen = of_shift > 0.0
     explained = float(np.sum(np.sum(missed * shift, axis=1)[seen] ** 2 / of_shift[seen])) - seen.sum() * power / samples
     share = explained / max(power - samples, 1e-30)
-    return ImageMessage.DISPLACED if share > displaced else ImageMessage.NOT_DISPLACED(percent=100.0 * max(share, 0.0))
+    message = ImageMessage.DISPLACED if share > displaced else ImageMessage.NOT_DISPLACED
+    return message(percent=100.0 * max(share, 0.0))
 
 
 def remarks_on(
