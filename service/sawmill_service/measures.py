@@ -60,7 +60,8 @@ class Measures(Collector):
         came_at = self._clock_s()
         with self._lock:
             if self._begun_at < came_at:
-                self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], self._clock_s()
+                begun_at = self._clock_s()
+                self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], begun_at
             return self._counted
 
 

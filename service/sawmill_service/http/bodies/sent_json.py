@@ -95,7 +95,8 @@ def _read(body: bytes) -> Any:  # noqa: ANN401 - JSON
         has_repeated = True
         return _Repeating(pairs)
 
-    return json.loads(body, object_pairs_hook=made) if has_repeated else None
+    sent = json.loads(body, object_pairs_hook=made)
+    return sent if has_repeated else None
 
 
 def _first_repeated(sent: object) -> Mapping[str, object]:
