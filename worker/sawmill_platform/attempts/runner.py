@@ -254,7 +254,8 @@ class _Supervision:
         try:
             self._given = self._store.jobs.handed_over(self._claim.job_id)
         except NotFound as error:
-            return Failed(failure=Failure(kind=FailureKind.INPUT, code=f"{error.kind}-deleted", detail=str(error)))
+            code = f"{error.kind}-deleted"
+            return Failed(failure=Failure(kind=FailureKind.INPUT, code=code, detail=str(error)))
         except ValidationError as error:
             structlog.get_logger().exception("row-not-read")
             return Failed(failure=failure_of(error, self._claim.job.kind))
@@ -351,7 +352,7 @@ class _Supervision:
                 self._note(message, output)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
-                return Failed(failure=failure if (failure.code in LIMITS_MET) else self._outage() or failure)
+                return Failed(failure=failure if failure.code in LIMITS_MET else self._outage() or failure)
             looking = self._time_to_look()
             beyond = (self._overuse(output) if looking else None) or self._patience.end(
                 processor_s_of(self._process.process_id)
