@@ -73,11 +73,8 @@ def test_the_grid_around_a_region_holds_the_object_and_the_same_pixels(grid):
         assert axis[-1] + half >= 135.0 - 1e-9
 
 
-def test_a_grid_that_holds_the_object_already_is_its_own_surrounding():
+def test_a_grid_that_holds_the_object_is_its_own_surrounding_and_one_at_the_source_is_refused(geometry):
     assert WHOLE.around(160.0) == (WHOLE, (slice(0, 128), slice(0, 128)))
-
-
-def test_a_region_that_reaches_the_source_is_refused(geometry):
     Projector(geometry, ImageGrid(16, 100.0, (500.0, 0.0)))
     with pytest.raises(GeometryError, match=r"past the source at .*, or one nearer to the rotation centre$"):
         Projector(geometry, ImageGrid(16, 100.0, (0.0, -900.0)))

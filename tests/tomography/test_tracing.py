@@ -105,14 +105,11 @@ def test_a_body_that_reaches_the_border_is_closed_there():
     assert min(x for x, _ in body.vertices_mm) == pytest.approx(-25.0, abs=0.1)
 
 
-def test_a_traced_size_is_as_uncertain_as_its_pixels():
+def test_a_traced_size_is_as_uncertain_as_its_pixels_and_specks_are_left_out():
     coarse, fine = (trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="l") for size in (160, 1600))
     # 2.5 mm over sqrt(6), of an L of 200 by 301 mm.
     assert coarse.size_tolerance == pytest.approx(2.5 / math.sqrt(6.0) / 250.5, rel=0.02)
     assert fine.size_tolerance == STANDARD_SIZE_TOLERANCE
-
-
-def test_specks_are_left_out():
     picture = DISC.rasterise(200, FIELD)
     picture[5, 5] = picture[180, 20] = 1.0
     assert len(trace(picture, FIELD, name="dusty").shapes) == 1

@@ -70,12 +70,9 @@ def test_deviations_stand_beside_the_mean_by_their_name(read, written):
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
 
 
-def test_deviations_of_one_row_have_its_shape(read):
+def test_deviations_of_one_row_have_its_shape_and_an_infinite_one_masks_its_ray_as_nan_does(read):
     scan = read(npz(mean=MEAN[:, None], deviations=DEVIATIONS[:, None]))
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
-
-
-def test_a_ray_is_masked_by_nan_or_by_an_infinite_deviation(read):
     scan = read(npz(mean=put(MEAN, np.nan), deviations=put(put(DEVIATIONS, np.nan), np.inf, (5, 7))))
     assert np.argwhere(np.isnan(scan.projections)).tolist() == [[3, 30], [5, 7]]
 
@@ -135,5 +132,4 @@ def test_a_bridged_ray_is_known_no_better_than_those_that_were_measured():
     rays[0, 0, 10:14] = np.nan
     averaged = AveragedRays(AveragedRows(60, np.full((2, 40), 0.01, np.float32)), rays.shape)
     averaged.bridge(rays, 0)
-    assert averaged.deviations[0, 10:14] == pytest.approx(0.01)
-    assert averaged.deviations[1] == pytest.approx(0.01)
+    assert (averaged.deviations[0, 10:14], averaged.deviations[1]) == (pytest.approx(0.01), pytest.approx(0.01))

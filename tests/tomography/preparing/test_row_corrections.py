@@ -43,8 +43,7 @@ def noisy(clean, seed):
 
 
 def test_a_drifting_source_and_faulty_cells_are_corrected_and_reported(clean):
-    rng = np.random.default_rng(52)
-    stack = noisy(clean, 53) + 0.02 * rng.standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
+    stack = noisy(clean, 53) + 0.02 * np.random.default_rng(52).standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
     stack[:, 1, 300] = 9.0
     stack[:, 2, 500:502] = 13.8
     done = corrected_rows(stack, Corrections(AirCorrection.VIEWS))
