@@ -61,6 +61,7 @@ test: lint
 # What needs many repetitions: statistics over many seeds, kills by the hundred, all of storage on both databases, a
 # long schemathesis run. Half an hour on two cores.
 nightly: install-dev
+	-@$(PIP) --no-deps openapi-generator-cli
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0 --timeout 3600 -m nightly
 	@$(BIN)/python -m tests.faults.inject_faults
 	@$(BIN)/python tests/faults/planted.py
@@ -71,7 +72,7 @@ lowest:
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
 	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --constraint .venv-lowest/lowest.txt \
 		--editable '.[dev]'
-	@.venv-lowest/bin/python -m pytest -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
+	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel

@@ -107,9 +107,9 @@ def test_fbp_reports_a_geometry_that_is_far_off_once(log, reconstruct, theta, vi
 def test_auto_chooses_by_the_views_and_gives_the_reason(log, reconstruct):
     fast, _ = reconstruct(log(views=180), method="auto", prefer="speed")
     sparse, _ = reconstruct(log(views=20), method="auto")
-    assert (fast.method.name, sparse.method.name) == ("fbp", "total_variation")
+    assert (fast.method.name, sparse.method.name) == ("fbp", "ring_tv")
     assert "fbp from 180 views" in fast.method.reason
-    assert "total_variation from 20 views" in sparse.method.reason
+    assert "ring_tv from 20 views" in sparse.method.reason
     plain, _ = reconstruct(log(views=20), method="fbp")
     assert (plain.method.reason, plain.method.expected_error) == (None, None)
 
@@ -118,12 +118,12 @@ def test_auto_leaves_views_out_where_all_of_them_cost_too_much(log, reconstruct)
     given = log(views=720)
     result, volume = reconstruct(given, method="auto")
     step = result.method.view_step
-    assert result.method.name == "total_variation"
+    assert result.method.name == "ring_tv"
     assert step > 1
     assert result.views == -(-720 // step)
     assert f"{result.views} of the 720 views" in result.method.reason
     thin = replace(given, angles_rad=given.angles_rad[::step], read=lambda a, b: given.read(a, b)[::step])
-    _, expected = reconstruct(thin, method="total_variation")
+    _, expected = reconstruct(thin, method="ring_tv")
     np.testing.assert_array_equal(volume, expected)
 
 

@@ -1,5 +1,6 @@
 """The programs of examples/clients do the whole job of docs/do/connect.md over a line that breaks, with one scan."""
 
+import importlib.util
 import json
 import os
 import re
@@ -207,6 +208,45 @@ def test_the_csharp_program_does_the_whole_job(tmp_path, embedded, stack):
     [command] = re.findall(r"^// {3}(mcs .+) whole_job\.cs$", source.read_text(), re.MULTILINE)
     run([*command.split(), "-warnaserror", f"-out:{tmp_path}/whole_job.exe", source], tmp_path)
     do_the_whole_job(["mono", tmp_path / "whole_job.exe"], stack, tmp_path, embedded)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(shutil.which("npm") is None, reason="no npm: apt-get install npm")
+def test_the_typescript_program_does_the_whole_job(tmp_path, embedded, stack):
+    source = PROGRAMS / "whole_job.ts"
+    for file in (source, ROOT / "openapi/openapi.json"):
+        shutil.copy(file, tmp_path)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    installing, *compiling = re.findall(r"^// {3}(np[mx] .+)$", source.read_text(), re.MULTILINE)
+    installed = subprocess.run(installing.split(), cwd=tmp_path, capture_output=True, text=True, check=False)
+    if installed.returncode and not os.environ.get("CI"):
+        pytest.skip(f"npm installs nothing here: {installed.stderr:.200}")
+    for command in compiling:
+        run(command.split(), tmp_path)
+    do_the_whole_job(["node", tmp_path / "whole_job.js"], stack, tmp_path, embedded)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(("language", "file"), [("csharp", "WebhooksApi.cs"), ("python", "webhooks_api.py")])
+def test_openapi_generator_reads_the_contract_without_loss(tmp_path, language, file):
+    package = importlib.util.find_spec("openapi_generator_cli")
+    if package is None or shutil.which("java") is None:
+        pytest.skip("no openapi-generator-cli, which `make nightly` installs, or no Java")
+    [jar] = Path(package.submodule_search_locations[0]).glob("*.jar")
+    run(["java", "-jar", jar, "generate", "-i", ROOT / "openapi/openapi.json", "-g", language], tmp_path)
+    [webhooks] = [path for path in tmp_path.rglob(file) if "Test" not in str(path.relative_to(tmp_path))]
+    assert re.search(r"create_?webhook", webhooks.read_text(), re.IGNORECASE)
+    # A class for each schema, and one for the shapes of a drawing, which are two kinds; none for "X or null".
+    schemas = json.loads((ROOT / "openapi/openapi.json").read_text())["components"]["schemas"]
+    models = [path for path in tmp_path.rglob("*") if path.parent.name.lower() in {"model", "models"}]
+    models = [
+        path
+        for path in models
+        if path.suffix in {".cs", ".py"} and "Test" not in str(path.parent.relative_to(tmp_path))
+    ]
+    assert abs(len(models) - len(schemas)) < 6, sorted(path.stem for path in models)
 
 
 def test_the_watcher_of_another_machine_sends_each_file_once(tmp_path, embedded):

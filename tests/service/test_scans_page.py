@@ -200,10 +200,13 @@ def test_a_log_s_page_says_how_it_was_made_and_what_the_method_reports(seeded, s
         assert fact in shown
     assert "sigma" not in shown
     coupled = method | {"name": "total_variation", "beta": None, "weight": 120.0, "coupling": 0.4}
+    coupled |= {"knot_10_mm_contrast": 0.448, "knot_20_mm_contrast": 0.81}
     with store.database.write() as session:
         row = session.get(ReconstructionRow, "example")
         row.result = row.result | {"method": coupled}
-    assert "Weight of the total variation 120 Coupling of neighbouring slices 0.4" in words(seeded.get("/logs/example"))
+    shown = words(seeded.get("/logs/example"))
+    assert "Weight of the total variation 120 Coupling of neighbouring slices 0.4" in shown
+    assert "Contrast that a knot keeps 45 % of it with 10 mm, 81 % with 20 mm" in shown
 
 
 def test_a_log_that_failed_or_whose_file_or_scan_is_gone_is_still_described(seeded, store):

@@ -119,12 +119,12 @@ def scan(angles, noise):
 @pytest.mark.parametrize(
     ("views", "turn", "noise", "prefer", "method", "reason"),
     [
-        (360, TAU, 0.01, QUALITY, ReconstructionMethod.TOTAL_VARIATION, "the lowest expected error within 100 ms"),
-        (45, TAU, 0.01, QUALITY, ReconstructionMethod.TOTAL_VARIATION, "total_variation from 45 views"),
+        (360, TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "the lowest expected error within 100 ms"),
+        (45, TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "ring_tv from 45 views"),
         (360, TAU, 0.06, SPEED, ReconstructionMethod.FBP, "speed was preferred"),
-        (89, TAU, 0.01, SPEED, ReconstructionMethod.TOTAL_VARIATION, "the lowest expected error"),
-        (200, 0.6 * TAU, 0.01, QUALITY, ReconstructionMethod.TOTAL_VARIATION, "the views leave a gap"),
-        (200, 0.6 * TAU, 0.01, SPEED, ReconstructionMethod.TOTAL_VARIATION, "the views leave a gap"),
+        (89, TAU, 0.01, SPEED, ReconstructionMethod.RING_TV, "the lowest expected error"),
+        (200, 0.6 * TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "the views leave a gap"),
+        (200, 0.6 * TAU, 0.01, SPEED, ReconstructionMethod.RING_TV, "the views leave a gap"),
     ],
 )
 def test_error_price_and_gaps_decide_and_the_reason_is_given(views, turn, noise, prefer, method, reason):

@@ -1,4 +1,4 @@
-"""The next step of a person with a scanner or with one of its calibrations."""
+"""The next step of a person with a scanner or a calibration."""
 
 from pydantic import Field
 
@@ -7,7 +7,7 @@ from sawmill_platform.contracts.base import Contract
 
 
 class NextStepAnswer(Contract):
-    """The next step with a scanner or with one of its calibrations, the same that the pages and the report show."""
+    """The next step with a scanner or a calibration, the same that the pages and the report show."""
 
     tone: str = Field(description="Colour: `good`, `watch`, `bad` or `idle`.", examples=["bad"])
     word: str = Field(description="State of the scanner in a word, in English.", examples=["Out of tolerance"])

@@ -144,7 +144,7 @@ class NextStep:
     """The next step."""
 
     reason: Reason  # headline, action and details in every language
-    button: Button  # the one button that stands out
+    button: Button  # the one prominent button
     # tone, word: colour and word of the scanner: good, watch, bad or idle.
     tone: str
     word: str

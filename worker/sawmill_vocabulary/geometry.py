@@ -20,7 +20,7 @@ from sawmill_vocabulary.outlines import AsContract
 TAU = 2.0 * math.pi
 # Largest length at a scanner, mm.
 LARGEST_MM = 1e5
-# Fields of a scanner that say where the cells of its detector are.
+# Fields of a scanner that say where the detector's cells are.
 CELL_PLACES = ("detector_modules", "detector_arc_radius_mm", "detector_waves_mm")
 # The number of waves by which a detector's cells may lie at unequal distances.
 MOST_WAVES = 24

@@ -139,7 +139,7 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     expect(page.get_by_text("the darkest below the brightest")).to_be_visible()
     page.locator("#high").fill("2,0")
     expect(page.get_by_text("the darkest below the brightest")).to_be_hidden()
-    page.get_by_label("Colours").first.select_option("viridis")
+    page.locator("#colors").select_option("viridis")
     expect(page.locator("#viewer")).to_have_attribute("data-colors", "viridis")
     page.wait_for_function("() => new Promise(requestAnimationFrame)")
     table = np.array(page.request.get("/v1/color-maps").json()["viridis"])
@@ -169,6 +169,7 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     page.mouse.click(box["x"] + box["width"] * 0.25, box["y"] + box["height"] / 2)
     shows(page, 7)
     page.wait_for_url(re.compile(r"slice=7.*high=2&colors=viridis"))
+    page.get_by_text("Download", exact=True).click()
     with page.expect_download() as download:
         page.get_by_role("link", name="Values (NPY)").click()
     np.testing.assert_array_equal(np.load(download.value.path()), volume[7])

@@ -35,7 +35,7 @@ def cell_centres_mm(scanner: Scanner) -> FloatArray:
 
 
 class DetectorLines(NamedTuple):
-    """The flat pieces of a detector, in the order of the cells: each is a flat line detector of its own."""
+    """The flat pieces of a detector, in the order of the cells: each is a flat line detector."""
 
     first: NDArray[np.intp]  # (lines,) int: the cells of a piece are first to end - 1
     end: NDArray[np.intp]

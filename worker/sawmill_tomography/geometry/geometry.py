@@ -187,7 +187,7 @@ class FanViews:
 
 
 def turning(views: FanViews) -> "FanBeamGeometry":
-    """Return the geometry as a turn about one axis; that of an arc, and of a list, by cells of the line's mean width.
+    """Return the geometry as a turn about one axis; cells on an arc or of a list become cells of equal mean width.
 
     Raises
     ------

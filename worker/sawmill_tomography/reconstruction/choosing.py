@@ -24,37 +24,32 @@ PRICE_SECONDS, PRICE_SIZE = 0.1, 256
 SPEED_VIEWS = 90
 # Views are left out of a scan down to this number, the least that was measured.
 LEAST_VIEWS = 20
-# Relative errors with the parameters that each method chooses: the geometric mean over four simulated logs with the
-# rings of real wood, by views and by noise as a share of the signal (benchmarks/expected_error.py). The Cauchy MAP is
-# beyond the price from 20 views on and was not measured beyond 45; there its error is assumed to stay constant.
-VIEWS = (12, 20, 45, 90, 180, 360)
+# Relative errors with the parameters that each method chooses: the geometric mean over three simulated logs with the
+# rings of real wood, by views and by noise as a share of the signal (benchmarks/expected_error.py). Beyond the views
+# that were measured an error is assumed to stay constant. The Cauchy MAP is beyond the price from 20 views on.
+VIEWS = (20, 45, 90, 180, 360)
 NOISES = (0.005, 0.02, 0.08)
 EXPECTED_ERRORS: Mapping[ReconstructionMethod, tuple[tuple[float, ...], ...]] = MappingProxyType(
     {
         ReconstructionMethod.FBP: (
-            (0.3192, 0.3411, 0.5779),
-            (0.1345, 0.1569, 0.3487),
-            (0.0732, 0.0923, 0.2387),
-            (0.0556, 0.0681, 0.1695),
-            (0.0520, 0.0588, 0.1242),
+            (0.4648, 0.5189, 1.0459),
+            (0.2558, 0.2987, 0.6787),
+            (0.1502, 0.1850, 0.4675),
+            (0.1007, 0.1266, 0.3300),
+            (0.0728, 0.0905, 0.2327),
         ),
         ReconstructionMethod.TIKHONOV: (
-            (0.1754, 0.1885, 0.2444),
-            (0.1006, 0.1216, 0.1978),
-            (0.0574, 0.0892, 0.1733),
-            (0.0350, 0.0691, 0.1487),
-            (0.0223, 0.0530, 0.1255),
+            (0.2242, 0.2354, 0.2860),
+            (0.1585, 0.1747, 0.2473),
         ),
         ReconstructionMethod.TOTAL_VARIATION: (
-            (0.0479, 0.0583, 0.0948),
-            (0.0328, 0.0441, 0.0760),
-            (0.0226, 0.0365, 0.0650),
-            (0.0188, 0.0307, 0.0558),
-            (0.0166, 0.0256, 0.0480),
+            (0.1258, 0.1245, 0.1453),
+            (0.1010, 0.1052, 0.1276),
         ),
-        ReconstructionMethod.CAUCHY_MAP: (
-            (0.0564, 0.0726, 0.1095),
-            (0.0364, 0.0504, 0.0887),
+        ReconstructionMethod.RING_TV: (
+            (0.1182, 0.1183, 0.1453),
+            (0.0808, 0.0900, 0.1276),
+            (0.0594, 0.0762, 0.1193),
         ),
     }
 )

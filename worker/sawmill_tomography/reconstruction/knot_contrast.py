@@ -1,4 +1,4 @@
-"""Share of its contrast that a knot keeps in an image: known inserts are added to a slice's data and reconstructed."""
+"""The share of contrast that a knot keeps in an image: known inserts are added to a slice's data and reconstructed."""
 
 import math
 
@@ -25,7 +25,7 @@ AROUND = (1.3, 2.0)
 def knot_contrasts(
     projector: Projector, lines: Image, method: TotalVariation, *, noise: FloatArray
 ) -> dict[float, float] | None:
-    """Return the share of its contrast that an insert of each of `DIAMETERS_MM` keeps, by its diameter.
+    """Return the share of contrast that an insert of each of `DIAMETERS_MM` keeps, by its diameter.
 
     Parameters
     ----------

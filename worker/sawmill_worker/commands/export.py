@@ -58,7 +58,7 @@ HEAD = '<?xml version="1.0"?>\n<!DOCTYPE RTKGEOMETRY>\n'
 def rtk_xml(arguments: dict[str, Any], remark: str) -> str:
     """Write the text of the file; RTK recomputes the matrices, and refuses a file in which they disagree.
 
-    The remark stands at the top: the geometry does not hold the projections' spacing and origin.
+    The remark is at the top: the geometry does not hold the projections' spacing and origin.
     """
     root = ET.Element("RTKThreeDCircularGeometry", version="3")
     root.append(ET.Comment(f" {remark} "))

@@ -22,6 +22,7 @@ PUBLISHED_SCANNER = {
     "num_detector_pixels": {"flag": "--detector-pixels", "default": 768},
     "detector_pitch_mm": {"default": 1.502864583},
     "detector_modules": None,
+    "detector_waves_mm": None,
 }
 
 

@@ -121,7 +121,7 @@ def known_cells(
 ) -> ScannerConstants:
     """Return the scanner with the places of cells from which a calibration starts.
 
-    They are those of the active calibration, if its detector is still there.
+    The active calibration has them, if the detector is still there.
     """
     if calibrated is not None and calibrated.with_cells_of(present) == present:
         return present.with_cells_of(calibrated)

@@ -16,13 +16,6 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
     - A pair states the type of its items, for generators that ignore `prefixItems`. Its length already forbids further
       items; `items: false` would repeat that, and openapi-python-client refuses it.
     - A choice requires its discriminator, although it has a default in the schema of each kind.
-
-    Parameters
-    ----------
-    part
-        A part of the document.
-    schemas
-        The document's schemas by name.
     """
     if isinstance(part, list):
         for inner in part:

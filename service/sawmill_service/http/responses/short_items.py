@@ -21,15 +21,7 @@ def is_page(model: object) -> bool:
 
 
 def with_short_items(page: Any, answer: Handler) -> Handler:  # noqa: ANN401 - a type of page
-    """Return a handler that leaves out the other fields of the items of a page.
-
-    Parameters
-    ----------
-    page
-        Type of the page that the route answers.
-    answer
-        The handler, which answers whole items.
-    """
+    """Return a handler of this type of page that leaves out the fields of items that the query does not name."""
     known = set(_names(page.model_fields["items"].annotation))
 
     async def shortened(request: Request) -> Response:

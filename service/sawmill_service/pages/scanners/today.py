@@ -28,7 +28,7 @@ from sawmill_store.examples import is_example, remove_examples
 from sawmill_store.store import Store
 
 SPAN = timedelta(days=30)
-# From this number of scanners on, rows are compact, and one tile stands for those of equal states.
+# From this number of scanners on, rows are compact, and equal states share a tile.
 COMPACT_FROM = 8
 # Most tiles below one another on a wall.
 LONGEST_COLUMN = 9
@@ -114,7 +114,7 @@ class Board:
         return len(self.rows) >= COMPACT_FROM
 
     def group(self, name: str) -> Sequence[ScannerLine]:
-        """Return the rows of a group of equal states, which one tile stands for where there are many scanners."""
+        """Return the rows of a group of equal states, which share a tile where there are many scanners."""
         return [row for row in self.rows if self.compact and row.group == name]
 
     @property

@@ -201,7 +201,7 @@ class JointFitter:
     def shows(self, effects: Sequence[Effect]) -> bool:
         """Return whether some of the views show one of these effects next to a fit that has ended.
 
-        Only a fit with effects, or with a residual whose neighbouring cells resemble each other, is looked at: the
+        Only a fit with effects, or with a residual whose neighbouring cells resemble each other, is tested: the
         effects may have joined in place of these.
         """
         if not self.fitted and self.correlation <= UNCORRELATED:
@@ -237,7 +237,7 @@ class JointFitter:
         return max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
 
     def _screened(self, grams: ViewGrams) -> list[Column]:
-        """Return the fit's columns in the views that are looked at first, without the views' random effects."""
+        """Return the fit's columns in the views that are tested first, without the views' random effects."""
         fitted = (column.every(self._screening_step) for one in self.fitted for column in one.columns)
         return [*self._project_out(grams), *fitted]
 
@@ -331,7 +331,7 @@ class JointFitter:
         self.climb = climb = Climb(self.model, structured, self.scatter)
         most = MOST_JOINING if self.rounds <= JOINING else 0
         best = climb.to(posterior, groups, most)
-        # What is found first stands in for others: modules, an arc and waves are each tried first.
+        # What is found first replaces others: modules, an arc and waves are each tried first.
         of_cells = [group for group in groups if is_on_detector(group.one)]
         modules = [group for group in of_cells if is_module(group.one)]
         starts = [modules, *([group] for group in of_cells if group not in modules)]

@@ -165,7 +165,8 @@ class ModuleSearch:
         others = [n for n in range(len(self._terms)) if n not in own]
         left = self._without(module)._left()  # noqa: SLF001 - its own class
         gap, kink, power = left.best()
-        power = np.where(left.seen, power, 0.0)
+        possible = (np.abs(gap) <= LARGEST_GAP_CELLS * self._width_mm) & (np.abs(kink) <= LARGEST_KINK_RAD)
+        power = np.where(left.seen & possible, power, 0.0)
         likelihood = np.exp((power - power.max()) / (2.0 * variance))
         likelihood /= likelihood.sum()
         known = np.array(list(sizes.values()))

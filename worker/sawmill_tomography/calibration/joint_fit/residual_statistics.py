@@ -145,7 +145,7 @@ def _of_rays(
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
-    """Return the RMS ray error, mm, by shorter waves than those of the fit, if they are as those of a random walk.
+    """Return the RMS ray error, mm, by shorter waves than the fitted ones, if they are as in a random walk.
 
     The waves of a random walk are as large as 1 / k for k half waves over the detector; the last third of the fitted
     ones shows how large.

@@ -1,4 +1,4 @@
-"""Kernels of the directions across growth rings: the pith's score, and the directions of its rings and of an image."""
+"""Kernels of the directions across growth rings: the pith's score, and the directions of rings and of an image."""
 
 import math
 
@@ -53,7 +53,7 @@ def score(across, weights, low, pixel, centres, radii, shifts, width, out):
 def directions(tensor, low, pixel, centres, radii, piths, prior, out):
     """Fill out (slices, 2, n, n) with unit vectors across the structures of an image or, where it has none, the rings.
 
-    tensor (slices, 3, n, n) is the structure tensor xx, xy, yy, to which prior times that of the rings is added. At the
+    tensor (slices, 3, n, n) is the structure tensor xx, xy, yy, to which prior times the rings' tensor is added. At the
     pith, piths (slices, 2) in radii, the vectors' length falls to 0.
     """
     slices, n = len(out), out.shape[-1]
