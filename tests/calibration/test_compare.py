@@ -35,15 +35,14 @@ def compare(active, new, scanner):
     return compared(active, geometry_of(new), scanner)
 
 
-def test_the_same_geometry_and_its_twin_have_not_moved(calibration, watched, theta):
+def test_the_same_geometry_and_its_twin_have_not_moved_and_a_knock_is_reported_in_millimetres(
+    calibration, watched, theta, knocked
+):
     for same in (theta, theta.twin(859.46)):
         change = compare(calibration(), calibration(same), watched())
         assert change.ray_change_mm < 1e-6
         assert change.within_tolerance
         assert "within the 0.50 mm allowed" in change.reason
-
-
-def test_a_knocked_detector_is_reported_in_millimetres(calibration, watched, knocked):
     change = compare(calibration(), knocked, watched())
     expected = knocked.source_frame.cor_column_mm - calibration().source_frame.cor_column_mm
     assert change.cor_column_change_mm == pytest.approx(expected)
@@ -173,15 +172,12 @@ def result(calibration, theta):
     return of
 
 
-def test_two_that_differ_by_their_noise_are_repeatable(result):
+def test_calibrations_that_differ_by_their_noise_are_repeatable_and_a_moved_centre_or_another_scale_is_not(result):
     found = repeatability([("a", result()), ("b", result(column_mm=0.01)), ("c", result(column_mm=-0.01))])
     assert found.verdict == "repeatable"
     assert [(pair.first, pair.second) for pair in found.pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert found.pairs[0].cor_column_difference_mm == pytest.approx(0.01)
     assert found.pairs[0].cor_column_deviation_mm == pytest.approx(0.02 * np.sqrt(2.0))
-
-
-def test_a_moved_centre_and_a_changed_scale_are_each_beyond_the_error_bars(result):
     (moved,) = repeatability([("a", result()), ("b", result(column_mm=0.4))]).pairs
     (larger,) = repeatability([("a", result()), ("b", result(longer=0.004))]).pairs
     assert not moved.within_error_bars

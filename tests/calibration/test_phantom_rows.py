@@ -196,14 +196,11 @@ def test_a_measurement_is_kept_as_it_is_stored_and_one_that_is_none_is_refused_w
         drawing(ACROSS | {"standard_uncertainty_mm": 25.0})
 
 
-def test_a_measurement_that_has_expired_is_a_reason_from_the_day_after():
+def test_a_measurement_that_has_expired_and_one_that_the_drawing_contradicts_are_reasons():
     dated = ACROSS | {"measured_on": "2020-05-31", "expires_on": "2021-05-31"}
     assert reasons(dated, today="2021-05-31") == []
     (found,) = reasons(dated)
     assert found.startswith("The phantom's measurement of x expired on 2021-05-31. Measure it again. It was 200.00 mm")
-
-
-def test_a_drawing_that_is_not_as_measured_is_a_reason():
     # Three standard uncertainties of 0.06 mm.
     assert reasons(ALONG | {"measured_mm": 300.17}) == []
     (found,) = reasons(ALONG | {"measured_mm": 300.19})

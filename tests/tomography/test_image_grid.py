@@ -45,15 +45,12 @@ def test_back_projection_of_a_region_is_cut_out_of_the_whole(scanner, theta, geo
     np.testing.assert_allclose(block, np.stack([whole] * 5), atol=1e-4 * whole.max())
 
 
-def test_rays_through_a_region_are_those_through_the_whole(geometry):
+def test_rays_through_a_region_are_those_through_the_whole_and_its_adjoint_is_its_transpose(geometry):
     image = np.zeros((128, 128), np.float32)
     image[PART] = np.random.default_rng(812).random((32, 32), dtype=np.float32)
     expected = Projector(geometry, WHOLE).forward(image)
     # Sums in single precision.
     np.testing.assert_allclose(Projector(geometry, REGION).forward(image[PART]), expected, atol=2e-4 * expected.max())
-
-
-def test_the_adjoint_of_a_region_is_its_transpose(geometry):
     rng = np.random.default_rng(813)
     a = Projector(geometry, REGION)
     x, y = rng.standard_normal((32, 32)), rng.standard_normal(geometry.sinogram_shape)

@@ -138,14 +138,11 @@ def test_a_slice_is_wood_inside_the_bark_and_nothing_outside(seed):
         assert HEARTWOOD_PER_MM < wood.mean() < SAPWOOD_PER_MM * 1.2
 
 
-def test_a_whorl_has_knots_and_clear_wood_has_none():
+def test_a_whorl_has_knots_clear_wood_has_none_and_metal_is_only_where_it_was_put():
     log = LogModel.random(1008)
     knots = {h: [s for s in log.slice_at(h).shapes if isinstance(s, Polygon)] for h in (60.0, 5.0)}
     assert len(knots[60.0]) >= 2
     assert not knots[5.0]
-
-
-def test_the_metal_is_where_it_was_put_and_only_there():
     log = LogModel.random(1009)
     inside, away = image_at(log, log.metal_height_mm), image_at(log, log.metal_height_mm + 60.0)
     i, j = (math.floor(c + LOG_FIELD / 2) for c in log.metal_mm)

@@ -113,16 +113,13 @@ def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(read
     assert (refusal.value.code, str(refusal.value)) == (code, sentence)
 
 
-def test_a_log_of_a_tenth_of_the_detector_is_told_from_its_transmissions(read):
+def test_a_mean_is_refused_where_it_is_nan_unnamed_or_of_transmissions(read):
     across = np.linspace(-1.0, 1.0, 768)
     thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (across / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
     noisy = thin + 0.01 * np.random.default_rng(1).standard_normal(thin.shape)
     read(npy(noisy))
     with pytest.raises(UnreadableScan, match="as counts and transmissions do"):
         read(npy(np.exp(-noisy)))
-
-
-def test_a_mean_is_nan_and_refused_where_nobody_says_that_it_is_one(read):
     with pytest.raises(UnreadableScan, match="every value must be a finite number"):
         read(npy(put(MEAN, np.nan)), rows=None)
 

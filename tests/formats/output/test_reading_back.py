@@ -71,15 +71,12 @@ def volume(tmp_path):
     return write
 
 
-def test_a_slice_is_one_of_the_volume_s(volume):
+def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(volume):
     path, slices = volume(None)
     read = volume_slice(path, slices.shape, 1)
     np.testing.assert_array_equal(read.data, slices[1])
     assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
     assert (read.height_mm, read.label) == (None, "slice 1")
-
-
-def test_slices_know_where_they_lie_along_the_log(volume):
     path, slices = volume(20.0)
     read = list(volume_slices(path, slices.shape, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
