@@ -62,8 +62,7 @@ def test_everything_that_is_named_is_there_and_used(document, services):
 
 def test_secrets_are_files_of_their_own_which_the_page_makes(document, services):
     assert document["secrets"] == {name: {"file": f"./secrets/{name}"} for name in document["secrets"]}
-    made = set(re.findall(r"\bsecrets/(\w+)", PAGE.read_text()))
-    assert made == set(document["secrets"])
+    assert set(re.findall(r"\bsecrets/(\w+)", PAGE.read_text())) == set(document["secrets"])
     assert "secrets/" in (ROOT / ".gitignore").read_text().splitlines()
     # Each service reads those that it names, at the place where compose puts them, and has no other.
     for name, service in services.items():
@@ -144,13 +143,9 @@ def test_redis_holds_nothing_that_matters(services):
     assert of_containers(services["redis"], "volumes") == []
 
 
-def test_every_variable_is_a_setting(services):
+def test_every_variable_is_a_setting_and_every_program_is_installed(services):
     given = {name for service in ours(services).values() for name in service["environment"]}
-    image = re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())
-    assert given | set(image) <= KNOWN
-
-
-def test_every_program_is_installed(services):
+    assert given | set(re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())) <= KNOWN
     for name, service in services.items():
         for program in (command[0] for command in words(service)):
             assert program in PROGRAMS[name] if name in PROGRAMS else (BIN / program).is_file(), program
@@ -187,15 +182,12 @@ def test_what_the_page_adds_fits(document, services):
         assert set(service["environment"]) <= KNOWN - set(services[name]["environment"])
 
 
-def test_services_that_the_page_names_are_there(services):
+def test_services_that_the_page_names_are_there_and_a_cluster_s_worker_is_documented_as_composed(services):
     page = PAGE.read_text().replace("\\\n ", "")
     lines = re.findall(r"docker compose (?:exec(?: -T)?|restart|logs) (.*?)(?:`|$)", page, re.MULTILINE)
     named = [re.split(r" +(?:sawmill|pg_dump|sh) ", line)[0] for line in lines]
     assert len(named) > 5
     assert {name for names in named for name in names.split()} <= set(services)
-
-
-def test_a_cluster_s_worker_is_documented_as_it_is_composed(services):
     composed = services["worker"]["command"]
     documented = next(command for command in documented_commands() if command[0] == "celery")
     assert documented == composed[: len(documented)]

@@ -65,8 +65,7 @@ def ray_error_mm(frame: dict[str, float]) -> float:
 def check_log_volume(path: Path, slices: int) -> None:
     with h5py.File(path) as file:
         data = file["entry/reconstruction/data"]
-        assert data.shape == (slices, 256, 256)
-        assert data.attrs["units"] == "1/mm"
+        assert (data.shape, data.attrs["units"]) == ((slices, 256, 256), "1/mm")
         # The middle of a log of green wood, with rings and knots.
         assert 0.010 < float(np.median(data[0][96:160, 96:160])) < 0.025
 
@@ -326,8 +325,7 @@ def test_no_file_names_a_registry_or_a_folder_of_one_machine():
     registries += [("quay", "io"), ("anaconda", "org"), ("conda", "io")]
     hosts = "|".join(re.escape(".".join(parts)) for parts in registries)
     forbidden = re.compile(rf"\b(?:{hosts})\b|(?<![\w.~$}}])/(?:home|root|work|Users)/\w")
-    found = [f"{path.relative_to(ROOT)}: {match[0]}" for path, text in texts() for match in forbidden.finditer(text)]
-    assert not found
+    assert not [f"{path.relative_to(ROOT)}: {match[0]}" for path, text in texts() for match in forbidden.finditer(text)]
 
 
 PAGE = (ROOT / "docs/do/connect.md").read_text()
@@ -344,8 +342,7 @@ def fields(schema: str) -> set[str]:
 def test_a_program_has_the_steps_of_the_page(path):
     steps = re.findall(r"^## (Repeats and refusals|\d\. .+)$", PAGE, re.MULTILINE)
     assert len(steps) == 10
-    commented = re.findall(r"^ *(?:#|//) (Repeats and refusals|\d\. .+)$", path.read_text(), re.MULTILINE)
-    assert commented == steps
+    assert re.findall(r"^ *(?:#|//) (Repeats and refusals|\d\. .+)$", path.read_text(), re.MULTILINE) == steps
 
 
 def test_the_page_s_routes_are_the_contract_s():
@@ -359,8 +356,7 @@ def test_a_program_s_paths_are_the_contract_s(path):
     sent = re.findall(r"/v1/[^\"?`]*", re.sub(r"\$?\{[^{}]*\}|\$\w+", "x", path.read_text()))
     assert len(sent) > 10
     patterns = [re.sub(r"\{\w+\}", "[^/]+", known) for known in DOCUMENT["paths"]]
-    unknown = {each for each in sent if not any(re.fullmatch(pattern, each) for pattern in patterns)}
-    assert unknown == set()
+    assert {each for each in sent if not any(re.fullmatch(pattern, each) for pattern in patterns)} == set()
 
 
 def test_the_page_s_answers_have_the_contract_s_fields():

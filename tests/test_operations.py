@@ -128,8 +128,7 @@ def run(words: list[str], status: int = 0) -> str:
 
 def test_a_worker_may_be_limited_to_the_kinds_of_the_page():
     """A fresh process registers the kinds by itself."""
-    page = (DO / "run.md").read_text()
-    [kinds] = re.findall(r"`--kinds ([\w,-]+)`", page)
+    [kinds] = re.findall(r"`--kinds ([\w,-]+)`", (DO / "run.md").read_text())
     command = [sys.executable, "-m", "sawmill_command.commands", "worker", "--kinds", f"{kinds},paint"]
     refused = subprocess.run(command, capture_output=True, text=True, check=False)
     assert refused.returncode == 2

@@ -204,13 +204,9 @@ def private_words(path: Path, words: str) -> list[str]:
     return [f"{named(path)}: {match[0]}" for match in re.finditer(rf"\b(?:{words})\b", path.read_text(), re.IGNORECASE)]
 
 
-def test_code_refers_to_pages_of_the_repository():
+def test_no_private_words_come_back_and_code_refers_to_pages_of_the_repository():
     files = [path for path in source_files() if path != Path(__file__)]
     assert not [named(path) for path in files if re.search(r"DESIGN section|design page", path.read_text())]
-
-
-def test_no_private_words_come_back():
-    files = [path for path in source_files() if path != Path(__file__)]
     found = [word for path in files for word in private_words(path, PRIVATE)]
     # The generated ones have the code's words.
     pages = [path for path in PAGES if str(path.relative_to(ROOT)) not in {f"docs/{name}" for name in GENERATED}]

@@ -67,15 +67,10 @@ def test_the_hooks_before_a_commit_run_what_make_lint_runs():
     }
 
 
-def test_the_tests_that_the_page_for_contributors_names_exist():
-    page = (ROOT / "CONTRIBUTING.md").read_text()
-    named = re.findall(r"pytest (tests/\S+\.py)(?: -k (\w+))?", page)
+def test_tests_that_contributors_are_named_and_files_with_attributes_exist():
+    named = re.findall(r"pytest (tests/\S+\.py)(?: -k (\w+))?", (ROOT / "CONTRIBUTING.md").read_text())
     assert named
     for file, word in named:
         assert re.search(rf"^def test_\w*{word}", (ROOT / file).read_text(), re.MULTILINE)
-
-
-def test_files_with_attributes_exist():
     patterns = re.findall(r"^([\w./*-]+) ", (ROOT / ".gitattributes").read_text(), re.MULTILINE)
-    missing = [pattern for pattern in patterns if not any(ROOT.glob(pattern if "/" in pattern else f"**/{pattern}"))]
-    assert not missing
+    assert not [pattern for pattern in patterns if not any(ROOT.glob(pattern if "/" in pattern else f"**/{pattern}"))]

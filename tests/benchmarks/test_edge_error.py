@@ -28,10 +28,7 @@ def test_a_knot_out_of_place_is_measured_in_mm():
     assert edge_error_mm(body(shift=1.0), body(), 2.0) < error
 
 
-def test_a_knot_that_is_missing_counts_as_out_of_reach():
+def test_a_missing_knot_counts_as_out_of_reach_and_an_even_truth_has_no_outline():
     outline = 15.0 / (15.0 + 50.0)
     assert edge_error_mm(body(knot=0.0), body(), 1.5) == pytest.approx(1.5 * 5.0 * np.sqrt(outline), rel=0.15)
-
-
-def test_an_even_truth_has_no_outline():
     assert edge_error_mm(np.zeros((32, 32)), np.ones((32, 32)), 1.0) == 0.0

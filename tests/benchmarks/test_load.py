@@ -9,8 +9,7 @@ from measurement import RESULTS
 
 
 def test_a_day_of_logs_is_what_the_page_says():
-    assert line_day.log_bytes() == 20 * 2500 * 768 * 2
-    assert line_day.day_bytes() == 153_600_000_000
+    assert (line_day.log_bytes(), line_day.day_bytes()) == (20 * 2500 * 768 * 2, 153_600_000_000)
 
 
 def test_the_table_of_machines_follows_from_what_the_results_hold():

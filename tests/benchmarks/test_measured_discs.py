@@ -90,8 +90,7 @@ def test_several_discs_of_few_views_are_read_from_one_file(tmp_path):
     part = first.scan(18, start=3)
     assert np.allclose(np.degrees(part.angles_rad), np.arange(18) * 20.0 + 12.0)
     assert np.array_equal(part.line_integrals[:, 0], sinograms[0, 3::5])
-    assert measured.starts(first, 18) == [0, 1, 3]
-    assert measured.starts(first, 90) == [0]
+    assert (measured.starts(first, 18), measured.starts(first, 90)) == ([0, 1, 3], [0])
 
 
 def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted():
@@ -110,21 +109,16 @@ def test_a_refused_calibration_stands_in_the_table_and_a_wrong_pass_is_counted()
     assert table.splitlines()[2] == "| a " + "| `pass` | 0.0040, 0.020 | 0.05, 0.30 % " * 2 + "|"
     assert table.splitlines()[4] == "| c " + "| refused, `phantom-not-seen` |  |  " * 2 + "|"
     figures = measured.calibration_figures(results[:3])
-    assert figures["calibrated"] == "2 of 3"
-    assert figures["`pass`, and of these wrong"] == "2, 1"
+    assert (figures["calibrated"], figures["`pass`, and of these wrong"]) == ("2 of 3", "2, 1")
     assert figures["rays within their bound"] == "1 of 2"
 
 
-def test_refused_drift_checks_and_intervals_are_counted():
+def test_refused_drift_checks_and_intervals_are_counted_and_images_averaged_over_discs():
     checks = ("a", 20, 0.03, 0.02, 0.001), ("a", 20, 0.05, 0.02, 0.001), ("b", 20)
     results = [measured.Checked(*each) for each in checks]
     row = next(line for line in measured.drift_table(results).splitlines() if line.startswith("| 20 "))
     assert row == "| 20 | 3 | 2 | 0.0412 mm | 0.0200 mm | 1 of 2 |"
-
-
-def test_images_are_averaged_over_discs():
     drawn = ("a", 20, "fbp", 0.4, 0.8), ("b", 20, "fbp", 0.5, 0.9), ("a", discs.VIEWS, "fbp", 0.0, 0.99)
-    images = [measured.Drawn(*each) for each in drawn]
-    lines = measured.image_table(images).splitlines()
+    lines = measured.image_table([measured.Drawn(*each) for each in drawn]).splitlines()
     assert lines[2].startswith("| 20 | 0.450, 0.850 |  |")
     assert lines[-1].startswith("| 720 | 0, 0.990 |")

@@ -35,8 +35,7 @@ def test_of_four_scans_one_is_clean_two_have_one_effect_and_one_has_two():
     scans = [StudyScan.of(number, SEED) for number in range(56)]
     assert [scan.kind for scan in scans[:4]] == ["clean", "single", "single", "pair"]
     assert [len(scan.sizes) for scan in scans[:4]] == [0, 1, 1, 2]
-    singles = [next(iter(scan.sizes)) for scan in scans if scan.kind == "single"]
-    assert singles[: len(EFFECTS)] == list(EFFECTS)
+    assert [next(iter(scan.sizes)) for scan in scans if scan.kind == "single"][: len(EFFECTS)] == list(EFFECTS)
 
 
 def test_a_clean_scan_has_nothing_but_unequal_cells_and_a_size():

@@ -155,14 +155,12 @@ def test_a_whole_number_may_be_written_as_a_float(tmp_path, written):
     ],
 )
 def test_parameters_at_their_bounds_give_finite_images(options):
-    made = sawmill_calibration.reconstruct(simulated(), THETA, size=16, **options)
-    assert np.isfinite(made.volume).all()
+    assert np.isfinite(sawmill_calibration.reconstruct(simulated(), THETA, size=16, **options).volume).all()
 
 
 def some(draw, usual, least, largest):
     """The usual value, else one between the bounds of its contract, all magnitudes alike, or a bound itself."""
-    chance = draw.random()
-    if chance < 0.9:
+    if draw.random() < 0.9:
         return usual
     magnitude = 10.0 ** draw.uniform(-9, math.log10(largest))
     return draw.choice([least, largest, min(max(draw.choice([-1, 1]) * magnitude, least), largest)])

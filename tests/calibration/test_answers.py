@@ -76,16 +76,12 @@ def calibration(scan):
     return sawmill.calibrate(scan, "l-shape")
 
 
-def test_a_simulated_scan_is_the_command_s(phantom_file, scan):
+def test_a_simulated_scan_and_its_calibration_are_the_command_s(phantom_file, scan, result_file, tmp_path):
     read = sawmill.read_scan(phantom_file, data="line-integrals", source_to_cor_mm=859.46)
     np.testing.assert_array_equal(read.line_integrals, scan.line_integrals)
     np.testing.assert_allclose(read.angles_rad, scan.angles_rad, rtol=1e-15)
     assert read.rows == scan.rows == (0, 2)
     assert read.scanner == scan.scanner == SCANNER
-
-
-def test_a_calibration_is_the_command_s(phantom_file, result_file, tmp_path):
-    read = sawmill.read_scan(phantom_file, data="line-integrals", source_to_cor_mm=859.46)
     found = sawmill.calibrate(read, "l-shape")
     found.save(tmp_path / "RESULT.json")
     printed, saved = json.loads(result_file.read_text()), json.loads((tmp_path / "RESULT.json").read_text())
@@ -152,16 +148,12 @@ def wide_stack():
     return sawmill.Scan.from_arrays(lines, phantom.angles_rad, SCANNER)
 
 
-def test_the_rows_of_a_log_are_the_second_witness(wide_stack):
+def test_the_rows_of_a_log_are_the_second_witness_and_count_within_the_scan(wide_stack):
     found = sawmill.calibrate(wide_stack, "l-shape", rows="0:2", log_rows="2:4").result
     assert (found.rows, found.log_check.log_rows, found.log_check.used) == ((0, 2), (2, 4), "both")
     alone = sawmill.calibrate(wide_stack.select(rows="0:2"), "l-shape").result
     assert alone.log_check is None
-
-
-def test_rows_of_a_log_count_within_the_scan(wide_stack):
-    part = replace(wide_stack, rows=(10, 14))
-    found = sawmill.calibrate(part, "l-shape", rows="0:2", log_rows="2:4").result
+    found = sawmill.calibrate(replace(wide_stack, rows=(10, 14)), "l-shape", rows="0:2", log_rows="2:4").result
     assert (found.rows, found.log_check.log_rows) == ((10, 12), (12, 14))
 
 
@@ -179,18 +171,14 @@ def test_rows_that_were_chosen_are_averaged(stack_file):
     assert sawmill.calibrate(read, "l-shape").result.rows == (1, 2)
 
 
-def test_a_saved_calibration_reads_back(calibration, tmp_path):
+def test_a_saved_calibration_reads_back_without_its_pictures(calibration, tmp_path):
     calibration.save(tmp_path / "saved.json")
     again = sawmill.read_calibration(tmp_path / "saved.json")
     assert again.result == calibration.result
     with pytest.raises(sawmill.InputError, match="read from a file"):
         again.plot()
-
-
-def test_a_report_has_the_pictures_unless_the_calibration_was_read_from_a_file(calibration, tmp_path):
-    calibration.save(tmp_path / "saved.json")
     pictures = {}
-    for name, known in (("made", calibration), ("read", sawmill.read_calibration(tmp_path / "saved.json"))):
+    for name, known in (("made", calibration), ("read", again)):
         known.report(tmp_path / f"{name}.html")
         pictures[name] = (tmp_path / f"{name}.html").read_text().count("data:image/svg")
     assert pictures["made"] >= 2
@@ -204,8 +192,7 @@ def test_a_calibration_finds_the_geometry(calibration):
     assert 0.29 < calibration.scale_uncertainty_percent < 0.4
     np.testing.assert_allclose(to_vector(calibration.theta), to_vector(THETA), rtol=0.05)
     assert calibration.theta.source_frame(859.46).magnification == pytest.approx(calibration.source_frame.magnification)
-    assert calibration.scanner == SCANNER
-    assert calibration.covariance.shape == (5, 5)
+    assert (calibration.scanner, calibration.covariance.shape) == (SCANNER, (5, 5))
 
 
 def test_a_reconstruction_is_the_volume_of_the_command(stack_file, result_file, tmp_path):
@@ -287,19 +274,15 @@ def test_results_draw_themselves(scan, log, calibration):
     assert isinstance(scan.plot(1), Figure)
 
 
-def test_html_escapes_the_phantom_s_name(scan, tmp_path):
-    l_shape = json.loads(DRAWING)
-    (tmp_path / "phantom.json").write_text(json.dumps(l_shape | {"name": "<script>alert(1)</script>"}))
-    page = sawmill.calibrate(scan, tmp_path / "phantom.json")._repr_html_()
-    assert "<script" not in page
-    assert "&lt;script&gt;" in page
-
-
-def test_a_phantom_may_be_an_object_a_name_or_a_file(scan, calibration, tmp_path):
+def test_a_phantom_may_be_an_object_a_name_or_a_file_whose_name_html_escapes(scan, calibration, tmp_path):
     (tmp_path / "phantom.json").write_text(DRAWING)
     corners = tuple(tuple(corner) for corner in json.loads(DRAWING)["shapes"][0]["vertices_mm"])
     for phantom in (tmp_path / "phantom.json", sawmill.Phantom("L", (sawmill.Polygon(corners),))):
         assert sawmill.calibrate(scan, phantom).theta == calibration.theta
+    (tmp_path / "phantom.json").write_text(json.dumps(json.loads(DRAWING) | {"name": "<script>alert(1)</script>"}))
+    page = sawmill.calibrate(scan, tmp_path / "phantom.json")._repr_html_()
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
 
 
 def test_a_part_of_a_scan_keeps_its_rows_numbers(log):

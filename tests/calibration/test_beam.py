@@ -80,8 +80,7 @@ def test_a_log_whose_middle_row_shows_nothing_is_reconstructed(calibration, log)
     rows = sawmill.Scan.from_arrays(stack, log.angles_rad, SCANNER, from_counts=True)
     found = sawmill.reconstruct(rows, calibration, method="fbp", **ASKED)
     assert "beam hardening, as the calibration found it, was taken out" in found.result.preparation
-    one = sawmill.reconstruct(log, calibration, method="fbp", **ASKED)
-    np.testing.assert_array_equal(found.volume[0], one.image)
+    np.testing.assert_array_equal(found.volume[0], sawmill.reconstruct(log, calibration, method="fbp", **ASKED).image)
 
 
 @pytest.mark.slow

@@ -35,15 +35,14 @@ def compare(active, new, scanner):
     return compared(active, geometry_of(new), scanner)
 
 
-def test_the_same_geometry_and_its_twin_have_not_moved(calibration, watched, theta):
+def test_the_same_geometry_and_its_twin_have_not_moved_and_a_knock_is_reported_in_millimetres(
+    calibration, watched, theta, knocked
+):
     for same in (theta, theta.twin(859.46)):
         change = compare(calibration(), calibration(same), watched())
         assert change.ray_change_mm < 1e-6
         assert change.within_tolerance
         assert "within the 0.50 mm allowed" in change.reason
-
-
-def test_a_knocked_detector_is_reported_in_millimetres(calibration, watched, knocked):
     change = compare(calibration(), knocked, watched())
     expected = knocked.source_frame.cor_column_mm - calibration().source_frame.cor_column_mm
     assert change.cor_column_change_mm == pytest.approx(expected)
@@ -78,16 +77,12 @@ def test_out_of_tolerance_is_the_first_reason_of_the_answer(
     answer = calibration_result(found, given, change)
     moved = [] if change.within_tolerance else [change.reason]
     assert change.within_tolerance == (ray_change_mm > 1.0)
-    assert answer.reasons == [*moved, *found.judgement.reasons]
-    assert answer.comparison == change
+    assert (answer.reasons, answer.comparison) == ([*moved, *found.judgement.reasons], change)
 
 
-def test_the_error_bars_of_both_calibrations_count(calibration, watched, knocked):
+def test_the_error_bars_of_both_calibrations_count_and_the_scanners_tolerance_decides(calibration, watched, knocked):
     vague = {"covariance": np.diag([1e-6, 400.0, 400.0, 1e-4, 1e-6]).tolist()}
     assert "and the tilt did not" in compare(calibration(**vague), knocked, watched()).reason
-
-
-def test_the_scanners_tolerance_decides(calibration, watched, knocked):
     ray_change = compare(calibration(), knocked, watched()).ray_change_mm
     assert compare(calibration(), knocked, watched(ray_change_mm=1.01 * ray_change)).within_tolerance
     assert not compare(calibration(), knocked, watched(ray_change_mm=0.99 * ray_change)).within_tolerance
@@ -114,11 +109,10 @@ def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, watched)
     assert "dried or swelled" in change.reason
 
 
-def test_a_change_of_scale_within_its_error_bars_is_not_mentioned(calibration, watched):
+def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_and_within_its_error_bars_not_mentioned(
+    calibration, watched
+):
     assert "scale" not in compare(*resized(calibration, 0.3, 2.0), watched()).reason
-
-
-def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_with_its_cause(calibration, watched):
     change = compare(*resized(calibration, 0.6, 0.3), watched())
     assert not change.within_tolerance
     assert "0.50 % is allowed." in change.reason
@@ -145,14 +139,12 @@ def test_the_first_angle_counts_only_where_it_has_a_tolerance(calibration, watch
     assert compare(calibration(), turned, watched(angle_change_deg=2.0)).within_tolerance
 
 
-def test_an_angle_that_wraps_is_small(calibration, watched, theta):
+def test_an_angle_that_wraps_is_small_and_rays_that_left_the_log_moved_by_more_than_its_radius(
+    calibration, watched, theta
+):
     before = calibration(replace(theta, initial_angle_rad=0.001))
-    after = calibration(replace(theta, initial_angle_rad=2 * math.pi - 0.001))
-    change = compare(before, after, watched())
+    change = compare(before, calibration(replace(theta, initial_angle_rad=2 * math.pi - 0.001)), watched())
     assert change.angle_change_deg == pytest.approx(-math.degrees(0.002))
-
-
-def test_rays_that_left_the_log_moved_by_more_than_its_radius(calibration, watched, theta):
     away = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 3000.0))
     change = compare(away, calibration(), watched())
     assert change.ray_change_mm >= 150.0
@@ -180,15 +172,12 @@ def result(calibration, theta):
     return of
 
 
-def test_two_that_differ_by_their_noise_are_repeatable(result):
+def test_calibrations_that_differ_by_their_noise_are_repeatable_and_a_moved_centre_or_another_scale_is_not(result):
     found = repeatability([("a", result()), ("b", result(column_mm=0.01)), ("c", result(column_mm=-0.01))])
     assert found.verdict == "repeatable"
     assert [(pair.first, pair.second) for pair in found.pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
     assert found.pairs[0].cor_column_difference_mm == pytest.approx(0.01)
     assert found.pairs[0].cor_column_deviation_mm == pytest.approx(0.02 * np.sqrt(2.0))
-
-
-def test_a_moved_centre_and_a_changed_scale_are_each_beyond_the_error_bars(result):
     (moved,) = repeatability([("a", result()), ("b", result(column_mm=0.4))]).pairs
     (larger,) = repeatability([("a", result()), ("b", result(longer=0.004))]).pairs
     assert not moved.within_error_bars

@@ -20,27 +20,21 @@ def crossed(kind, value):
     return adapter.validate_json(adapter.dump_json(adapter.validate_python(value)))
 
 
-def test_the_constants_cross_as_they_are(constants, scanner):
+def test_the_constants_cross_as_they_are_and_theta_makes_the_loop(constants, scanner, theta):
     assert crossed(Scanner, scanner) == scanner
     assert crossed(geometry.ScannerConstants, constants) == constants
     assert {name: getattr(constants, name) for name in vars(scanner)} == vars(scanner)
-
-
-def test_theta_makes_the_loop(theta):
     assert crossed(Theta, theta) == theta
     assert list(json.loads(TypeAdapter(Theta).dump_json(theta)).values()) == list(to_vector(theta))
 
 
-def test_the_source_frame_makes_the_loop_and_reports_its_magnification(theta):
+def test_the_source_frame_with_its_magnification_and_bounds_make_the_loop(theta):
     frame = theta.source_frame(859.46)
     back = crossed(geometry.ReportedSourceFrame, frame)
     assert vars(back) == vars(frame)
     assert back.magnification == pytest.approx(frame.source_to_detector_mm / frame.source_distance_mm)
     answered = json.loads(TypeAdapter(geometry.ReportedSourceFrame).dump_json(back))
     assert answered == {**vars(frame), "magnification": frame.magnification}
-
-
-def test_bounds_make_the_loop():
     found = crossed(ThetaBounds, ThetaBounds(source_shift_mm=(-10.0, 20.0)))
     assert isinstance(found, ThetaBounds)
     assert found.source_shift_mm == (-10.0, 20.0)

@@ -26,8 +26,7 @@ def log(row):
 @pytest.fixture(scope="module")
 def given():
     fan = FanBeamGeometry(MILL, THETA, (np.arange(VIEWS) + 0.5) * TAU / VIEWS)
-    stack = simulate_rows([log(row) for row in range(ROWS)], fan, noise=0.04, seed=2601)
-    return reconstruction_input(stack, fan)
+    return reconstruction_input(simulate_rows([log(row) for row in range(ROWS)], fan, noise=0.04, seed=2601), fan)
 
 
 def made(given, **options):
@@ -53,11 +52,10 @@ def test_no_seam_shows_where_blocks_meet(given, blocks_of_eight):
     assert steps[seams].mean() < 1.15 * inner.mean()
     assert whole.result.method.coupling == in_blocks.result.method.coupling == 0.5
     # Each slice is counted once.
-    assert in_blocks.data.shape == (ROWS, SIZE, SIZE)
-    assert in_blocks.result.method.unconverged_slices == 0
+    assert (in_blocks.data.shape, in_blocks.result.method.unconverged_slices) == ((ROWS, SIZE, SIZE), 0)
 
 
-def test_slices_help_each_other_where_nothing_else_is_asked_for_and_it_is_reported(given):
+def test_slices_help_each_other_where_nothing_else_is_asked_for_and_a_weight_that_is_given_stays(given):
     truth = np.stack([log(row).rasterise(SIZE, FIELD_MM) for row in range(ROWS)])
     alone, coupled = made(given, coupling="none"), made(given)
     assert alone.result.method.coupling == 0.0
@@ -65,9 +63,6 @@ def test_slices_help_each_other_where_nothing_else_is_asked_for_and_it_is_report
     assert coupled.result.method.weight < alone.result.method.weight
     errors = [np.linalg.norm(found.data - truth) for found in (coupled, alone)]
     assert errors[0] < 0.93 * errors[1]
-
-
-def test_a_weight_that_is_given_stays_when_the_coupling_is_chosen(given):
     report = made(given, weight=150.0).result.method
     assert report.coupling > 0.0
     assert report.weight == 150.0

@@ -93,8 +93,7 @@ def test_every_row_keeps_its_number_and_its_own_views(whole, mended, scans):
     assert mended.rows == (0, ROWS)
     np.testing.assert_array_equal(~np.isnan(mended.line_integrals[:, :, 0]), scans.there)
     # Flats of a wrong row would leave 5 %; the air of a row is measured over other views than without the loss.
-    difference = (mended.line_integrals - whole.line_integrals)[scans.there]
-    assert np.abs(difference).max() < 0.01
+    assert np.abs((mended.line_integrals - whole.line_integrals)[scans.there]).max() < 0.01
     assert (
         f"{int((scans.top > 0).sum())} of {VIEWS} views moved by 0 to {scans.top.max()} whole rows"
         in mended.remarks[-1]
@@ -103,13 +102,11 @@ def test_every_row_keeps_its_number_and_its_own_views(whole, mended, scans):
 
 def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations):
     without, with_loss = calibrations
-    assert with_loss.result.rows == (0, BOARD)
-    assert with_loss.result.views == VIEWS
+    assert (with_loss.result.rows, with_loss.result.views) == ((0, BOARD), VIEWS)
     assert with_loss.verdict == without.verdict, with_loss.result.reasons
     by_board = [found.result.log_check.phantom.cor_column_mm for found in calibrations]
     # The two share two thirds of their samples and more.
-    deviation = with_loss.result.log_check.phantom_standard_deviation.cor_column_mm
-    assert abs(by_board[1] - by_board[0]) < deviation
+    assert abs(by_board[1] - by_board[0]) < with_loss.result.log_check.phantom_standard_deviation.cor_column_mm
     bounds = [one.predicted_ray_error_mm.upper_95 for one in (without, with_loss)]
     # Up to a third fewer samples: noise makes the bound up to 1.22 times as large.
     assert bounds[1] == pytest.approx(bounds[0], rel=0.22)

@@ -24,8 +24,7 @@ AWAY = np.all([np.hypot(X - n.center_mm[0], Y - n.center_mm[1]) > 9.0 for n in N
 
 def images(bodies, **options):
     fan = FanBeamGeometry(MILL, THETA, (np.arange(VIEWS) + 0.5) * TAU / VIEWS)
-    stack = simulate_rows(bodies, fan, noise=0.01, seed=5)
-    given = reconstruction_input(stack, fan)
+    given = reconstruction_input(simulate_rows(bodies, fan, noise=0.01, seed=5), fan)
     asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, **options)
     made = reconstruct_in_memory(given, given.geometry, asked, lambda _: None)
     return made.data, made.result.method

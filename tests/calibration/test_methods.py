@@ -373,15 +373,12 @@ def test_rows_that_cannot_be_read_leave_no_volume(given, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, full_disk):
+def test_a_volume_larger_than_the_disk_and_a_slice_larger_than_the_memory_are_refused(given, tmp_path, full_disk):
     full_disk(10**5, size_bytes=10**9)
     with pytest.raises(JobFailure, match=r"70 x 32 x 32 needs up to 0\.000287 GB and 0\.0001 GB are free") as failure:
         run_reconstruction(given, given.geometry, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_slice_larger_than_the_memory_is_refused():
     capacity.check_memory(10**9, 10**9)
     with pytest.raises(
         JobFailure, match=r"one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"

@@ -50,14 +50,11 @@ def test_the_named_cause_is_the_true_one(views, options, physics, theta, displac
     assert remark.code == ("misfit-by-displaced-views" if displaced else "misfit-without-displaced-views")
 
 
-def test_single_views_that_do_not_fit_are_named_before_causes_of_the_whole_scan(scan):
+def test_single_views_are_named_before_causes_of_the_whole_scan_and_a_wrong_order_clears_no_angles(scan):
     exchanged = scan.line_integrals.copy()
     exchanged[[20, 21]] = exchanged[[5, 33]]
     (remark,) = remarks(replace(scan, line_integrals=exchanged), **ITERATIVE)
     assert (remark.code, remark.values["views"]) == ("misfit-in-few-views", "20-21")
-
-
-def test_a_wrong_order_of_the_views_never_clears_the_angles(scan):
     wrong = np.concatenate([scan.line_integrals[:20], scan.line_integrals[:19:-1]])
     (remark,) = remarks(replace(scan, line_integrals=wrong), **ITERATIVE)
     assert remark.code == "misfit-by-displaced-views" or "order" in remark.sentence

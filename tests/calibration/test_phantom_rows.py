@@ -113,15 +113,11 @@ def test_without_rows_beside_the_phantom_nothing_is_read(given, rows):
     assert find_log_row(given, rows, lambda _: pytest.fail("a row was read")) is None
 
 
-def test_air_and_more_of_the_phantom_are_no_log(given):
-    rng = np.random.default_rng(11)
-    noise = rng.normal(size=given.sinogram.shape) * 0.02 * given.sinogram.std()
+def test_air_and_more_of_the_phantom_are_no_log_and_one_as_large_as_the_phantom_is(given, shadow):
+    noise = np.random.default_rng(11).normal(size=given.sinogram.shape) * 0.02 * given.sinogram.std()
     assert find_log_row(given, (0, 12), lambda _: noise) is None
     # The same phantom, thicker by a tenth and 2 % of noise on it.
     assert find_log_row(given, (0, 12), lambda _: 1.1 * given.sinogram + noise) is None
-
-
-def test_a_log_as_large_as_the_phantom_is_one(given, shadow):
     square = [(-130.0, -130.0), (130.0, -130.0), (130.0, 130.0), (-130.0, 130.0)]
     for shape in (Disc((0.0, 0.0), 150.0), Polygon(tuple(square))):
         row = shadow(shape)
@@ -193,24 +189,18 @@ def test_measured_sides_give_the_size_tolerance_where_none_is_stated():
     assert drawing().size_tolerance == 0.0015
 
 
-def test_what_was_measured_is_kept_as_it_is_stored():
+def test_a_measurement_is_kept_as_it_is_stored_and_one_that_is_none_is_refused_with_its_value():
     known = drawing(ACROSS | {"measured_on": "2021-01-31", "expires_on": "2022-01-31", "nominal_mm": 200.0}, ALONG)
     assert PhantomDrawing.model_validate(known.model_dump(mode="json")).model_dump() == known.model_dump()
-
-
-def test_a_measurement_that_is_none_is_refused_with_its_value():
     with pytest.raises(ValidationError, match="standard_uncertainty_mm 25 of measured_mm 200 must be less than 10%"):
         drawing(ACROSS | {"standard_uncertainty_mm": 25.0})
 
 
-def test_a_measurement_that_has_expired_is_a_reason_from_the_day_after():
+def test_a_measurement_that_has_expired_and_one_that_the_drawing_contradicts_are_reasons():
     dated = ACROSS | {"measured_on": "2020-05-31", "expires_on": "2021-05-31"}
     assert reasons(dated, today="2021-05-31") == []
     (found,) = reasons(dated)
     assert found.startswith("The phantom's measurement of x expired on 2021-05-31. Measure it again. It was 200.00 mm")
-
-
-def test_a_drawing_that_is_not_as_measured_is_a_reason():
     # Three standard uncertainties of 0.06 mm.
     assert reasons(ALONG | {"measured_mm": 300.17}) == []
     (found,) = reasons(ALONG | {"measured_mm": 300.19})

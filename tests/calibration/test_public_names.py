@@ -30,12 +30,8 @@ def run(script: str, folder: Path) -> str:
     return done.stdout
 
 
-def test_importing_the_package_imports_nothing_slow(tmp_path):
-    loaded = set(run("import sys, sawmill_calibration; print(*sys.modules)", tmp_path).split())
-    assert not loaded & SLOW_TO_IMPORT
-
-
-def test_a_geometry_needs_numpy_alone(tmp_path):
+def test_importing_the_package_imports_nothing_slow_and_a_geometry_needs_numpy_alone(tmp_path):
+    assert not set(run("import sys, sawmill_calibration; print(*sys.modules)", tmp_path).split()) & SLOW_TO_IMPORT
     script = "import sys, sawmill_calibration as s; s.Theta, s.Scanner, s.FanBeamGeometry, s.Phantom"
     assert set(run(f"{script}; print(*sys.modules)", tmp_path).split()) & SLOW_TO_IMPORT == {"numpy"}
 

@@ -38,8 +38,7 @@ def truth():
 def scan():
     def of(views=20, rows=1, noise=0.02):
         fan = FanBeamGeometry(MILL, THETA, (np.arange(views) + 0.5) * TAU / views)
-        stack = simulate_rows([LOG] * rows, fan, noise=noise, seed=2706)
-        return reconstruction_input(stack, fan)
+        return reconstruction_input(simulate_rows([LOG] * rows, fan, noise=noise, seed=2706), fan)
 
     return of
 

@@ -67,16 +67,14 @@ def stack(scans: Path) -> Path:
 def result_file(scans: Path, phantom_scan: Path) -> Path:
     """What `calibrate --json` printed of the phantom's scan."""
     flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
-    answer = invoke("calibrate", phantom_scan, *flags)
-    (scans / "result.json").write_text(answer.stdout)
+    (scans / "result.json").write_text(invoke("calibrate", phantom_scan, *flags).stdout)
     return scans / "result.json"
 
 
 @pytest.fixture(scope="session")
 def result_hdf5(scans: Path, result_file: Path) -> Path:
     """The same answer as the service's `result.h5` has it."""
-    known = CalibrationFile.read(result_file.read_text())
-    write_answer(scans / "result.h5", known)
+    write_answer(scans / "result.h5", CalibrationFile.read(result_file.read_text()))
     return scans / "result.h5"
 
 

@@ -72,8 +72,7 @@ def test_rows_are_averaged(run, phantom_scan, result_file):
     document = calibrated(run, phantom_scan, *KNOWN, *L, "--rows", "1:2")
     both = json.loads(result_file.read_text())
     assert document["rows"] == [1, 2]
-    ratio = document["residual"]["relative"] / both["residual"]["relative"]
-    assert ratio == pytest.approx(math.sqrt(2), rel=0.05)
+    assert document["residual"]["relative"] / both["residual"]["relative"] == pytest.approx(math.sqrt(2), rel=0.05)
 
 
 def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
@@ -83,8 +82,7 @@ def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
     run("simulate", *body, "--views", 20, "--rows", 6, "--phantom-rows", 4, "-o", scan)
     flags = ("--data", "counts", "--source-to-cor-mm", 859.46, *L)
     found = calibrated(run, scan, *flags)
-    assert found["rows"] == [0, 4]
-    assert found["status"] == "calibrated"
+    assert (found["rows"], found["status"]) == ([0, 4], "calibrated")
     assert any("averaging of intensities" in adjustment for adjustment in found["adjustments"])
     named = calibrated(run, scan, *flags, "--rows", "0:4", "--without", "intensity-averaging", "--without", "blur")
     assert not any("averaging of intensities" in adjustment for adjustment in named["adjustments"])
@@ -138,8 +136,7 @@ def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, tmp_path
         detector = file["entry/instrument/detector"]
         attributes = dict(detector["data"].attrs)
         del detector["data"]
-        data = detector.create_dataset("data", (60, 10**8, 256), np.float32, chunks=(60, 1, 256))
-        data.attrs.update(attributes)
+        detector.create_dataset("data", (60, 10**8, 256), np.float32, chunks=(60, 1, 256)).attrs.update(attributes)
     reported = failure("calibrate", tmp_path / "tall.h5", *KNOWN, *L)
     assert reported["code"] == "too-large"
     assert "needs 6144000000000 bytes as float32" in reported["detail"]
@@ -241,13 +238,10 @@ def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, 
     assert complaint in wrong_use("calibrate", scan, *flags)
 
 
-def test_a_picture_needs_its_width_and_a_drawing_none(wrong_use, bare_scan, tmp_path):
+def test_a_picture_needs_its_width_a_drawing_none_and_every_scan_its_file(wrong_use, bare_scan, tmp_path):
     (tmp_path / "l.png").touch()
     (tmp_path / "l.json").touch()
     assert "give --phantom-width-mm" in wrong_use("calibrate", bare_scan, *KNOWN, "--phantom", tmp_path / "l.png")
     drawing = ("--phantom", tmp_path / "l.json", "--phantom-width-mm", 400)
     assert "a drawing is in mm already" in wrong_use("calibrate", bare_scan, *KNOWN, *drawing)
-
-
-def test_a_file_that_is_not_there_is_wrong_use(wrong_use, tmp_path):
     assert "does not exist" in wrong_use("calibrate", tmp_path / "none.h5", *BARE)

@@ -42,8 +42,7 @@ def scan(tmp_path):
     ],
 )
 def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contract, prefix):
-    parameters = typer.main.get_command(main).commands[command].params
-    options = {parameter.name: parameter for parameter in parameters}
+    options = {parameter.name: parameter for parameter in typer.main.get_command(main).commands[command].params}
     fields = {name: field for name, field in contract.model_fields.items() if name != "paper"}
     for name, field in fields.items():
         flag = options[prefix + name]
@@ -52,15 +51,12 @@ def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contr
         assert flag.help.replace("\\[", "[") == field.description
 
 
-def test_all_that_is_missing_is_named_at_once(wrong_use, scan):
+def test_all_that_is_missing_is_named_at_once_with_arguments_choices_and_what_a_flag_needs(wrong_use, scan):
     assert (
         "Missing option '--data' <counts|line-integrals> (Kind of the numbers; never guessed), "
         "option '--source-to-cor-mm' <float range> (r_S, source to centre of rotation, mm) and "
         "option '--phantom' NAME|FILE (l-shape, rectangle-with-hole, a drawing FILE.json"
     ) in wrong_use("calibrate", scan)
-
-
-def test_arguments_choices_between_flags_and_what_a_flag_needs_are_named_too(wrong_use, scan):
     missing = wrong_use("reconstruct")
     for each in ("argument 'SCAN'", "option '--data'", "option '--output' / '-o' OUT", "'--theta' or '--calibration'"):
         assert each in missing

@@ -79,8 +79,7 @@ for found in walk_packages(tomography.__path__, "sawmill_tomography."):
             if _is_cached(kernel) and not kernel.signatures:
                 print(name)
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == ""
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == ""
 
 
 def test_every_part_is_reported_and_a_failure_is_no_silence(capfd):
@@ -92,15 +91,12 @@ def test_every_part_is_reported_and_a_failure_is_no_silence(capfd):
         compile_kernels(progress.append, ["no such part"])
 
 
-def test_byte_code_that_is_missing_is_compiled(tmp_path):
+def test_byte_code_of_our_code_and_of_the_libraries_is_compiled_where_it_is_missing(tmp_path):
     for name, text in (("whole.py", "ANSWER = 1"), ("template.py", "{{ no Python }}")):
         (tmp_path / name).write_text(text)
     compile_bytecode([str(tmp_path)])
     assert Path(cache_from_source(str(tmp_path / "whole.py"))).is_file()
     assert not Path(cache_from_source(str(tmp_path / "template.py"))).exists()
-
-
-def test_byte_code_is_that_of_our_code_and_of_the_libraries():
     for package in (sawmill_service, sawmill_worker, np):
         folders = Path(package.__file__).parents
         assert {str(folder) for folder in folders} & bytecode_folders()

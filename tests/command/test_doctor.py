@@ -80,8 +80,7 @@ def test_an_installation_in_order_has_nothing_bad(findings, run, data):
 
 
 def test_a_folder_that_is_not_there_is_not_made(run, tmp_path):
-    printed = run("doctor", "--data", tmp_path / "none").stdout
-    assert "the first start of sawmill serve makes it" in printed
+    assert "the first start of sawmill serve makes it" in run("doctor", "--data", tmp_path / "none").stdout
     assert not (tmp_path / "none").exists()
 
 
@@ -198,17 +197,14 @@ def test_a_setting_that_is_wrong_or_names_what_is_not_there(found, monkeypatch, 
     assert "secret-word" not in json.dumps(finding)
 
 
-def test_a_server_that_is_away(found, monkeypatch):
-    monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill@127.0.0.1:1/sawmill")
-    assert found("database")["cure"] == "start its server, or end the process that holds it"
-
-
-def test_redis_that_refuses_the_password(found, monkeypatch, refusing_redis_url):
+def test_a_redis_that_refuses_the_password_and_a_server_that_is_away(found, monkeypatch, refusing_redis_url):
     monkeypatch.setenv("SAWMILL_BROKER_URL", refusing_redis_url)
     finding = found("Redis")
     assert "127.0.0.1 refuses the user or the password" in finding["sentence"]
     assert "SAWMILL_BROKER_URL" in finding["cure"]
     assert "wrong-word" not in json.dumps(finding)
+    monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill@127.0.0.1:1/sawmill")
+    assert found("database")["cure"] == "start its server, or end the process that holds it"
 
 
 def test_a_clock_that_is_off(found, data, moved_clock):
@@ -304,8 +300,7 @@ def test_a_folder_that_others_may_write_to_or_read(found, data, mode, code, chan
 
 def test_a_port_that_is_taken_on_postgresql_perhaps_by_the_service(found, monkeypatch):
     with machine.listen("127.0.0.1", 0, guarded=True) as taken:
-        settings = ServiceSettings(port=taken.getsockname()[1])
-        assert machine.address(settings, may_be_ours=True).state is State.GOOD
+        assert machine.address(ServiceSettings(port=taken.getsockname()[1]), may_be_ours=True).state is State.GOOD
         monkeypatch.setenv("SAWMILL_PORT", str(taken.getsockname()[1]))
         assert "is taken" in found("address")["sentence"]
 

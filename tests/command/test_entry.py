@@ -19,8 +19,7 @@ THETA = "2.55,714.7,319.9,43.7,0.281"
 
 
 def sawmill(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [SAWMILL, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run([SAWMILL, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_an_early_interruption_is_no_traceback():

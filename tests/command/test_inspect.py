@@ -42,8 +42,7 @@ def test_a_scan_with_all_there_is_lacks_its_kind_only(inspect, stack):
     assert answer["missing"][0]["flag"] == "--data counts"
     assert flags_of(answer, needed=False) == ["--source-to-cor-mm"]
     data = parts_of(answer)["/entry/data/data"]
-    assert data["type"] == "uint16"
-    assert data["compression"] == "shuffle, deflate"
+    assert (data["type"], data["compression"]) == ("uint16", "shuffle, deflate")
     assert 0 < data["stored_bytes"] < 2 * np.prod(data["shape"])
     assert parts_of(answer)["/entry/data/rotation_angle"]["unit"] == "deg"
     assert parts_of(answer)["/entry/instrument/detector/data"]["leads_to"] == "/entry/data/data"
@@ -147,8 +146,7 @@ def test_given_flags_make_a_scan_complete(inspect, tmp_path):
     np.save(tmp_path / "air.npy", np.full((ROWS, CELLS), 30_000, np.uint16))
     given = ("--data", "counts", *ANGLES, "--detector-pitch-mm", 1.5, "--flats", tmp_path / "air.npy")
     answer = inspect(tmp_path / "views.npy", *given)
-    assert answer["verdict"] == "ready"
-    assert answer["reading"]["flats"] == 1
+    assert (answer["verdict"], answer["reading"]["flats"]) == ("ready", 1)
     assert answer["reading"]["other_files"] == [str(tmp_path / "air.npy")]
     assert flags_of(answer, needed=False) == ["--row-pitch-mm", "--darks", "--source-to-cor-mm"]
 
@@ -240,19 +238,15 @@ def parts(scans, stack):
     return scans
 
 
-def test_counts_without_flats_name_the_flag(failure, parts, tmp_path):
+def test_fields_that_are_missing_do_not_exist_or_are_in_both_places_are_refused(
+    failure, parts, tmp_path, wrong_use, stack
+):
     given = (*GEOMETRY, "--data", "counts", "-o", tmp_path / "out.h5", "--angles-file", parts / "angles.txt")
     answer = failure("reconstruct", parts / "views.npy", *given, *PITCH)
     assert answer["code"] == "flats-missing"
     assert "(--flats)" in answer["detail"]
-
-
-def test_flats_that_do_not_exist_are_wrong_use(wrong_use, stack):
     flags = ("--data", "counts", *GEOMETRY, "-o", "out.h5")
     assert "'--flats'" in wrong_use("reconstruct", stack, *flags, "--flats", "nowhere.tif")
-
-
-def test_fields_in_both_places_are_refused(failure, parts, stack, tmp_path):
     given = ("--data", "counts", *GEOMETRY, "-o", tmp_path / "out.h5", "--flats", parts / "flats.npy")
     answer = failure("reconstruct", stack, *given)
     assert answer["code"] == "contradiction"

@@ -51,8 +51,7 @@ def log_truth() -> np.ndarray:
 
 def test_the_calibration_alone_is_enough(run, stack, result_file, log_truth, tmp_path):
     flags = ("--data", "counts", "--calibration", result_file, "--rows", "2:4", "-o", tmp_path / "out.h5")
-    result = run("reconstruct", stack, *flags, "--png", tmp_path / "out.png")
-    assert result.stdout == ""
+    assert run("reconstruct", stack, *flags, "--png", tmp_path / "out.png").stdout == ""
     slices = volume(tmp_path / "out.h5")
     assert slices.shape == (2, 256, 256)
     assert relative_error(slices[0], log_truth) < 0.25
@@ -179,11 +178,8 @@ def test_the_sense_of_rotation_comes_with_theta(run, phantom_scan, tmp_path):
 
 def test_json_reports_what_the_volume_holds(run, stack, result_file, tmp_path):
     flags = ("--data", "counts", "--calibration", result_file, "--size", 64, "--field-mm", 320, "--filter", "cosine")
-    result = run("reconstruct", stack, *flags, "-o", tmp_path / "out.h5", "--json", "--views", 30)
-    document = json.loads(result.stdout)
-    assert document["state"] == "succeeded"
-    assert document["shape"] == [4, 64, 64]
-    assert document["pixel_mm"] == 5.0
+    document = json.loads(run("reconstruct", stack, *flags, "-o", tmp_path / "out.h5", "--json", "--views", 30).stdout)
+    assert (document["state"], document["shape"], document["pixel_mm"]) == ("succeeded", [4, 64, 64], 5.0)
     assert document["views"] == 30
     with h5py.File(tmp_path / "out.h5") as file:
         assert volume(tmp_path / "out.h5").shape == (4, 64, 64)
@@ -244,8 +240,7 @@ def test_what_contradicts_the_calibration_or_the_field_is_refused(failure, stack
 def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
     (tmp_path / "full").mkdir(mode=0o700)
     target = tmp_path / "full" / ("x" * 300 + ".h5")
-    reported = failure("reconstruct", stack, "--data", "counts", *THETA, "-o", target)
-    assert reported["code"] == "file-system"
+    assert failure("reconstruct", stack, "--data", "counts", *THETA, "-o", target)["code"] == "file-system"
     assert list((tmp_path / "full").iterdir()) == []
 
 
@@ -328,8 +323,7 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
     views = ((rows >= top) & (rows < ROWS - bottom)).sum(axis=1)
     first, last = np.flatnonzero(views >= 18)[[0, -1]]
     # All rows that half of the 36 views have, by their own numbers.
-    assert answer["rows"] == [first, last + 1]
-    assert answer["shape"] == [last + 1 - first, 32, 32]
+    assert (answer["rows"], answer["shape"]) == ([first, last + 1], [last + 1 - first, 32, 32])
     assert answer["fewest_views"] == views[first : last + 1].min() < answer["views"]
     air, rings, aligned = answer["coded_preparation"]
     assert (air["code"], round(air["values"]["level"], 1), rings["code"]) == ("air-level", 0.2, "rings-removed")

@@ -153,8 +153,7 @@ def test_a_report_of_result_h5_has_the_pictures_and_the_day(run, hdf5, tmp_path)
 def test_a_report_of_an_answer_alone_says_that_it_has_no_pictures(run, answer, tmp_path, beside):
     path = tmp_path / "RESULT.json"
     path.write_text(json.dumps(CalibrationFile.of(answer).model_dump(mode="json") | beside))
-    done = run("report", path, "-o", tmp_path / "report.html")
-    assert "has no pictures of the scan" in " ".join(done.stderr.split())
+    assert "has no pictures of the scan" in " ".join(run("report", path, "-o", tmp_path / "report.html").stderr.split())
     html = (tmp_path / "report.html").read_text()
     assert "data:image" not in html
     assert ("monday" in html) is bool(beside)
@@ -175,8 +174,7 @@ def test_a_report_of_an_answer_alone_says_that_it_has_no_pictures(run, answer, t
     ],
 )
 def test_damaged_arrays_are_refused_in_one_sentence(run, hdf5, tmp_path, changes, reason):
-    done = run("report", hdf5(**changes), "-o", tmp_path / "report.html", code=1)
-    assert reason in " ".join(done.stderr.split())
+    assert reason in " ".join(run("report", hdf5(**changes), "-o", tmp_path / "report.html", code=1).stderr.split())
     assert not (tmp_path / "report.html").exists()
 
 

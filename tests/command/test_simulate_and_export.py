@@ -102,8 +102,7 @@ def test_wrong_use_is_refused(wrong_use, tmp_path, body, flags, complaint):
 
 def test_an_impossible_geometry_is_refused(run, tmp_path):
     flags = ("--theta", "0,700,0,0,10", *SMALL, "--data", "line-integrals", "-o", tmp_path / "x.h5")
-    result = run("simulate", "l-shape", *flags, code=1)
-    assert result.stderr.startswith("geometry: ")
+    assert run("simulate", "l-shape", *flags, code=1).stderr.startswith("geometry: ")
 
 
 @pytest.fixture
@@ -164,8 +163,7 @@ def test_physics_are_of_counts(wrong_use, tmp_path, physics_file):
 
 
 def calibrated(result_file, angles_deg) -> FanBeamGeometry:
-    theta = Theta(**json.loads(result_file.read_text())["theta"])
-    return FanBeamGeometry(SCANNER, theta, np.deg2rad(angles_deg))
+    return FanBeamGeometry(SCANNER, Theta(**json.loads(result_file.read_text())["theta"]), np.deg2rad(angles_deg))
 
 
 def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):

@@ -355,8 +355,7 @@ def test_of_many_posts_at_once_none_is_refused(tmp_path, offline, phantom_scan, 
         def post(seed: int) -> int:
             together.wait()
             ask = {"scan_id": scan["id"], "seed": seed}
-            headers = {"Idempotency-Key": str(uuid4())}
-            return client.post("/v1/calibrations", json=ask, headers=headers).status_code
+            return client.post("/v1/calibrations", json=ask, headers={"Idempotency-Key": str(uuid4())}).status_code
 
         limits = httpx.Limits(max_connections=number)
         with (

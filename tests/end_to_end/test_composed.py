@@ -141,8 +141,7 @@ def environments(composed: Composed) -> set[str]:
     for process in composed.processes.values():
         for member in descendants(process.pid):
             with suppress(FileNotFoundError, ProcessLookupError):  # ended meanwhile
-                variables = Path(f"/proc/{member}/environ").read_text().split("\0")
-                found |= {text.partition("=")[2] for text in variables}
+                found |= {text.partition("=")[2] for text in Path(f"/proc/{member}/environ").read_text().split("\0")}
     assert composed.place.environment("api", composed.services["api"])["SAWMILL_TOKEN_FILE"] in found
     return found
 

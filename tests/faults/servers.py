@@ -121,8 +121,7 @@ class Postgres:
     def _family(self) -> list[int]:
         assert self._process is not None
         parent = self._process.pid
-        children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-        return [parent, *map(int, children)]
+        return [parent, *map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())]
 
 
 def _wait_for(answer, refusal: type[Exception]) -> None:

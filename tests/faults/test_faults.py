@@ -51,8 +51,7 @@ def audit(store):
 @pytest.fixture
 def plan(store):
     store.scanners.create(ScannerSpec(name="line", constants=vars(work.SCANNER)), scanner_id="line")
-    ask = PlanRequest(scanner_id="line", theta=vars(work.THETA))
-    return store.plans.accept(ask, given={"phantom_id": "l-shape"})
+    return store.plans.accept(PlanRequest(scanner_id="line", theta=vars(work.THETA)), given={"phantom_id": "l-shape"})
 
 
 class Answering:

@@ -152,8 +152,7 @@ def test_a_machine_that_cannot_run_it_is_refused(refused, unpacked, tmp_path, ch
 
 def test_a_version_that_is_installed_stays_as_it_is(refused, tmp_path):
     (tmp_path / "target/1.2.3").mkdir(parents=True)
-    complaint = refused("--python", sys.executable, "target")
-    assert f"{tmp_path / 'target/1.2.3'} is there already" in complaint
+    assert f"{tmp_path / 'target/1.2.3'} is there already" in refused("--python", sys.executable, "target")
     assert list((tmp_path / "target").iterdir()) == [tmp_path / "target/1.2.3"]
 
 

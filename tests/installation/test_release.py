@@ -113,7 +113,7 @@ def test_the_bill_of_materials_names_each_package_and_depends_on_the_wheels_alon
     assert component["hashes"] == [{"alg": "SHA-256", "content": digests["a-1.0-py3-none-any.whl"]}]
 
 
-def test_the_licences_have_our_own_each_package_s_name_and_its_texts(wheels):
+def test_the_licences_have_our_own_each_package_s_name_and_texts_and_those_of_files_inside_a_package(wheels, tmp_path):
     text = "".join(shipped.licences(wheels, "Apache License"))
     assert text.startswith("Sawmill calibration is licensed under Apache-2.0:\n\nApache License\n")
     assert re.search(r"\na 1\.0: MIT\n\n----- a-1\.0\.data/.*third-party-programs\.txt\n\nParts of C\.\n", text)
@@ -121,9 +121,6 @@ def test_the_licences_have_our_own_each_package_s_name_and_its_texts(wheels):
     assert "\n----- a-1.0.dist-info/licenses/LICENSE.external\n\nOthers ask for more.\n" in text
     assert len(re.findall(r"^-----", text, re.MULTILINE)) == 3, "no folders and no programs"
     assert "\nb 1.0: MIT\n\nIts wheel contains no text of the licence.\n" in text
-
-
-def test_the_licences_of_files_inside_a_package_are_named(tmp_path):
     wheel = tmp_path / "fastapi_offline-1.0-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as packed:
         about = f"Name: {metadata('fastapi-offline')['Name']}\nVersion: 1.0\n"

@@ -32,11 +32,8 @@ def after(facts, now, opened=()):
     return alarms
 
 
-def test_without_limits_nothing_opens():
+def test_nothing_opens_without_limits_and_without_a_scan_the_time_counts_from_the_scanner():
     assert after(NEW, START + timedelta(days=300)) == {}
-
-
-def test_without_a_scan_the_time_counts_from_the_scanner():
     facts = replace(NEW, limits=AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1))
     assert after(facts, hours(23)) == {}
     opened = after(facts, hours(24))
@@ -48,22 +45,17 @@ def test_without_a_scan_the_time_counts_from_the_scanner():
 
 @pytest.mark.parametrize("time", ["scan_stored_at", "scan_accepted_at"])
 def test_any_scan_ends_the_quiet_and_a_deleted_one_counts(time):
-    opened = after(QUIET, hours(30))
-    assert after(replace(QUIET, **{time: hours(30)}), hours(30), opened) == {}
+    assert after(replace(QUIET, **{time: hours(30)}), hours(30), after(QUIET, hours(30))) == {}
 
 
-def test_no_clock_closes_an_alarm_and_no_deletion():
+def test_another_limit_is_another_alarm_no_limit_ends_it_and_no_clock_and_no_deletion_closes_it():
+    longer = after(replace(QUIET, limits=AlarmLimits(quiet_after_hours=48)), hours(100), after(QUIET, hours(100)))
+    assert [alarm.limit_hours for alarm in longer.values()] == [48.0]
+    assert after(NEW, hours(100), longer) == {}
     heard = replace(QUIET, scan_stored_at=hours(2))
     opened = after(heard, hours(26))
     assert opened
     assert after(heard, hours(1), opened) == after(QUIET, hours(26), opened) == opened
-
-
-def test_another_limit_is_another_alarm_and_no_limit_ends_it():
-    opened = after(QUIET, hours(100))
-    longer = after(replace(QUIET, limits=AlarmLimits(quiet_after_hours=48)), hours(100), opened)
-    assert [alarm.limit_hours for alarm in longer.values()] == [48.0]
-    assert after(NEW, hours(100), longer) == {}
 
 
 def test_a_phantom_scan_that_is_being_read_puts_the_alarm_off_and_ends_none():

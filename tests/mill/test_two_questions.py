@@ -83,12 +83,9 @@ def test_a_change_is_certain_beyond_both_error_bars_together():
     assert (found["cor_column_mm"].is_certain, found["tilt_rad"].is_certain) == (True, False)
 
 
-def test_the_first_angle_goes_the_shorter_way_round():
+def test_the_first_angle_goes_the_shorter_way_round_and_without_an_error_bar_nothing_is_certain():
     angle, *_ = differences(calibration(psi_rad=0.01), calibration(psi_rad=math.tau - 0.02))
     assert angle.change == pytest.approx(-0.03)
-
-
-def test_without_an_error_bar_nothing_is_certain():
     held = SPREADS | {"source_frame": SPREADS["source_frame"] | {"source_distance_mm": None}}
     of_r = next(each for each in differences(calibration(), calibration(held)) if each.name == "source_distance_mm")
     assert (of_r.error, of_r.is_certain) == (None, None)

@@ -130,8 +130,7 @@ def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, d
 def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
     async def ask_at_once():
         async with asynchronous(seeded.app) as client:
-            asked = [client.get("/v1/calibrations/example/overlay.png") for _ in range(4)]
-            return await asyncio.gather(*asked)
+            return await asyncio.gather(*[client.get("/v1/calibrations/example/overlay.png") for _ in range(4)])
 
     answers = asyncio.run(ask_at_once())
     assert ({answer.status_code for answer in answers}, len({answer.content for answer in answers})) == ({200}, 1)
@@ -167,8 +166,7 @@ def test_only_a_finished_calibration_is_activated_an_older_one_rolls_back_and_a_
     assert seeded.get("/v1/scanners/example/history/entries").json()["items"][0]["why"] == "the new one blurs"
     path = seeded.post("/v1/calibrations", json={"scan_id": "example"}).headers["Location"]
     assert seeded.post(f"{path}/activate").status_code == 409
-    upload = "/v1/scans?scanner_id=example&data=counts&phantom_id=l-shape"
-    scan = seeded.post(upload, content=b"x").json()
+    scan = seeded.post("/v1/scans?scanner_id=example&data=counts&phantom_id=l-shape", content=b"x").json()
     assert seeded.post("/v1/calibrations", json={"scan_id": scan["id"]}).status_code == 202
 
 

@@ -68,8 +68,7 @@ def test_without_a_file_it_takes_one(seeded):
 
 
 def test_without_a_scanner_it_leads_to_a_new_one_or_takes_the_file_first(client):
-    page = client.get("/calibrate")
-    assert absent(page.text, 'href="/scanners/new"', 'type="file"') == []
+    assert absent(client.get("/calibrate").text, 'href="/scanners/new"', 'type="file"') == []
 
 
 def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
@@ -92,8 +91,7 @@ def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
 
 
 def test_a_scanner_that_is_made_for_a_file_is_filled_from_it_and_then_chosen(seeded, inspect):
-    reading = {"shape": {"views": 12, "rows": 4, "detector": 1024}, "detector_pitch_mm": 1.1}
-    inspection = inspect(reading=reading)
+    inspection = inspect(reading={"shape": {"views": 12, "rows": 4, "detector": 1024}, "detector_pitch_mm": 1.1})
     page = seeded.get(f"/calibrate?inspection={inspection}&phantom=example-spare&angles=0%3A30")
     assert "No scanner that is described here can have made this file." in shown(page)
     path = unescape(re.search(r'href="(/scanners/new[^"]*)">Another scanner', page.text)[1])
@@ -128,8 +126,7 @@ def test_scanners_that_do_not_fit_are_disabled_with_the_reason_and_never_chosen(
 def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, inspect, woken):
     parts = [{"name": name, "kind": "array", "shape": (12, 4, 16), "type": "uint16"} for name in ("/a", "/b")]
     inspection = inspect(reading=None, missing=[DATASET], parts=parts)
-    page = seeded.get(f"/calibrate?inspection={inspection}")
-    assert inputs(page, "dataset") == ["/a", "/b"]
+    assert inputs(seeded.get(f"/calibrate?inspection={inspection}"), "dataset") == ["/a", "/b"]
     answer = seeded.post("/calibrate/dataset", data={"inspection_id": inspection, "dataset": "/b"})
     assert answer.status_code == 303
     again = store.inspections.get(answer.headers["Location"].partition("inspection=")[2])

@@ -120,8 +120,7 @@ def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops
 
 
 def test_a_stream_goes_on_where_its_client_has_been_and_one_of_a_scanner_leaves_the_others_out(follow, store, seeded):
-    every = follow(query="?after=0")
-    numbers = [block["id"] for block in every if block["event"] not in {"alive", "closing"}]
+    numbers = [block["id"] for block in follow(query="?after=0") if block["event"] not in {"alive", "closing"}]
     assert len(numbers) > 20
     assert numbers == sorted(set(numbers), key=int)
     seen, rest = numbers[9], numbers[10:]
@@ -155,8 +154,7 @@ def test_silence_is_broken_and_an_outage_is_outlived(seeded, store, follow):
             time.sleep(HEARD_S)
         store.schedules.delete("example")
 
-    heard = follow(go_away_and_come_back)
-    names = [block.get("event", "comment") for block in heard]
+    names = [block.get("event", "comment") for block in follow(go_away_and_come_back)]
     assert {"alive", "comment", "schedule-deleted"} <= set(names)
     assert names.index("comment") < len(names) - 1 - names[::-1].index("alive")
 

@@ -24,8 +24,7 @@ def job_id(seeded):
 
 
 def test_jobs_have_their_place_and_a_queued_one_is_cancelled_at_once(seeded, job_id):
-    listed = seeded.get("/v1/jobs?kind=calibrate&state=queued").json()["items"]
-    assert [job["id"] for job in listed] == [job_id]
+    assert [job["id"] for job in seeded.get("/v1/jobs?kind=calibrate&state=queued").json()["items"]] == [job_id]
     assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
     second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
     assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]

@@ -102,8 +102,7 @@ def test_a_request_takes_no_thread_before_its_route_does():
 @pytest.fixture
 def job_id(store) -> str:
     """The job that reads a scan."""
-    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
-    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    spec = ScanSpec(scanner_id=store.scanners.create(ScannerSpec.model_validate(SPEC)).id, data=DataKind.COUNTS)
     return store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9)).job_id
 
 
@@ -335,8 +334,7 @@ def test_of_many_at_once_exactly_as_many_are_accepted_as_there_are_places(each_s
             return await client.post("/v1/inspections", content=f"file {number}".encode())
 
     async def ask_all(key):
-        asked = [ask(apps[number % 2][0], key, number) for number in range(AT_ONCE)]
-        return await asyncio.gather(*asked)
+        return await asyncio.gather(*[ask(apps[number % 2][0], key, number) for number in range(AT_ONCE)])
 
     answers = [asyncio.run(ask_all(key)) for key in keys]
     for _, opened in apps:

@@ -224,8 +224,7 @@ def test_forty_large_slices_fit_into_1_gb_and_keep_nobody_waiting(seeded, store,
 
     async def ask(client: httpx.AsyncClient, key: str, window_low: float) -> None:
         path = f"/v1/reconstructions/large/slices/0.png?window_low={window_low}"  # so that none is kept
-        answer = await client.get(path, headers={"Authorization": f"Bearer {key}"})
-        statuses.append(answer.status_code)
+        statuses.append((await client.get(path, headers={"Authorization": f"Bearer {key}"})).status_code)
         answered.append(key)
 
     async def all_answered(address: str) -> None:

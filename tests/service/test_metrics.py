@@ -258,8 +258,7 @@ class Selector(NamedTuple):
 
 
 def rules() -> list[dict]:
-    groups = yaml.safe_load((FOLDER / "alerts.yml").read_text())["groups"]
-    return [rule for group in groups for rule in group["rules"]]
+    return [rule for group in yaml.safe_load((FOLDER / "alerts.yml").read_text())["groups"] for rule in group["rules"]]
 
 
 def dashboard() -> dict:

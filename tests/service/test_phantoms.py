@@ -167,8 +167,7 @@ def test_a_preview_draws_what_it_can_and_names_the_shape_that_is_wrong(client):
         shown = client.post("/phantoms/preview", json={"shapes": [disc(0, 0, lax)]}).json()
         assert shown["svg"] is None
         assert shown["faults"][0]["sentence"].startswith("radius_mm should be a valid number, not")
-    holes = [SQUARE, disc(0, 0, 80, density=-1)]
-    found = client.post("/phantoms/preview", json={"shapes": holes}).json()["faults"]
+    found = client.post("/phantoms/preview", json={"shapes": [SQUARE, disc(0, 0, 80, density=-1)]}).json()["faults"]
     assert [fault["shape"] for fault in found] == [1, None]
 
 

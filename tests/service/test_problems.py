@@ -461,8 +461,7 @@ def test_a_problem_leads_to_its_page_which_whoever_was_refused_can_read(client, 
     assert (refused.status_code, client.get(refused.json()["type"]).json()["status"]) == (401, 401)
     assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
     store.keys = store.sessions = None
-    wrong = {"Authorization": "Bearer wrong"}
-    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
+    assert client.get("/problems/storage-unavailable", headers={"Authorization": "Bearer wrong"}).status_code == 200
 
 
 @pytest.mark.parametrize("language", ["en", "fi"])

@@ -83,8 +83,7 @@ def test_a_slice_has_the_colours_the_scale_bar_and_the_deviation_that_were_asked
     assert (plain.mode, colored.mode) == ("L", "RGB")
     assert np.count_nonzero(np.asarray(plain) != np.asarray(bare)) > 100
     assert (68, 1, 84) in colored.get_flattened_data()  # where viridis begins
-    url = "/v1/reconstructions/example-sparse/slices/1.png"
-    shown = seeded.get(url, params={"show": "deviation", "bits": 16})
+    shown = seeded.get("/v1/reconstructions/example-sparse/slices/1.png", params={"show": "deviation", "bits": 16})
     with Image.open(io.BytesIO(shown.content)) as image:
         # A tenth of the slice, whose values rise from 0 to 2.
         assert float(image.text["window_high"]) == pytest.approx(0.2, rel=0.05)
@@ -187,8 +186,7 @@ def test_a_volume_is_read_back_from_the_files_of_other_programs_however_large(se
     np.testing.assert_array_equal(header["space origin"], [-19.375, -19.375, 0.0])
     assert header["space units"] == ["mm", "mm", "mm"]
     shape = (100, 4096, 4096)
-    grid = VolumeGrid(shape, 0.1, (-204.75, -204.75), None, None)
-    header = tiff_header(grid, "1/mm")
+    header = tiff_header(VolumeGrid(shape, 0.1, (-204.75, -204.75), None, None), "1/mm")
     with (tmp_path / "volume.tif").open("wb") as file:
         file.write(header)
         file.truncate(len(header) + 4 * math.prod(shape))  # a hole, which takes no disk
@@ -231,6 +229,5 @@ def test_a_list_may_be_of_a_span_of_time(seeded):
         assert listed(created_from=oldest) == [item["id"] for item in everything]
         assert listed(created_from=newest) == [everything[0]["id"]]
         assert everything[0]["id"] not in listed(created_before=newest)
-        later = (datetime.now(UTC) + timedelta(days=1)).isoformat()
-        assert listed(created_from=later, scanner_id="example") == []
+        assert listed(created_from=(datetime.now(UTC) + timedelta(days=1)).isoformat(), scanner_id="example") == []
         assert seeded.get(f"/v1/{kind}?created_from=2026-03-01T00:00:00").status_code == 422  # no offset

@@ -205,8 +205,7 @@ def test_the_file_has_every_entry_the_columns_of_the_contract_and_no_formula(see
     assert calibration["cor_column_mm"].startswith("-209.1")
     assert (calibration["gain_per_mm"], calibration["verdict"]) == ("1.0", "pass")
     assert (drift["gain_per_mm"], drift["verdict"], drift["within_tolerance"]) == ("", "", "true")
-    only = lines_of(seeded.get(FILE, params={"kind": "drift-check"}).text)
-    assert [line["kind"] for line in only] == ["drift-check"]
+    assert [line["kind"] for line in lines_of(seeded.get(FILE, params={"kind": "drift-check"}).text)] == ["drift-check"]
     assert seeded.get("/v1/scanners/nobody/history.csv").json()["code"] == "scanner-not-found"
     fields = {*HistoryEntry.model_fields, *Measurement.model_fields, "gain_per_mm"} - {"measured", "gain", "scanner_id"}
     assert (sorted(COLUMNS), COLUMNS[:4]) == (sorted(fields), ("number", "at", "kind", "type"))
@@ -309,8 +308,7 @@ def plan_of(store, **which):
     event.remove(engine, "before_cursor_execute", note)
     ((statement, parameters),) = statements
     with engine.connect() as connection:
-        rows = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", parameters)
-        return "\n".join(row[-1] for row in rows)
+        return "\n".join(row[-1] for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", parameters))
 
 
 def test_a_replacement_of_what_another_editor_has_changed_is_refused(seeded):

@@ -40,8 +40,7 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
     assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good {sentence}") == []
     asked(store)
-    claim = worker.claim()
-    store.jobs.heartbeat(claim, Progress(fraction=0.42, stage="search", seconds_left=75.0))
+    store.jobs.heartbeat(worker.claim(), Progress(fraction=0.42, stage="search", seconds_left=75.0))
     asked(store)
     asked(store)
     text = text_of(seeded.get("/jobs").text)

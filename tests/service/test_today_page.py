@@ -119,8 +119,7 @@ def test_a_discard_puts_away_one_result_and_says_so(seeded, newest, checked):
     with_first = step()
     second = newest(comparison=comparison(1.02))
     with_second = step()
-    old = newest(verdict="fail", reasons=["the residual is too large"])
-    discard(old)
+    discard(newest(verdict="fail", reasons=["the residual is too large"]))
     assert step() == with_second
     discard(second)
     assert (step(), with_first["tone"]) == (with_first, "bad")

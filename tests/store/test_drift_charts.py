@@ -174,15 +174,11 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.checks, chart.baseline.checks, chart.pooled_checks, chart.finding.kind) == (75, 50, 50, "quiet")
     assert (chart.alarm, chart.method) == (None, "view-pairs")
-    at_once = follow({}, "view-pairs", [], looks_of(store, chart.since))
+    at_once = follow({}, "view-pairs", [], [_counted(row, chart.since) for row in rows(store)])
     assert chart.finding == at_once.finding
     newest = rows(store)[-1]
     assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1][0].cor_column_mm, abs=1e-9)
     assert abs(newest.pooled_cor_column_mm - COLUMN) < 4.0 * newest.pooled_cor_column_standard_deviation_mm < 0.04
-
-
-def looks_of(store, since):
-    return [_counted(row, since) for row in rows(store)]
 
 
 @pytest.mark.dialect
@@ -274,8 +270,7 @@ def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
     go_on(store, scanner)
     clock.advance(days=2)
     asked = store.drifts.accept(DriftRequest(scan_id=log()))
-    handed = store.jobs.handed_over(asked.job_id)
-    (baseline,) = handed.baselines
+    (baseline,) = store.jobs.handed_over(asked.job_id).baselines
     assert (baseline.method, baseline.checks) == ("view-pairs", 50)
     uncertain = {"cor_column_mm": 0.05, "tilt_rad": 0.002, "source_to_detector_mm": None}
     against = baseline.model_dump() | {
@@ -292,5 +287,4 @@ def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
     assert (measured.baseline_checks, measured.baseline_age_hours) == (50, result.baseline.age_hours)
     assert (measured.against_id, measured.cor_column_baseline_change_mm) == (active, 0.02)
     calibrated()
-    later = store.drifts.accept(DriftRequest(scan_id=log()))
-    assert store.jobs.handed_over(later.job_id).baselines == ()
+    assert store.jobs.handed_over(store.drifts.accept(DriftRequest(scan_id=log())).job_id).baselines == ()

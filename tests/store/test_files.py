@@ -186,16 +186,13 @@ def test_one_thread_reads_a_file_that_many_want(path):
     assert rows.compared == 1
 
 
-def test_no_more_files_are_kept_in_mind_than_fit(path):
+def test_no_more_files_are_kept_in_mind_than_fit_and_a_pipe_and_a_link_are_not_opened(path):
     rows, other = Rows(path), path.with_name("other.h5")
     results = rows.results(most_files=1)
     other.write_bytes(path.read_bytes())
     for each in (path, other, path):
         results.digest(each)
     assert rows.compared == 3
-
-
-def test_a_pipe_and_a_link_are_not_opened(path):
     os.mkfifo(path.with_name("pipe"))
     path.with_name("link").symlink_to(path)
     for name in ("pipe", "link"):

@@ -44,8 +44,7 @@ def test_each_job_is_claimed_once_by_processes(store, upload):
         "while (claimed := store.jobs.claim('racer')) is not None: print(claimed.job_id)"
     )
     taken = race(3, imports, program).split()
-    assert len(taken) == 24
-    assert set(taken) == jobs
+    assert (len(taken), set(taken)) == (24, jobs)
 
 
 @pytest.mark.dialect
@@ -78,8 +77,7 @@ def test_a_job_waits_for_what_it_needs(store, upload, finish):
 
 
 def test_a_job_may_start_when_what_it_needs_has_failed(store, upload):
-    scan = upload(store)
-    calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
+    calibration = store.calibrations.accept(CalibrationRequest(scan_id=upload(store).id))
     store.jobs.fail(claim(store), OURS)
     assert claim(store).job_id == calibration.job_id
 
@@ -127,8 +125,7 @@ def test_a_heartbeat_keeps_the_lease_and_carries_progress_out(store, upload):
     assert store.jobs.is_silent_still(seen)
     assert store.jobs.heartbeat(held, progress) is False
     assert not store.jobs.is_silent_still(seen)
-    assert store.jobs.take_back(seen) is None
-    assert store.jobs.get(held.job_id).progress == progress
+    assert (store.jobs.take_back(seen), store.jobs.get(held.job_id).progress) == (None, progress)
     store.jobs.heartbeat(held)
     assert store.jobs.get(held.job_id).progress == progress, "no news is not news"
 
@@ -138,8 +135,7 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
     scan = upload(store)
     states = []
     for attempt in (1, 2, 3):
-        held = claim(store)
-        assert held.attempt == attempt
+        assert claim(store).attempt == attempt
         states += [job.state for job in take_back_all(store)]
     assert states == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
     job = store.jobs.get(scan.job_id)
@@ -170,8 +166,7 @@ def test_waits_double_up_to_a_minute_and_are_spread(store, clock, upload):
     for _ in range(6):
         store.jobs.fail(claim(store), FULL)
         waits.append((store.jobs.get(scan.job_id).not_before - clock.now).total_seconds())
-        assert store.jobs.claim("test") is None
-        assert list(store.jobs.queued_job_ids()) == []
+        assert (store.jobs.claim("test"), list(store.jobs.queued_job_ids())) == (None, [])
         with store.database.write() as session:
             session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
     for waited, nominal in zip(waits, [5, 10, 20, 40, 60, 60], strict=True):

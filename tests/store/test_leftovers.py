@@ -170,8 +170,7 @@ def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, 
     assert store.scans.get(scan_id).state is ScanState.INGESTING
     store.jobs.release(claimed)
     finish(store)
-    folder = store.files.results(kinds.INGEST, scan_id)
-    assert (folder / "result").read_text() == "attempt 2"
+    assert (store.files.results(kinds.INGEST, scan_id) / "result").read_text() == "attempt 2"
     observer.look()
     assert observer.look(GRACE_S) == []
 
@@ -196,8 +195,7 @@ def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan
 
 @sqlite_alone
 def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
-    number = 2 * NAMES_A_ROUND + 1
-    for index in range(number):
+    for index in range(2 * NAMES_A_ROUND + 1):
         (store.files.folder / "plans" / f"nobodys-{index}").mkdir()
     statements = []
     event.listen(store.database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))

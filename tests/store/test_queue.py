@@ -72,8 +72,7 @@ def test_turns_are_of_a_priority_and_of_the_workers_of_a_lane(store, add_jobs):
     add_jobs(1, kinds.RECONSTRUCT, group_id="a")
     add_jobs(1, kinds.RECONSTRUCT, group_id="b")
     add_jobs(3, kinds.CALIBRATE, group_id="a", short=True)
-    short = Selection(short=True)
-    assert claimed(store, 4, short) == ["a", "a", "a", None]
+    assert claimed(store, 4, Selection(short=True)) == ["a", "a", "a", None]
     assert claimed(store, 7) == ["a", "b", "a", "b", "a", "b", "a"]
 
 
@@ -238,8 +237,7 @@ def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_bac
 def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):
     def both():
         with store.as_one():
-            scan = upload(store)
-            store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
+            store.calibrations.accept(CalibrationRequest(scan_id=upload(store).id))
 
     with acting_as(SOMEBODY):
         plan(5)

@@ -117,16 +117,14 @@ def board(store):
 
 
 def test_the_shapes_are_stretched_to_what_was_measured_and_the_old_phantom_stays(store, board):
-    ask = MeasurementsRequest(measurements=[length("x", 198.0), length("y", 303.0)])
-    newer = store.phantoms.measure(board.id, ask)
+    newer = store.phantoms.measure(board.id, MeasurementsRequest(measurements=[length("x", 198.0), length("y", 303.0)]))
     assert newer.drawing.extent_mm == pytest.approx((198.0, 303.0))
     disc = newer.drawing.shapes[1]
     assert disc.center_mm == pytest.approx((-49.5, 0.0))
     # The geometric mean of 0.99 and 1.01, to the tenth of a micrometre at which shapes are kept.
     assert disc.radius_mm == pytest.approx(20.0 * (0.99 * 1.01) ** 0.5, abs=1e-4)
     assert newer.drawing.follows == board.id
-    assert store.phantoms.get(board.id) == board
-    assert store.phantoms.followers() == {board.id: newer.id}
+    assert (store.phantoms.get(board.id), store.phantoms.followers()) == (board, {board.id: newer.id})
 
 
 def test_a_length_replaces_the_earlier_one_of_its_name_and_the_size_tolerance_follows(store, board):
@@ -148,14 +146,11 @@ def test_a_length_replaces_the_earlier_one_of_its_name_and_the_size_tolerance_fo
     )
 
 
-def test_a_side_that_was_not_measured_keeps_the_tolerance_that_its_drawing_states(store):
+def test_a_side_not_measured_keeps_the_tolerance_of_its_drawing_and_the_true_axis_alone_is_enough(store):
     first = store.phantoms.create(PhantomDrawing(name="board", shapes=[BOARD], size_tolerance=0.004))
     for measured_mm in (199.0, 199.5, 200.0):
         first = store.phantoms.measure(first.id, MeasurementsRequest(measurements=[length("x", measured_mm)]))
         assert first.drawing.size_tolerance == pytest.approx(rms(0.004, 0.1 / measured_mm))
-
-
-def test_the_true_axis_alone_is_enough(store):
     board = store.phantoms.create(PhantomDrawing(name="board", shapes=[BOARD], true_axis="x"))
     newer = store.phantoms.measure(board.id, MeasurementsRequest(measurements=[length("x", 200.0)]))
     assert newer.drawing.size_tolerance == pytest.approx(0.1 / 200)

@@ -70,8 +70,7 @@ def test_a_due_time_that_came_back_by_an_edit_is_not_run_again(store, scanner, s
     clock.advance(minutes=-10)
     store.schedules.update(schedule.id, ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *"))
     clock.advance(minutes=10)
-    assert store.schedules.run_due() == []
-    assert len(store.schedules.runs(schedule.id)) == 1
+    assert (store.schedules.run_due(), len(store.schedules.runs(schedule.id))) == ([], 1)
     assert store.schedules.get(schedule.id).next_due_at == START.replace(hour=6)
 
 
@@ -133,8 +132,7 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
     # An older log shows the past, and the fit ones have been looked at.
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
-    later = log_scan()
-    store.drifts.accept(DriftRequest(scan_id=later))
+    store.drifts.accept(DriftRequest(scan_id=log_scan()))
     clock.advance(minutes=30)
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
@@ -223,13 +221,11 @@ def test_an_edit_keeps_a_due_time_that_has_come_or_says_that_it_is_missed(store,
     spec = ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *")
     clock.advance(minutes=31)
     due = START.replace(minute=30)
-    kept = store.schedules.update(schedule.id, spec.model_copy(update={"on_pass": "activate"}))
-    assert kept.next_due_at == due
+    assert store.schedules.update(schedule.id, spec.model_copy(update={"on_pass": "activate"})).next_due_at == due
     assert [run.due_at for run in store.schedules.run_due()] == [due]
     clock.advance(minutes=30)
     abroad = spec.model_copy(update={"time_zone": "Asia/Kolkata", "cron": "0 * * * *"})
-    moved = store.schedules.update(schedule.id, abroad)
-    assert moved.next_due_at == START.replace(hour=6, minute=30)
+    assert store.schedules.update(schedule.id, abroad).next_due_at == START.replace(hour=6, minute=30)
     changed = (START.replace(hour=6).isoformat(), "the schedule was changed before it ran")
     assert missed(store, schedule)[1:] == [changed]
     clock.advance(minutes=30)

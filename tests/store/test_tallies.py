@@ -75,8 +75,7 @@ def test_jobs_are_counted_by_kind_and_state_with_the_age_of_the_oldest(store, up
     clock.advance(seconds=5)
     tally = store.tallies.read()
     assert tally.jobs == {(kinds.INGEST, JobState.QUEUED): 1, (kinds.INGEST, JobState.RUNNING): 1}
-    assert tally.queued_s == {kinds.INGEST: 35.0}
-    assert tally.running_s == {kinds.INGEST: 5.0}
+    assert (tally.queued_s, tally.running_s) == ({kinds.INGEST: 35.0}, {kinds.INGEST: 5.0})
 
 
 def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):

@@ -168,8 +168,7 @@ def test_an_upload_that_stands_still_for_a_day_goes(store, clock):
     clock.advance(hours=23)
     send(store, going_on, 0, 3)
     clock.advance(hours=2)
-    assert list(store.uploads.remove_expired()) == [still.id]
-    assert store.uploads.get(going_on.id).offset_bytes == 3
+    assert (list(store.uploads.remove_expired()), store.uploads.get(going_on.id).offset_bytes) == ([still.id], 3)
 
 
 ASKED = KeyedRequest("somebody", "once", "0" * 64)
@@ -209,8 +208,7 @@ def test_an_answer_is_kept_for_its_time_and_then_removed(store, clock):
     assert made(store) == kept_as(first)
     clock.now += step
     assert store.repeats.find(ASKED) is None
-    second = made(store)
-    assert second.id != first.id
+    assert made(store).id != first.id
     clock.now += KEPT
     store.repeats.forget_old()
     with store.database.read() as session:

@@ -87,8 +87,7 @@ async def firefox(profile: Path) -> AsyncIterator[Firefox]:
                 while not (profile / SERVER).exists() or not (profile / SERVER).read_text():  # noqa: ASYNC110 - a file
                     await asyncio.sleep(0.1)
             server = json.loads((profile / SERVER).read_text())
-            socket = await websocket_connect(f"ws://{server['ws_host']}:{server['ws_port']}/session")
-            tab = Firefox(socket)
+            tab = Firefox(await websocket_connect(f"ws://{server['ws_host']}:{server['ws_port']}/session"))
             await tab.begin()
             yield tab
         finally:

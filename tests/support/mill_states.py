@@ -158,7 +158,6 @@ def _phantoms(store: Store, worker: Finisher) -> None:
 def _unfinished(store: Store, worker: Finisher) -> None:
     """Leave one job running and others in the queue, which nothing may claim later."""
     store.reconstructions.accept(ReconstructionRequest(scan_id="example"), identifier="queued")
-    running = worker.claim()
-    store.jobs.heartbeat(running, Progress(fraction=0.4, stage="reconstruct", seconds_left=75.0))
+    store.jobs.heartbeat(worker.claim(), Progress(fraction=0.4, stage="reconstruct", seconds_left=75.0))
     store.calibrations.accept(CalibrationRequest(scan_id="scan"), identifier="queued")
     _inspected(store, "waiting")

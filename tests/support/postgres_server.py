@@ -164,5 +164,4 @@ def _started(*, ends_with_thread: bool) -> PostgresServer:
 
 
 def _children(process_id: int) -> list[int]:
-    tasks = Path(f"/proc/{process_id}/task/{process_id}/children")
-    return [int(child) for child in tasks.read_text().split()]
+    return [int(child) for child in Path(f"/proc/{process_id}/task/{process_id}/children").read_text().split()]

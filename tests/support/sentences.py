@@ -86,5 +86,4 @@ def opening_badly(texts: Iterator[Text]) -> list[Text]:
 
 def fragments(document: Any) -> list[Text]:
     """Select the descriptions of the public document that have a sentence which begins as none does."""
-    said = descriptions(document)
-    return [text for text in said if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]
+    return [text for text in descriptions(document) if any(map(FRAGMENT.match, re.split(r"(?<=[.])\s+", text.text)))]

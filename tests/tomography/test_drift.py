@@ -42,8 +42,7 @@ def log(seed: int) -> Phantom:
 
 
 def scan(angles, *, theta=THETA, seed=1, noise=0.01, body=None):
-    fan = FanBeamGeometry(MILL, theta, angles)
-    return simulate_sinogram(body or log(seed), fan, noise=noise, seed=seed)
+    return simulate_sinogram(body or log(seed), FanBeamGeometry(MILL, theta, angles), noise=noise, seed=seed)
 
 
 def detector(frame) -> np.ndarray:
@@ -366,8 +365,7 @@ def test_a_distance_that_has_not_surely_changed_is_held(full_turn, frame):
 def test_pairs_that_no_longer_show_the_unknowns_have_no_error_bars():
     """Under a mask the normal matrix is not symmetric: definite below its diagonal, and not as a whole."""
     slopes = np.array([[[1.0, 0.0]], [[3.0, 1.0]]])
-    instruments = np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
-    derivatives = Derivatives(slopes, instruments, *[np.zeros_like(slopes)] * 2)
+    derivatives = Derivatives(slopes, np.array([[[1.0, 0.0]], [[0.0, 1.0]]]), *[np.zeros_like(slopes)] * 2)
     rays = PairedRays(np.ones((1, 2)), derivatives, np.eye(2)[:, :, None], np.ones((1, 2), bool))
     assert np.isinf(rays.covariance(slice(0, 2), corrected=True)).all()
 

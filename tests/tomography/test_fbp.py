@@ -162,8 +162,7 @@ def test_any_turn_of_the_first_angle_turns_the_body(reconstruct, theta, full_tur
 def test_without_weights_it_is_the_filter_and_the_plain_adjoint(scanner, theta, full_turn):
     """The published pipeline, against our own adjoint on a grid fine enough that its pixels do not matter."""
     geometry = FanBeamGeometry(scanner, theta, full_turn(120))
-    grid = ImageGrid(256, FIELD)
-    projector = Projector(geometry, grid)
+    projector = Projector(geometry, ImageGrid(256, FIELD))
     sinogram = analytic.project(LOG, DetectorCells.of(scanner), geometry.frame, geometry.angles_rad)
     plain = fbp(projector, sinogram, weighting="none").image
     exact = fbp(projector, sinogram).image
@@ -177,12 +176,9 @@ def test_without_weights_it_is_the_filter_and_the_plain_adjoint(scanner, theta, 
     assert errors["none"] > 2.0 * errors["exact"]
 
 
-def test_views_over_half_a_turn_are_refused(reconstruct, theta):
+def test_views_over_half_a_turn_and_a_sinogram_of_another_shape_are_refused(reconstruct, theta, scanner, full_turn):
     with pytest.raises(GeometryError, match="full turn"):
         reconstruct(LOG, theta, np.linspace(0.0, math.pi, 90), size=16)
-
-
-def test_a_sinogram_of_another_shape_is_refused(scanner, theta, full_turn):
     projector = Projector(FanBeamGeometry(scanner, theta, full_turn(10)), ImageGrid(16, FIELD))
     with pytest.raises(GeometryError, match="the sinogram has shape"):
         fbp(projector, np.zeros((11, scanner.num_detector_pixels)))

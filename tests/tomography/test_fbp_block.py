@@ -108,8 +108,7 @@ def test_the_kernel_is_that_of_kak_and_slaney():
 @every_filter
 def test_filtering_is_the_convolution_with_zeros_outside(name):
     """No value wraps round from one end of the detector to the other."""
-    rng = np.random.default_rng(401)
-    row = rng.standard_normal((2, 40)).astype(np.float32)
+    row = np.random.default_rng(401).standard_normal((2, 40)).astype(np.float32)
     wide = np.zeros((2, 400), np.float32)
     wide[:, :40] = row
     short = filtered(row, PITCH, name)

@@ -83,8 +83,7 @@ def test_the_twin_of_the_twin_and_twice_reading_backwards_are_theta_itself(rando
 
 def test_a_source_frame_at_the_known_distance_has_no_source_shift_and_a_nearer_one_no_theta():
     theta = SourceFrame(1.0, R_S, 1600.0, 20.0, 0.1).theta(R_S)
-    assert theta.source_shift_mm == 0.0
-    assert theta.initial_angle_rad == pytest.approx(1.0, abs=1e-15)
+    assert (theta.source_shift_mm, theta.initial_angle_rad) == (0.0, pytest.approx(1.0, abs=1e-15))
     frame = SourceFrame(0.0, R_S - 0.1, 1600.0, 0.0, 0.0)
     with pytest.raises(GeometryError, match=r"source_distance_mm 859\.36 is smaller than source_to_cor_mm 859\.46"):
         frame.theta(R_S)
@@ -102,16 +101,15 @@ def test_a_theta_without_a_source_frame_is_refused(theta, says):
         theta.source_frame(R_S)
 
 
-def test_a_detector_read_backwards_is_the_other_side_and_the_other_sense_of_rotation(scanner, theta, irregular_turn):
+def test_a_detector_read_backwards_turns_the_other_way_and_is_more_than_the_mirror_image(
+    scanner, theta, irregular_turn, full_turn
+):
     cells, angles = DetectorCells.of(scanner), irregular_turn(9, 103)
     forwards = analytic.project(L_SHAPE, cells, theta.source_frame(R_S), angles)
     backwards = analytic.project(
         L_SHAPE.mirrored(), cells, theta.read_backwards().source_frame(R_S), Rotation.REVERSED.apply(angles)
     )
     np.testing.assert_allclose(backwards, forwards[:, ::-1], atol=1e-9)
-
-
-def test_the_mirror_image_alone_is_not_the_detector_read_backwards(scanner, theta, full_turn):
     cells, angles = DetectorCells.of(scanner), full_turn(9)
     forwards = analytic.project(L_SHAPE, cells, theta.source_frame(R_S), angles)
     mirrored = analytic.project(L_SHAPE.mirrored(), cells, theta.read_backwards().source_frame(R_S), angles)
@@ -179,21 +177,22 @@ def test_angles_that_are_no_list_of_numbers_are_refused(scanner, theta, angles):
         FanBeamGeometry(scanner, theta, np.array(angles))
 
 
-def test_bounds_hold_what_is_inside_and_leave_the_first_angle_free(theta):
+def test_bounds_hold_what_is_inside_leave_the_first_angle_free_and_are_refused_where_empty(theta):
     bounds = ThetaBounds()
     assert bounds.contain(theta)
     assert bounds.contain(Theta.from_vector([99.0, *to_vector(theta)[1:]]))
     assert not bounds.contain(Theta.from_vector([*to_vector(theta)[:4], 1.01]))
     np.testing.assert_array_equal(bounds_array(bounds)[0], [0.0, TAU])
-
-
-def test_empty_bounds_are_refused():
     with pytest.raises(GeometryError, match="the bounds of detector_tilt"):
         ThetaBounds(detector_tilt=(0.5, 0.5))
 
 
-def test_view_weights_of_equal_steps_are_the_step(full_turn):
+def test_view_weights_of_equal_steps_are_the_step_and_shared_by_a_view_taken_twice(full_turn):
     np.testing.assert_allclose(view_weights(full_turn(360)), TAU / 360, rtol=1e-12)
+    angles = full_turn(20)
+    weights = view_weights(np.append(angles, angles[4]))
+    assert weights.sum() == pytest.approx(TAU, rel=1e-14)
+    assert weights[4] + weights[20] == pytest.approx(TAU / 20, rel=1e-12)
 
 
 def test_view_weights_fill_the_turn_whatever_the_order_and_the_turn(irregular_turn):
@@ -203,13 +202,6 @@ def test_view_weights_fill_the_turn_whatever_the_order_and_the_turn(irregular_tu
     assert (weights > 0.0).all()
     order = np.random.default_rng(107).permutation(77)
     np.testing.assert_allclose(view_weights(angles[order] + 3.0 * TAU), weights[order], atol=1e-13)
-
-
-def test_a_view_taken_twice_shares_its_weight(full_turn):
-    angles = full_turn(20)
-    weights = view_weights(np.append(angles, angles[4]))
-    assert weights.sum() == pytest.approx(TAU, rel=1e-14)
-    assert weights[4] + weights[20] == pytest.approx(TAU / 20, rel=1e-12)
 
 
 @pytest.mark.parametrize(

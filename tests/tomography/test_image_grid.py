@@ -45,15 +45,12 @@ def test_back_projection_of_a_region_is_cut_out_of_the_whole(scanner, theta, geo
     np.testing.assert_allclose(block, np.stack([whole] * 5), atol=1e-4 * whole.max())
 
 
-def test_rays_through_a_region_are_those_through_the_whole(geometry):
+def test_rays_through_a_region_are_those_through_the_whole_and_its_adjoint_is_its_transpose(geometry):
     image = np.zeros((128, 128), np.float32)
     image[PART] = np.random.default_rng(812).random((32, 32), dtype=np.float32)
     expected = Projector(geometry, WHOLE).forward(image)
     # Sums in single precision.
     np.testing.assert_allclose(Projector(geometry, REGION).forward(image[PART]), expected, atol=2e-4 * expected.max())
-
-
-def test_the_adjoint_of_a_region_is_its_transpose(geometry):
     rng = np.random.default_rng(813)
     a = Projector(geometry, REGION)
     x, y = rng.standard_normal((32, 32)), rng.standard_normal(geometry.sinogram_shape)
@@ -73,11 +70,8 @@ def test_the_grid_around_a_region_holds_the_object_and_the_same_pixels(grid):
         assert axis[-1] + half >= 135.0 - 1e-9
 
 
-def test_a_grid_that_holds_the_object_already_is_its_own_surrounding():
+def test_a_grid_that_holds_the_object_is_its_own_surrounding_and_one_at_the_source_is_refused(geometry):
     assert WHOLE.around(160.0) == (WHOLE, (slice(0, 128), slice(0, 128)))
-
-
-def test_a_region_that_reaches_the_source_is_refused(geometry):
     Projector(geometry, ImageGrid(16, 100.0, (500.0, 0.0)))
     with pytest.raises(GeometryError, match=r"past the source at .*, or one nearer to the rotation centre$"):
         Projector(geometry, ImageGrid(16, 100.0, (0.0, -900.0)))

@@ -55,8 +55,7 @@ def block(projector):
 
 
 def check(found, slices, shape, parameters):
-    assert found.image.shape == shape
-    assert found.image.dtype == np.float32
+    assert (found.image.shape, found.image.dtype) == (shape, np.float32)
     assert found.iterations.shape == found.converged.shape == (slices,)
     assert found.converged.all()
     assert set(found.parameters) == parameters
@@ -143,8 +142,7 @@ def test_views_are_left_out_down_to_the_price_and_no_further():
     ]
     assert seconds[0] <= PRICE_SECONDS < seconds[1]
     # Four times the pixels at four times the price: the time of a projection grows with the pixels across alone.
-    finer = recommend(geometry, sinogram, ImageGrid(512, 400.0), fitted_size=512)
-    assert finer.view_step < chosen.view_step
+    assert recommend(geometry, sinogram, ImageGrid(512, 400.0), fitted_size=512).view_step < chosen.view_step
 
 
 def test_a_small_region_of_a_large_log_is_worth_what_the_log_is_worth():
@@ -195,7 +193,7 @@ def test_on_the_published_log_the_choice_beats_filtered_back_projection(
     assert relative_error(total_variation(projector, lines[used]).image, truth) < 0.65 * direct
 
 
-def test_noise_is_estimated_with_and_without_air():
+def test_noise_is_estimated_with_and_without_air_and_noise_free_data_are_not_trusted_without_limit():
     _, sinogram = scan(np.arange(60) * TAU / 60, 0.02)
     _, clean = scan(np.arange(60) * TAU / 60, 0.0)
     noise = 0.02 * math.sqrt(float(np.mean(clean**2)))
@@ -203,10 +201,6 @@ def test_noise_is_estimated_with_and_without_air():
     inner = np.ascontiguousarray(sinogram[:, 100:156].astype(np.float32))
     # No air there: from second differences, which the log's own curvature raises a little.
     assert estimated_noise(inner) == pytest.approx(noise, rel=0.2)
-
-
-def test_noise_free_data_are_not_trusted_without_limit():
-    _, clean = scan(np.arange(60) * TAU / 60, 0.0)
     assert estimated_noise(clean.astype(np.float32)) == pytest.approx(0.002 * math.sqrt(np.mean(clean**2)), rel=1e-3)
 
 
@@ -222,26 +216,20 @@ def random_image():
     return np.random.default_rng(801).uniform(0.0, 1.0, (64, 64))
 
 
-def test_a_perfect_image_has_no_error_and_full_similarity(random_image):
+def test_the_relative_error_is_the_ratio_of_norms_and_a_perfect_image_has_none(random_image):
+    assert relative_error(np.zeros_like(random_image), random_image) == pytest.approx(1.0)
+    assert relative_error(1.1 * random_image, random_image) == pytest.approx(0.1)
+    assert relative_error([[3.0, 0.0]], [[0.0, 4.0]]) == pytest.approx(1.25)
     assert relative_error(random_image, random_image) == 0.0
     assert structural_similarity_index(random_image, random_image) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_the_relative_error_is_the_ratio_of_norms(random_image):
-    assert relative_error(np.zeros_like(random_image), random_image) == pytest.approx(1.0)
-    assert relative_error(1.1 * random_image, random_image) == pytest.approx(0.1)
-    assert relative_error([[3.0, 0.0]], [[0.0, 4.0]]) == pytest.approx(1.25)
-
-
-def test_neither_depends_on_the_unit(random_image):
+def test_neither_depends_on_the_unit_and_more_noise_is_less_similar(random_image):
     image = random_image + 0.1 * np.random.default_rng(802).standard_normal(random_image.shape)
     assert relative_error(50.0 * image, 50.0 * random_image) == pytest.approx(relative_error(image, random_image))
     assert structural_similarity_index(50.0 * image, 50.0 * random_image) == pytest.approx(
         structural_similarity_index(image, random_image)
     )
-
-
-def test_more_noise_is_less_similar(random_image):
     noise = np.random.default_rng(803).standard_normal(random_image.shape)
     values = [structural_similarity_index(random_image + level * noise, random_image) for level in (0.05, 0.2, 0.8)]
     assert values[0] > values[1] > values[2]

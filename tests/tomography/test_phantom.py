@@ -29,8 +29,7 @@ def test_the_rasterised_area_is_the_drawn_one(phantom, area, size):
 
 
 def test_a_rasterised_disc_has_its_area_and_its_centre_of_mass():
-    disc = Phantom("disc", (Disc((31.0, -47.0), 60.0, 2.0),))
-    image = disc.rasterise(256, FIELD)
+    image = Phantom("disc", (Disc((31.0, -47.0), 60.0, 2.0),)).rasterise(256, FIELD)
     # Errors of single sub-pixels on the rim average out: below a thousandth of the area.
     assert area_of(image) == pytest.approx(2.0 * math.pi * 60.0**2, rel=1e-3)
     axis = (np.arange(256) + 0.5) * FIELD / 256 - FIELD / 2
@@ -38,11 +37,11 @@ def test_a_rasterised_disc_has_its_area_and_its_centre_of_mass():
     assert (image.sum(axis=0) @ axis) / image.sum() == pytest.approx(-47.0, abs=0.02)
 
 
-def test_a_hole_is_empty_and_its_surroundings_are_wood():
+def test_a_hole_is_empty_and_densities_add_where_shapes_overlap():
     image = RECTANGLE_WITH_HOLE.rasterise(400, FIELD)
-    assert image[150, 151] == 0.0
-    assert image[200, 200] == 1.0
-    assert image[50, 200] == 0.0
+    assert (image[150, 151], image[200, 200], image[50, 200]) == (0.0, 1.0, 0.0)
+    image = Phantom("two", (Disc((0.0, 0.0), 100.0, 0.25), Disc((0.0, 0.0), 50.0, 0.5))).rasterise(200, FIELD)
+    assert (image[100, 100], image[100, 100 + 35]) == (0.75, 0.25)
 
 
 def test_an_edge_pixel_holds_the_share_that_is_covered():
@@ -53,34 +52,21 @@ def test_an_edge_pixel_holds_the_share_that_is_covered():
     np.testing.assert_array_equal(image[6:], 0.0)
 
 
-def test_densities_add_where_shapes_overlap():
-    phantom = Phantom("two", (Disc((0.0, 0.0), 100.0, 0.25), Disc((0.0, 0.0), 50.0, 0.5)))
-    image = phantom.rasterise(200, FIELD)
-    assert image[100, 100] == 0.75
-    assert image[100, 100 + 35] == 0.25
-
-
-def test_mirroring_turns_the_columns_round_and_twice_is_nothing():
+def test_mirroring_turns_the_columns_round_and_a_quarter_turn_the_image():
     np.testing.assert_array_equal(L_SHAPE.mirrored().rasterise(64, FIELD), L_SHAPE.rasterise(64, FIELD)[:, ::-1])
     for phantom in (L_SHAPE, RECTANGLE_WITH_HOLE):
         assert phantom.mirrored().mirrored() == phantom
         assert phantom.mirrored() != phantom
-
-
-def test_a_quarter_turn_turns_the_image():
     # (x, y) -> (-y, x): at [i, j] stands what stood at [j, n - 1 - i].
     turned = L_SHAPE.rotated(math.pi / 2.0).rasterise(64, FIELD, subsamples=3)
     np.testing.assert_array_equal(turned, np.rot90(L_SHAPE.rasterise(64, FIELD, subsamples=3)))
 
 
-def test_scaling_scales_lengths_and_leaves_densities():
+def test_scaling_scales_lengths_and_the_radius_reaches_the_farthest_point():
     half = RECTANGLE_WITH_HOLE.scaled(0.5)
     np.testing.assert_array_equal(half.rasterise(64, FIELD / 2), RECTANGLE_WITH_HOLE.rasterise(64, FIELD))
     assert half.radius_mm == pytest.approx(RECTANGLE_WITH_HOLE.radius_mm / 2)
     assert half.discs[0, 2:].tolist() == [13.0, -1.0]
-
-
-def test_the_radius_reaches_the_farthest_point():
     assert L_SHAPE.radius_mm == pytest.approx(math.hypot(100.07, 150.88))
     assert Phantom("disc", (Disc((3.0, 4.0), 2.0),)).radius_mm == pytest.approx(7.0)
 
@@ -152,14 +138,11 @@ def test_a_slice_is_wood_inside_the_bark_and_nothing_outside(seed):
         assert HEARTWOOD_PER_MM < wood.mean() < SAPWOOD_PER_MM * 1.2
 
 
-def test_a_whorl_has_knots_and_clear_wood_has_none():
+def test_a_whorl_has_knots_clear_wood_has_none_and_metal_is_only_where_it_was_put():
     log = LogModel.random(1008)
     knots = {h: [s for s in log.slice_at(h).shapes if isinstance(s, Polygon)] for h in (60.0, 5.0)}
     assert len(knots[60.0]) >= 2
     assert not knots[5.0]
-
-
-def test_the_metal_is_where_it_was_put_and_only_there():
     log = LogModel.random(1009)
     inside, away = image_at(log, log.metal_height_mm), image_at(log, log.metal_height_mm + 60.0)
     i, j = (math.floor(c + LOG_FIELD / 2) for c in log.metal_mm)

@@ -27,8 +27,7 @@ def projector(irregular_turn):
 
     def make(name, size, *, views=17, field_mm=400.0):
         cells = 96 + size % 2
-        scanner = Scanner(860.0, cells, 1100.0 / cells)
-        geometry = FanBeamGeometry(scanner, GEOMETRIES[name], irregular_turn(views, 301))
+        geometry = FanBeamGeometry(Scanner(860.0, cells, 1100.0 / cells), GEOMETRIES[name], irregular_turn(views, 301))
         return Projector(scattered(geometry) if name == "each view its own" else geometry, ImageGrid(size, field_mm))
 
     return make
@@ -186,8 +185,7 @@ def test_a_rectangle_of_whole_pixels_is_projected_as_the_polygon_it_is(projector
     a = projector(name, 32, field_mm=320.0)
     image = np.zeros((32, 32), np.float32)
     image[5:20, 9:25] = 1.5
-    corners = ((-110.0, -70.0), (40.0, -70.0), (40.0, 90.0), (-110.0, 90.0))
-    body = Phantom("rectangle", (Polygon(corners, 1.5),))
+    body = Phantom("rectangle", (Polygon(((-110.0, -70.0), (40.0, -70.0), (40.0, 90.0), (-110.0, 90.0)), 1.5),))
     geometry = a.geometry
     seen = analytic.project(
         body, DetectorCells.of(geometry.scanner), geometry.frame, geometry.angles_rad, rays_per_cell=1

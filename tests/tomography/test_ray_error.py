@@ -73,13 +73,11 @@ def test_a_common_scale_is_taken_out_and_reported(scanner, random_thetas):
 def test_the_scale_change_is_linear_in_a_small_change_of_the_frame(scanner, theta):
     frame = theta.source_frame(R_S)
     gradient = scale_gradient(scanner, frame)
-    assert gradient[0] == 0.0
-    assert gradient[1] == pytest.approx(1.0 / frame.source_distance_mm)
+    assert (gradient[0], gradient[1]) == (0.0, pytest.approx(1.0 / frame.source_distance_mm))
     for step in DEVIATIONS * np.eye(5)[1:]:
         other = SourceFrame.from_vector(to_vector(frame) + step)
         # Second order in steps of half a thousandth of the lengths: 1.1 % for the tilt. u_c hardly scales: 2e-5 %.
-        change = ray_error(scanner, frame, other).scale_change
-        assert change == pytest.approx(gradient @ step, rel=0.02, abs=2e-7)
+        assert ray_error(scanner, frame, other).scale_change == pytest.approx(gradient @ step, rel=0.02, abs=2e-7)
 
 
 def test_a_wrong_scale_moves_the_rays_by_its_share_of_their_distance_from_the_centre(scanner, theta):

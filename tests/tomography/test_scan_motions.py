@@ -108,8 +108,7 @@ def test_a_scan_that_keeps_still_loses_little_and_no_motion_is_named():
 
 def test_a_log_whose_edge_falls_into_a_gap_between_modules_is_no_log_that_moved():
     modules = (DetectorModule(258, 2.7, 0.003), DetectorModule(512, 2.5, 0.002))
-    lines = noisy(rays(modules=modules), 2)
-    fit = detector_fit(scanner(*modules), lines, ANGLES, FRAME, Rotation.AS_GIVEN)
+    fit = detector_fit(scanner(*modules), noisy(rays(modules=modules), 2), ANGLES, FRAME, Rotation.AS_GIVEN)
     assert abs(fit.cor_column_mm - FRAME.cor_column_mm) < 3.0 * fit.deviation[0] < 0.2
 
 

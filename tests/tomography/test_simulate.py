@@ -53,8 +53,7 @@ def test_the_background_is_added_everywhere(geometry):
 
 def test_a_cell_sees_several_rays(geometry):
     """Many rays converge on the mean over the cell; the default stands close to it and is not the same."""
-    cells = DetectorCells.of(geometry.scanner)
-    mean = analytic.project(L_SHAPE, cells, geometry.frame, geometry.angles_rad)
+    mean = analytic.project(L_SHAPE, DetectorCells.of(geometry.scanner), geometry.frame, geometry.angles_rad)
     rms = [
         float(np.sqrt(np.mean((simulate_sinogram(L_SHAPE, geometry, rays_per_cell=n, seed=908) - mean) ** 2)))
         for n in (1, 8, 64)
@@ -72,8 +71,7 @@ def test_an_impossible_noise_is_refused(geometry, noise):
 def test_counts_come_back_as_line_integrals_within_their_photon_noise(geometry, log_slices):
     photons = 30_000.0
     stack = simulate_stack(log_slices, geometry, photons=photons, fields=200, seed=909)
-    assert stack.counts.shape == (24, 2, 768)
-    assert stack.counts.dtype == np.uint16
+    assert (stack.counts.shape, stack.counts.dtype) == ((24, 2, 768), np.uint16)
     back = line_integrals(*(a.astype(np.float32) for a in (stack.counts, stack.flats, stack.darks))).stack
     cells = DetectorCells.of(geometry.scanner)
     for row, body in enumerate(log_slices):

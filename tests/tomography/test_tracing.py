@@ -56,7 +56,7 @@ def misplacement_px(traced, drawn, size):
 
 @pytest.mark.parametrize("size", [200, 401])
 @pytest.mark.parametrize("name", UPRIGHT | OBLIQUE)
-def test_an_antialiased_drawing_is_traced_to_a_tenth_of_a_pixel(name, size):
+def test_a_drawing_is_traced_to_a_tenth_of_a_pixel_and_a_black_and_white_one_to_half_a_pixel(name, size):
     drawn = (UPRIGHT | OBLIQUE)[name]
     traced = trace(drawn.rasterise(size, FIELD, subsamples=8), FIELD, name=name)
     outlines = [shape.vertices_mm for shape in traced.shapes if isinstance(shape, Polygon)]
@@ -66,15 +66,9 @@ def test_an_antialiased_drawing_is_traced_to_a_tenth_of_a_pixel(name, size):
     # A grey pixel of coverage c puts the half-way level off by (c - 1/2) (1/c - 1), 0.086 pixels at worst, and eight
     # sub-samples round c by 1/16; a corner misses by both its sides.
     assert off.max() < math.sqrt(2.0) * (0.086 + 1.0 / 16.0)
-
-
-@pytest.mark.parametrize("size", [200, 401])
-@pytest.mark.parametrize("name", UPRIGHT | OBLIQUE)
-def test_a_black_and_white_drawing_is_traced_to_half_a_pixel_and_a_tenth_where_steps_average_out(name, size):
-    drawn = (UPRIGHT | OBLIQUE)[name]
-    traced = trace(drawn.rasterise(size, FIELD, subsamples=1), FIELD, name=name)
-    off = misplacement_px(traced, drawn, size)
-    # Half a pixel is all that a picture along the pixels holds: a side lies anywhere between two pixel centres.
+    off = misplacement_px(trace(drawn.rasterise(size, FIELD, subsamples=1), FIELD, name=name), drawn, size)
+    # In black and white, half a pixel is all that a picture along the pixels holds: a side lies anywhere between two
+    # pixel centres. Oblique sides' steps average out.
     assert off.max() < (0.5 if name in OBLIQUE else 0.5 * math.sqrt(2.0) + 0.01)
     assert name in UPRIGHT or np.sqrt(np.mean(off**2)) < 0.1
 
@@ -105,14 +99,11 @@ def test_a_body_that_reaches_the_border_is_closed_there():
     assert min(x for x, _ in body.vertices_mm) == pytest.approx(-25.0, abs=0.1)
 
 
-def test_a_traced_size_is_as_uncertain_as_its_pixels():
+def test_a_traced_size_is_as_uncertain_as_its_pixels_and_specks_are_left_out():
     coarse, fine = (trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="l") for size in (160, 1600))
     # 2.5 mm over sqrt(6), of an L of 200 by 301 mm.
     assert coarse.size_tolerance == pytest.approx(2.5 / math.sqrt(6.0) / 250.5, rel=0.02)
     assert fine.size_tolerance == STANDARD_SIZE_TOLERANCE
-
-
-def test_specks_are_left_out():
     picture = DISC.rasterise(200, FIELD)
     picture[5, 5] = picture[180, 20] = 1.0
     assert len(trace(picture, FIELD, name="dusty").shapes) == 1

@@ -28,10 +28,6 @@ def turn(views):
     return np.arange(views) * TAU / views
 
 
-def random_theta(rng):
-    return Theta(*rng.uniform([0, 600, -200, -60, -0.3], [6.28, 850, 200, 60, 0.3]))
-
-
 def averaged(angles, *, theta=THETA, seed=1, rows=4, moved_mm=0.0):
     """The rays of several rows of a log off centre, averaged, and the geometry."""
     rng = np.random.default_rng(seed)
@@ -73,7 +69,9 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
     shares, errors = [], []
     for seed in range(16):
         rng = np.random.default_rng(1000 * views + seed)
-        rays, frame = averaged(turn(views), theta=random_theta(rng), seed=seed)
+        rays, frame = averaged(
+            turn(views), theta=Theta(*rng.uniform([0, 600, -200, -60, -0.3], [6.28, 850, 200, 60, 0.3])), seed=seed
+        )
         hard = rays * (1.0 - hardened * rays / rays.max())
         start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0, tilt_rad=frame.tilt_rad - 0.003)
         scan = noisy(hard, rng, rows=rows, slope=0.03, gain=gain)
@@ -165,8 +163,7 @@ def test_a_mill_s_counts_show_a_turntable_that_moved_by_half_a_millimetre():
     slices = [LogModel.random(4).slice_at(60.0 + 25.0 * row).moved(5.0, -3.0) for row in range(6)]
     scan = simulate_stack(slices, FanBeamGeometry(MILL, theta, turn(20)), photons=20_000.0, seed=4)
     rays = line_integrals(scan.counts, scan.flats, scan.darks).stack.mean(axis=1)
-    fit = view_pair_fit(MILL, rays, turn(20), calibrated, Rotation.AS_GIVEN)
-    changed = drift_change(MILL, calibrated, None, fit)
+    changed = drift_change(MILL, calibrated, None, view_pair_fit(MILL, rays, turn(20), calibrated, Rotation.AS_GIVEN))
     expected = truth.cor_column_mm - calibrated.cor_column_mm
     assert abs(changed.change[0] - expected) < min(0.3, 3.0 * changed.deviation[0])
     assert changed.ray_change_mm > 3.0 * changed.ray_change_uncertainty_mm

@@ -206,8 +206,7 @@ def test_an_empty_file_was_just_made_unless_it_is_marked(watched):
     assert watched.left() == ["empty.npy"]
     watched.put("empty.npy.done", b"")
     watched.look()
-    assert watched.reason("empty.npy")[1] == "code: empty-file"
-    assert watched.left() == []
+    assert (watched.reason("empty.npy")[1], watched.left()) == ("code: empty-file", [])
 
 
 def test_a_mark_says_that_a_file_is_whole_and_a_late_one_says_nothing_of_the_next_file(watched):
@@ -306,8 +305,7 @@ def test_a_scan_that_was_deleted_at_once_is_not_made_again(watched):
     watched.read()
     watched.store.scans.delete(watched.scans()[0].id)
     watched.look()
-    assert watched.scans() == []
-    assert watched.reason("log.npy")[1] == "code: scan-not-found"
+    assert (watched.scans(), watched.reason("log.npy")[1]) == ([], "code: scan-not-found")
 
 
 @pytest.mark.parametrize("when", ["before its copy", "after its copy"])
@@ -550,8 +548,7 @@ def test_files_under_kills_of_two_processes_are_each_taken_once(watched):
             process.join()
         watched.read()
         kills += 1
-    assert watched.contents() == contents
-    assert len(watched.scans()) == FILES
+    assert (watched.contents(), len(watched.scans())) == (contents, FILES)
     assert kills > 3  # eight files are taken at a time, and removed once they have been read
 
 

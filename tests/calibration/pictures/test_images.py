@@ -58,8 +58,7 @@ def test_small_images_are_enlarged_by_whole_factors(rng):
 
 def test_scale_bar_has_the_length_on_its_label(rng):
     page = np.asarray(decoded(image_png(rng.random((256, 256)), pixel_mm=400 / 256, unit="1/mm", window=(-1, 0))))
-    bar = max(int(np.argmax(row != 20)) for row in page[530:, 15:])
-    assert bar == 128  # 100 mm at 400 mm over 512 pixels
+    assert max(int(np.argmax(row != 20)) for row in page[530:, 15:]) == 128  # 100 mm at 400 mm over 512 pixels
 
 
 @pytest.mark.parametrize("side", [256, 2048])
@@ -86,13 +85,10 @@ def test_colour_maps_are_the_published_ones(name):
     assert np.abs(ours - published).max() < 1.0
 
 
-def test_window_clips():
+def test_a_window_clips_and_a_constant_image_has_a_picture():
     image = np.array([[-5.0, 0.0], [1.0, 9.0]])
     panel = panel_of(image_png(image, pixel_mm=None, unit="1", window=(0, 1)), 512)
     assert [panel[0, 0], panel[0, -1], panel[-1, 0], panel[-1, -1]] == [0, 0, 255, 255]
-
-
-def test_constant_image_has_a_picture():
     assert decoded(image_png(np.ones((16, 16)), pixel_mm=1.0, unit="1")).size[0] > 512
 
 
@@ -218,8 +214,7 @@ def test_small_slices_are_enlarged_by_whole_factors_and_row_is_x(size, side):
     ((top, left),) = tiles_of(page)
     bright = np.argwhere(page[top : top + side, left : left + side] == 255)
     factor = side // size
-    assert len(bright) == factor**2
-    assert bright.min(axis=0).tolist() == [size // 4 * factor, side - factor]
+    assert (len(bright), bright.min(axis=0).tolist()) == (factor**2, [size // 4 * factor, side - factor])
 
 
 def test_large_slices_are_averaged():
@@ -257,11 +252,15 @@ def test_a_mosaic_can_have_colours_and_a_title():
     assert mosaic(images, title="log.h5").shape[0] > mosaic(images).shape[0]
 
 
-def test_a_mosaic_of_nothing_or_of_no_squares_is_a_sentence():
+def test_a_mosaic_and_a_side_view_of_what_is_none_are_a_sentence():
     with pytest.raises(ValueError, match="at least one slice"):
         mosaic_png([], pixel_mm=1.0, unit="1", window=(0, 1))
     with pytest.raises(ValueError, match=r"square slices, not one of shape \(3, 4\)"):
         mosaic([np.zeros((3, 4))])
+    with pytest.raises(ValueError, match=r"two-dimensional, not of shape \(4,\)"):
+        side_view(np.zeros(4))
+    with pytest.raises(ValueError, match="not finite"):
+        side_view(np.full((3, 4), np.nan))
 
 
 def side_view(densest, **options):
@@ -282,8 +281,7 @@ def test_the_log_runs_to_the_right_true_to_scale():
     panel = framed(side_view(densest, along_mm=(-20.0, 1980.0)))
     assert panel.shape == (256, 1280)
     bright = np.argwhere(panel == 255)
-    assert bright.min(axis=0).tolist() == [64, 1024]
-    assert bright.max(axis=0).tolist() == [65, 1049]
+    assert (bright.min(axis=0).tolist(), bright.max(axis=0).tolist()) == ([64, 1024], [65, 1049])
 
 
 def test_what_is_densest_stays_in_sight_in_long_logs():
@@ -299,13 +297,6 @@ def test_what_is_densest_stays_in_sight_in_long_logs():
 
 def test_a_single_slice_is_wide_enough_to_see():
     assert framed(side_view(np.ones((1, 64), np.float32), along_mm=(-1.0, 1.0))).shape == (256, 192)
-
-
-def test_a_side_view_of_what_is_none_is_a_sentence():
-    with pytest.raises(ValueError, match=r"two-dimensional, not of shape \(4,\)"):
-        side_view(np.zeros(4))
-    with pytest.raises(ValueError, match="not finite"):
-        side_view(np.full((3, 4), np.nan))
 
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -334,12 +325,9 @@ def words(root: ET.Element) -> list[str]:
     return [element.text for element in root.iter(f"{SVG}text")]
 
 
-def test_a_unit_is_a_millimetre_on_paper():
+def test_a_unit_is_a_millimetre_on_paper_down_is_x_and_right_is_y():
     root = drawn("board", BOARD)
     assert re.fullmatch(r"0 0 ([\d.]+) ([\d.]+) \1mm \2mm", " ".join(map(root.get, ("viewBox", "width", "height"))))
-
-
-def test_down_is_x_and_right_is_y():
     corners = outline(drawn("board", BOARD))
     across, down = corners[0]
     expected = [(across + y + 150.0, down + x + 100.0) for x, y in BOARD.vertices_mm]
@@ -349,22 +337,17 @@ def test_down_is_x_and_right_is_y():
 def test_a_hole_is_cut_into_the_wood_whatever_the_order():
     for shapes in ((BOARD, HOLE), (HOLE, BOARD)):
         root = drawn("board", *shapes)
-        filled = [element for element in root if element.tag in {f"{SVG}polygon", f"{SVG}circle"}]
-        wood, hole = filled[:2]
+        wood, hole = [element for element in root if element.tag in {f"{SVG}polygon", f"{SVG}circle"}][:2]
         assert wood.get("fill") != hole.get("fill") == "#fff"
         across, down = outline(root)[0]
         assert float(hole.get("r")) == 26.0
         assert (float(hole.get("cx")), float(hole.get("cy"))) == pytest.approx((across + 101.0, down + 50.0))
 
 
-def test_sizes_name_and_scale_are_written():
+def test_sizes_name_and_scale_are_written_and_the_bar_is_a_hundred_millimetres():
     written = words(drawn("board", BOARD, HOLE))
     assert {"300.25", "200", "board", "100 mm", "⌀ 52 at (-50, -49)"} <= set(written)
-
-
-def test_the_scale_bar_is_a_hundred_millimetres():
-    root = drawn("board", BOARD)
-    thickest = max(root.iter(f"{SVG}line"), key=lambda line: float(line.get("stroke-width")))
+    thickest = max(drawn("board", BOARD).iter(f"{SVG}line"), key=lambda line: float(line.get("stroke-width")))
     assert float(thickest.get("x2")) - float(thickest.get("x1")) == pytest.approx(100.0)
 
 
@@ -379,5 +362,4 @@ def test_everything_lies_on_the_paper_the_rotation_centre_too():
 
 @pytest.mark.parametrize("name", ["a <b> & 'c'", "bell\x07", "none\ufffe"])
 def test_any_name_makes_valid_xml(name):
-    root = drawn(name, BOARD)
-    assert root.findtext(f"{SVG}title") == "".join(letter for letter in name if letter.isprintable())
+    assert drawn(name, BOARD).findtext(f"{SVG}title") == "".join(letter for letter in name if letter.isprintable())

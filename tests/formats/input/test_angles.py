@@ -14,9 +14,11 @@ from sawmill_formats.input.reading import agree_on_angles
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
-def test_a_start_with_its_step_is_a_sequence():
+def test_a_start_with_its_step_is_a_sequence_and_a_step_of_nothing_is_refused():
     np.testing.assert_array_equal(AngleSteps(0.5, 1.0).expand(3), [0.5, 1.5, 2.5])
     np.testing.assert_array_equal(AngleSteps(10.0, -2.5).expand(3), [10.0, 7.5, 5.0])
+    with pytest.raises(UnreadableScan, match="must not be 0 degrees"):
+        parse_angles("5:0")
 
 
 @pytest.mark.parametrize(
@@ -38,11 +40,6 @@ def test_anything_else_is_refused(text):
     with pytest.raises(UnreadableScan, match=r"START:STEP, as in 0\.5:1") as refusal:
         parse_angles(text)
     assert refusal.value.code == "angles-malformed"
-
-
-def test_step_of_nothing():
-    with pytest.raises(UnreadableScan, match="must not be 0 degrees"):
-        parse_angles("5:0")
 
 
 def test_file_with_comments(tmp_path):

@@ -70,12 +70,9 @@ def test_deviations_stand_beside_the_mean_by_their_name(read, written):
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
 
 
-def test_deviations_of_one_row_have_its_shape(read):
+def test_deviations_of_one_row_have_its_shape_and_an_infinite_one_masks_its_ray_as_nan_does(read):
     scan = read(npz(mean=MEAN[:, None], deviations=DEVIATIONS[:, None]))
     np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
-
-
-def test_a_ray_is_masked_by_nan_or_by_an_infinite_deviation(read):
     scan = read(npz(mean=put(MEAN, np.nan), deviations=put(put(DEVIATIONS, np.nan), np.inf, (5, 7))))
     assert np.argwhere(np.isnan(scan.projections)).tolist() == [[3, 30], [5, 7]]
 
@@ -116,16 +113,13 @@ def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(read
     assert (refusal.value.code, str(refusal.value)) == (code, sentence)
 
 
-def test_a_log_of_a_tenth_of_the_detector_is_told_from_its_transmissions(read):
+def test_a_mean_is_refused_where_it_is_nan_unnamed_or_of_transmissions(read):
     across = np.linspace(-1.0, 1.0, 768)
     thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (across / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
     noisy = thin + 0.01 * np.random.default_rng(1).standard_normal(thin.shape)
     read(npy(noisy))
     with pytest.raises(UnreadableScan, match="as counts and transmissions do"):
         read(npy(np.exp(-noisy)))
-
-
-def test_a_mean_is_nan_and_refused_where_nobody_says_that_it_is_one(read):
     with pytest.raises(UnreadableScan, match="every value must be a finite number"):
         read(npy(put(MEAN, np.nan)), rows=None)
 
@@ -135,5 +129,4 @@ def test_a_bridged_ray_is_known_no_better_than_those_that_were_measured():
     rays[0, 0, 10:14] = np.nan
     averaged = AveragedRays(AveragedRows(60, np.full((2, 40), 0.01, np.float32)), rays.shape)
     averaged.bridge(rays, 0)
-    assert averaged.deviations[0, 10:14] == pytest.approx(0.01)
-    assert averaged.deviations[1] == pytest.approx(0.01)
+    assert (averaged.deviations[0, 10:14], averaged.deviations[1]) == (pytest.approx(0.01), pytest.approx(0.01))

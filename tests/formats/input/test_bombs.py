@@ -77,8 +77,7 @@ class TestHdf5:
         refused(file, "too-large", "of '/data' declares 4300800 bytes of data and holds more")
 
     def test_lzf_whose_filter_claims_4_gib(self, file):
-        shape = (20, 1, 768)
-        chunk_of(file, bytes(1000), shape, packing=h5py.h5z.FILTER_LZF)
+        chunk_of(file, bytes(1000), (20, 1, 768), packing=h5py.h5z.FILTER_LZF)
         declared = struct.pack("<I", 4 * 20 * 768)
         stored = file.read_bytes()
         at = stored.index(declared, stored.index(b"lzf\0"))

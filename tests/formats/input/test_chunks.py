@@ -42,8 +42,7 @@ def dataset_of(file, stored, *filters, skipped=0, libver="earliest"):
             "checksum": layout.set_fletcher32,
         }[each]()
     with h5py.File(file, "w", libver=libver) as h5:
-        space = h5py.h5s.create_simple(SHAPE)
-        dataset = h5py.h5d.create(h5.id, b"data", h5py.h5t.STD_U8LE, space, layout)
+        dataset = h5py.h5d.create(h5.id, b"data", h5py.h5t.STD_U8LE, h5py.h5s.create_simple(SHAPE), layout)
         dataset.write_direct_chunk((0, 0, 0), stored, skipped)
 
 

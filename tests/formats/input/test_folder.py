@@ -106,10 +106,7 @@ def test_the_file_that_differs_or_is_broken_is_named(folder, image, code):
     refused(path, code, "view_5.tif", **GIVEN)
 
 
-def test_a_folder_without_images_and_a_dataset_are_refused(folder, tmp_path):
+def test_a_folder_without_images_a_dataset_and_what_does_not_fit_into_the_memory_are_refused(folder, tmp_path):
     refused(tmp_path, "unknown-format", **GIVEN)
     refused(folder[0], "contradiction", **GIVEN, dataset="views")
-
-
-def test_what_does_not_fit_into_the_memory_is_refused(folder):
     refused(folder[0], "too-large", "at most", **GIVEN, max_bytes=1_000)

@@ -54,7 +54,7 @@ def test_flats_of_every_format(writer, scan_file, fields, tmp_path):
         assert scan.others == (path,)
 
 
-def test_one_image_is_one_field(scan_file, fields, tmp_path):
+def test_one_image_is_one_field_and_a_sinogram_has_fields_of_a_row(scan_file, fields, tmp_path, stack):
     tifffile.imwrite(tmp_path / "flat.tif", fields[0])
     np.save(tmp_path / "dark.npy", fields[1])
     given = {"flats": tmp_path / "flat.tif", "darks": tmp_path / "dark.npy"}
@@ -62,39 +62,28 @@ def test_one_image_is_one_field(scan_file, fields, tmp_path):
         np.testing.assert_array_equal(scan.flats, fields[:1])
         np.testing.assert_array_equal(scan.darks, fields[1:])
         assert not any("dark" in remark for remark in scan.remarks)
-
-
-def test_fields_of_a_sinogram(fields, stack, tmp_path):
     np.save(tmp_path / "scan.npy", stack[:, 0])
     np.save(tmp_path / "flats.npy", fields[:, 0])
     with reading_scan(tmp_path / "scan.npy", **COUNTS, flats=tmp_path / "flats.npy") as scan:
         np.testing.assert_array_equal(scan.flats, fields[:, :1])
 
 
-def test_fields_in_the_file_and_beside_it_are_refused(nxtomo, fields, tmp_path):
+def test_fields_in_both_places_beside_line_integrals_or_of_another_size_are_refused(
+    nxtomo, fields, tmp_path, scan_file
+):
     np.save(tmp_path / "f.npy", fields)
     refused(nxtomo(), "contradiction", "flats of its own", "--flats", counts=True, flats=tmp_path / "f.npy")
-
-
-def test_fields_beside_line_integrals_are_refused(scan_file, fields, tmp_path):
     np.save(tmp_path / "f.npy", fields)
     refused(scan_file, "contradiction", counts=False, angles_deg=STEPS, darks=tmp_path / "f.npy")
-
-
-def test_a_file_of_other_fields_is_not_taken_for_these(scan_file, fields, tmp_path):
-    nxtomo_of(fields, 1)(tmp_path / "flats.nxs")
-    given = COUNTS | {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
-    sentence = refused(scan_file, "dataset-missing", **given)
-    assert sentence.startswith("--darks 'flats.nxs': it holds no darks")
-
-
-def test_fields_of_another_size_are_refused_with_both_shapes(scan_file, fields, tmp_path):
     np.save(tmp_path / "f.npy", fields[:, 1:])
     words = f"(2, {ROWS - 1}, {CELLS})", f"({ROWS}, {CELLS})"
     refused(scan_file, "wrong-shape", *words, **COUNTS, flats=tmp_path / "f.npy")
 
 
 def test_what_is_wrong_with_the_fields_file_names_it(scan_file, fields, tmp_path):
+    nxtomo_of(fields, 1)(tmp_path / "flats.nxs")
+    given = COUNTS | {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
+    assert refused(scan_file, "dataset-missing", **given).startswith("--darks 'flats.nxs': it holds no darks")
     given = COUNTS | {"flats": tmp_path / "f.npy"}
     given["flats"].write_bytes(b"\x93NUMPY\1\0\5\0what?")
     assert refused(scan_file, "broken-file", **given).startswith("--flats 'f.npy': this NPY file is incomplete")

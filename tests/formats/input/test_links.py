@@ -83,13 +83,9 @@ def test_data_in_other_files_are_read_as_they_are(write, folder, stack):
 
 
 @pytest.mark.parametrize("write", [linked, virtual, raw])
-def test_an_upload_leads_nowhere(write, folder, stack):
+def test_an_upload_leads_nowhere_and_the_file_that_is_missing_is_named(write, folder, stack):
     write(folder, stack)
     assert "--follow-links" not in refused(folder / "master.h5", "external-storage", **GIVEN)
-
-
-@pytest.mark.parametrize("write", [linked, virtual, raw])
-def test_the_file_that_is_missing_is_named(write, folder, stack):
     name = write(folder, stack)[-1]
     (folder / "raw" / name).unlink()
     refused(folder / "master.h5", "linked-file-missing", name, **LINKED)
@@ -120,8 +116,7 @@ def test_a_whole_nxtomo_entry_behind_a_link(folder, nxtomo, stack):
         file["lost"] = h5py.ExternalLink("nowhere.h5", "/")
     (folder / "moved away").mkdir()
     with reading_scan(folder / "master.h5", counts=True, follow_links=True) as scan:
-        assert scan.format == "hdf5-nxtomo"
-        assert scan.detector_pitch_mm == pytest.approx(1.5)
+        assert (scan.format, scan.detector_pitch_mm) == ("hdf5-nxtomo", pytest.approx(1.5))
         np.testing.assert_array_equal(next(scan.blocks(2**20)).samples, stack)
 
 
@@ -132,10 +127,13 @@ def test_an_absolute_place_that_was_moved_is_found_beside_the_file(folder, stack
         assert scan.shape == SHAPE
 
 
-def test_links_that_run_in_a_circle_between_files_end(folder):
+def test_links_that_run_in_a_circle_between_files_end_and_a_device_is_no_file(folder):
     for one, other in (("master.h5", "raw/other.h5"), ("raw/other.h5", "../master.h5")):
         hdf5({"exchange/data": h5py.ExternalLink(other, "/exchange/data")})(folder / one)
     refused(folder / "master.h5", "unsupported-storage", **LINKED)
+    with h5py.File(folder / "master.h5", "w") as file:
+        file.create_dataset("data", shape=SHAPE, dtype="u2", external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)])
+    refused(folder / "master.h5", "linked-file-missing", **LINKED)
 
 
 def test_sizes_count_against_the_memory_and_what_is_stored(folder, stack):
@@ -176,9 +174,3 @@ def test_fields_apart_may_be_linked_too(folder, stack):
     with reading_scan(folder / "scan.npy", **LINKED | {"counts": True}, flats=folder / "master.h5") as scan:
         np.testing.assert_array_equal(scan.flats, stack)
         assert [path.name for path in scan.others] == ["master.h5", "a.h5", "b.h5"]
-
-
-def test_a_device_is_no_file(folder):
-    with h5py.File(folder / "master.h5", "w") as file:
-        file.create_dataset("data", shape=SHAPE, dtype="u2", external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)])
-    refused(folder / "master.h5", "linked-file-missing", **LINKED)

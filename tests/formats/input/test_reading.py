@@ -31,8 +31,7 @@ def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_d
     assert np.all(scan.flats == 60_000)
     assert scan.flats.shape[0] == 2
     assert np.all(scan.darks == 7)
-    assert scan.detector_pitch_mm == pytest.approx(1.5)
-    assert scan.row_pitch_mm is None
+    assert (scan.detector_pitch_mm, scan.row_pitch_mm) == (pytest.approx(1.5), None)
     assert scan.remarks == ("1 images marked invalid (image_key 3) were left out.",)
 
 
@@ -61,13 +60,10 @@ def test_format_is_recognised_by_content_not_by_name(nxtomo, tmp_path, stack):
     np.testing.assert_array_equal(read_scan(disguised, counts=True).projections, stack)
 
 
-def test_given_angles_win_over_angles_without_units_with_a_remark(nxtomo):
+def test_given_angles_that_agree_are_accepted_and_win_over_angles_without_units_with_a_remark(nxtomo, angles_deg):
     scan = read_scan(nxtomo(angle_units=None), counts=True, angles_deg=STEPS)
     np.testing.assert_allclose(np.rad2deg(scan.angles_rad), np.arange(6) * 60.0)
     assert any("no units attribute" in remark for remark in scan.remarks)
-
-
-def test_given_angles_that_agree_are_accepted(nxtomo, angles_deg):
     scan = read_scan(nxtomo(), counts=True, angles_deg=AngleList(tuple(angles_deg + 5e-7)), detector_pitch_mm=1.5)
     np.testing.assert_allclose(np.rad2deg(scan.angles_rad), angles_deg, atol=1e-6)
 
@@ -102,8 +98,7 @@ def test_data_exchange(tmp_path, stack, angles_deg, unit):
     assert scan.format == "hdf5-data-exchange"
     np.testing.assert_array_equal(scan.projections, stack)
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-14)
-    assert scan.flats.shape == (2, 3, 8)
-    assert scan.darks.shape == (1, 3, 8)
+    assert (scan.flats.shape, scan.darks.shape) == ((2, 3, 8), (1, 3, 8))
 
 
 def test_plain_hdf5_takes_the_only_candidate_or_the_named_one(tmp_path, stack):
@@ -118,13 +113,10 @@ def test_plain_hdf5_takes_the_only_candidate_or_the_named_one(tmp_path, stack):
     np.testing.assert_array_equal(chosen.projections, stack + 1)
 
 
-def test_plain_hdf5_takes_a_link_by_its_name(tmp_path, stack):
+def test_plain_hdf5_takes_a_link_by_its_name_and_groups_that_contain_themselves_end(tmp_path, stack):
     path = tmp_path / "scan.h5"
     hdf5({"a/sino": stack, "b": stack, "z": h5py.SoftLink("/a/sino")})(path)
     np.testing.assert_array_equal(read_scan(path, counts=False, dataset="z", angles_deg=STEPS).projections, stack)
-
-
-def test_groups_that_contain_themselves_end(tmp_path, stack):
     path = tmp_path / "scan.h5"
     with h5py.File(path, "w") as file:
         file["group/sino"] = stack
@@ -187,8 +179,7 @@ def test_npz_with_everything(tmp_path, stack, angles_deg, save):
     assert scan.format == "npz"
     np.testing.assert_array_equal(scan.projections, stack)
     np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
-    assert scan.flats.shape == (2, 3, 8)
-    assert scan.darks.shape == (1, 3, 8)
+    assert (scan.flats.shape, scan.darks.shape) == ((2, 3, 8), (1, 3, 8))
 
 
 @pytest.mark.parametrize("compressed", [False, True])

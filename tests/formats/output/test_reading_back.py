@@ -71,15 +71,12 @@ def volume(tmp_path):
     return write
 
 
-def test_a_slice_is_one_of_the_volume_s(volume):
+def test_a_slice_is_one_of_the_volume_s_and_knows_where_it_lies_along_the_log(volume):
     path, slices = volume(None)
     read = volume_slice(path, slices.shape, 1)
     np.testing.assert_array_equal(read.data, slices[1])
     assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
     assert (read.height_mm, read.label) == (None, "slice 1")
-
-
-def test_slices_know_where_they_lie_along_the_log(volume):
     path, slices = volume(20.0)
     read = list(volume_slices(path, slices.shape, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
@@ -88,16 +85,13 @@ def test_slices_know_where_they_lie_along_the_log(volume):
         list(volume_slices(path, slices.shape, [0, 3]))
 
 
-def test_side_views_are_the_densest_along_their_axis(volume):
+def test_side_views_are_the_densest_along_their_axis_and_have_no_length_without_spacing(volume):
     path, slices = volume(20.0)
     along_x, along_y = side_view(path, slices.shape, "x"), side_view(path, slices.shape, "y")
     np.testing.assert_array_equal(along_x.data, slices.max(axis=1))
     np.testing.assert_array_equal(along_y.data, slices.max(axis=2))
     assert (along_x.across, along_x.across_mm, along_x.along_mm) == ("y", (-25.0, -15.0), (50.0, 110.0))
     assert (along_y.across, along_y.across_mm, along_y.unit) == ("x", (5.0, 15.0), "1/mm")
-
-
-def test_a_side_view_of_slices_without_spacing_has_no_length(volume):
     path, slices = volume(None)
     assert side_view(path, slices.shape, "x").along_mm is None
 
@@ -150,7 +144,7 @@ def test_the_library_reads_what_was_packed(dataset, tmp_path, shape, kind):
         np.testing.assert_array_equal(again["data"], values)
 
 
-def test_the_checksum_is_the_library_s(dataset):
+def test_the_checksum_is_the_library_s_where_a_sum_of_65535_stays(dataset):
     file, data = dataset((40, 41))
     data[...] = np.random.default_rng(732).standard_normal((3, 40, 41))
     file.flush()
@@ -158,9 +152,6 @@ def test_the_checksum_is_the_library_s(dataset):
         _, stored = data.id.read_direct_chunk((index, 0, 0))
         assert struct.pack("<I", fletcher32(stored[:-4])) == stored[-4:]
     file.close()
-
-
-def test_a_sum_of_65535_stays_and_nothing_has_the_sum_0():
     assert fletcher32(b"\xff\xff") == 0xFFFFFFFF
     assert fletcher32(b"\0\0\0") == 0
     assert fletcher32(b"\x01") == 0x01000100
@@ -235,6 +226,5 @@ def test_the_reader_recognises_the_group(volume_of):
         attributes = file["VTKHDF"].attrs
         # It takes texts of fixed length only.
         assert attributes.get_id("Type").dtype == np.dtype("S9")
-        assert attributes["Type"] == b"ImageData"
-        assert attributes["Version"].tolist() == [1, 0]
+        assert (attributes["Type"], attributes["Version"].tolist()) == (b"ImageData", [1, 0])
         assert file["VTKHDF/PointData/attenuation"].attrs["Attribute"] == b"Scalars"

@@ -31,8 +31,7 @@ DROP = """text => {
 def scan_path(tmp_path_factory):
     """Counts of the phantom with flat and dark fields, and without the angles: they begin at 3 degrees."""
     angles = (np.arange(VIEWS) + 0.5) * TAU / VIEWS
-    wood = L_SHAPE.of_density(SAPWOOD_PER_MM)
-    stack = simulate_stack([wood], FanBeamGeometry(SCANNER, THETA, angles), seed=3)
+    stack = simulate_stack([L_SHAPE.of_density(SAPWOOD_PER_MM)], FanBeamGeometry(SCANNER, THETA, angles), seed=3)
     path = tmp_path_factory.mktemp("scan") / "morning.npz"
     np.savez(path, projections=stack.counts, flats=stack.flats, darks=stack.darks)
     return path

@@ -200,8 +200,7 @@ def looks_of(errors, covariance=LOOK, truth=(0.0, 0.0)):
 
 def test_two_looks_weigh_by_their_own_covariances():
     first = DriftCheckPoint(1.0, DetectorEstimate.of([1.0, 0.0], np.diag([1.0, 4.0])))
-    second = DriftCheckPoint(3.0, DetectorEstimate.of([2.0, 5.0], np.diag([4.0, 1.0])))
-    both = pooled([first, second])
+    both = pooled([first, DriftCheckPoint(3.0, DetectorEstimate.of([2.0, 5.0], np.diag([4.0, 1.0])))])
     np.testing.assert_allclose(both.change.values, [(1.0 + 2.0 / 4.0) / 1.25, 5.0 / 1.25])
     np.testing.assert_allclose(both.change.covariance, np.eye(2) / 1.25)
     assert (both.days, both.looks, both.outliers) == (2.0, 2, 0)

@@ -55,15 +55,12 @@ def test_running_out_of_iterations_is_reported():
 
 @pytest.mark.parametrize("lower", [0.0, -np.inf])
 def test_the_objective_never_rises(lower):
-    values = []
-
     def objective(images, _which):
         value = np.sum(np.log1p((images - 3.0) ** 2), axis=(1, 2), dtype=np.float64)
         return value, (2.0 * (images - 3.0) / (1.0 + (images - 3.0) ** 2))
 
     start = np.random.default_rng(1003).uniform(-5.0, 20.0, (1, 8, 8)).astype(np.float32)
-    for iterations in (1, 4, 16, 64):
-        found = minimise(objective, start, lower=lower, iterations=iterations, tolerance=0.0)
-        values.append(found.values[0])
+    found = [minimise(objective, start, lower=lower, iterations=most, tolerance=0.0) for most in (1, 4, 16, 64)]
+    values = [descent.values[0] for descent in found]
     assert values == sorted(values, reverse=True)
     assert values[-1] < 0.5 * values[0]

@@ -42,8 +42,9 @@ def test_nothing_wrong_is_the_mean_of_the_exact_intensities(scan, phantom):
     cells = DetectorCells.of(SCANNER)
     fine = DetectorCells(cells.first_border_mm, cells.width_mm / RAYS, cells.count * RAYS)
     chords = analytic.project(wood, fine, made.frame, ANGLES, rays_per_cell=1)
-    expected = np.exp(-chords).reshape(24, 256, RAYS).mean(axis=2)
-    np.testing.assert_allclose(made.signal, expected, rtol=0.0, atol=1e-11)  # rounding; two ways to the same chords
+    np.testing.assert_allclose(
+        made.signal, np.exp(-chords).reshape(24, 256, RAYS).mean(axis=2), rtol=0.0, atol=1e-11
+    )  # rounding; two ways to the same chords
 
 
 CHANGES = {
@@ -130,15 +131,12 @@ OF_ANOTHER = (
 )
 
 
-def test_a_seed_is_a_scan(scan):
+def test_a_seed_is_a_scan_and_rows_of_a_stack_share_wood_and_motion_and_have_noise_of_their_own(scan, theta):
     effects = {"wood": WoodEffects(knots=2, roughness_mm=0.2), "detector": DetectorEffects(gain_spread=0.03)}
     one, same, other = scan(**effects), scan(**effects), scan(**effects, seed=4)
     for part in ("counts", "flats", "darks"):
         np.testing.assert_array_equal(getattr(one, part), getattr(same, part))
         assert not np.array_equal(getattr(one, part), getattr(other, part))
-
-
-def test_rows_of_a_stack_share_wood_and_motion_and_have_noise_of_their_own(theta):
     effects = Physics(wood=WoodEffects(knots=2), motion=MotionEffects(angle_jitter_deg=0.1))
     frame = theta.source_frame(SCANNER.source_to_cor_mm)
     one, two = (simulate_physics(WOOD, SCANNER, frame, ANGLES, effects, seed=3, row=row) for row in (0, 1))
@@ -157,8 +155,7 @@ def test_counts_are_photons_with_their_noise(scan):
 
 
 def test_a_slip_is_another_place_from_a_view_on(scan):
-    motion = MotionEffects(slip_mm=2.0, slip_towards_deg=90.0, slip_turn_deg=3.0, slip_at=0.5)
-    slipped = scan(motion=motion)
+    slipped = scan(motion=MotionEffects(slip_mm=2.0, slip_towards_deg=90.0, slip_turn_deg=3.0, slip_at=0.5))
     after = WOOD.rotated(np.deg2rad(3.0)).moved(0.0, 2.0)
     assert slipped.motion.slip_view == 12
     np.testing.assert_array_equal(slipped.signal[:12], scan().signal[:12])
@@ -224,13 +221,10 @@ def test_scatter_comes_from_the_wood_and_glare_from_the_light(scan):
     assert glaring[shadow].mean() > clean[shadow].mean()
 
 
-def test_lag_is_the_view_before(scan):
+def test_lag_is_the_view_before_and_slope_and_curvature_are_gains_since_the_flat_fields(scan):
     clean, late = scan().signal, scan(detector=DetectorEffects(lag_share=0.05)).signal
     np.testing.assert_allclose(late[1:], 0.95 * clean[1:] + 0.05 * late[:-1], rtol=1e-12)
     np.testing.assert_allclose(late[0], clean[0], rtol=1e-12)
-
-
-def test_slope_and_curvature_are_gains_since_the_flat_fields(scan):
     place = np.linspace(-1.0, 1.0, 256)
     made = scan(detector=DetectorEffects(slope_share=0.02, curvature_share=0.01)).signal
     expected = 1.0 + 0.01 * place + 0.01 * (1.0 / 3.0 - place**2)
@@ -245,13 +239,10 @@ def test_saturated_air_stands_at_the_converters_largest_value(scan, bits, larges
     assert made.counts[made.signal < 0.5].max() < largest
 
 
-def test_twelve_bits_are_coarse_and_not_saturated(scan):
+def test_twelve_bits_are_coarse_and_not_saturated_and_dead_cells_show_their_dark_level(scan):
     made = scan(detector=DetectorEffects(bits=12))
     assert 0.75 * 4095 < made.flats.mean() < 0.85 * 4095
     assert made.counts.max() < 4095
-
-
-def test_dead_cells_show_their_dark_level(scan):
     made = scan(detector=DetectorEffects(dead_cells=3))
     assert np.count_nonzero((made.counts == 200).all(axis=0)) == 3
     assert (made.flats.mean(axis=0) > 29_000).all()
@@ -281,8 +272,7 @@ def test_rounded_corners_and_rough_sides_keep_the_boards_size():
 
 
 def test_nails_stand_in_a_log():
-    log = Phantom("log", (Disc((0.0, 0.0), 130.0, 0.018),))
-    body = stand(log, WoodEffects(screws=3), np.random.default_rng(0))
+    body = stand(Phantom("log", (Disc((0.0, 0.0), 130.0, 0.018),)), WoodEffects(screws=3), np.random.default_rng(0))
     assert (np.hypot(body.metal[:, 0], body.metal[:, 1]) < 120.0).all()
 
 

@@ -101,14 +101,11 @@ def test_counts_are_overwritten_some_rows_at_a_time():
     np.testing.assert_array_equal(counts, whole.stack)
 
 
-def test_exchanged_flats_and_darks_are_refused():
+def test_exchanged_flats_and_darks_and_a_row_of_dead_cells_are_refused():
     flats, darks = fields()
     sentence = "30 of 30 detector cells .* row 0, cell 0 with a mean flat of .* flats and darks were not exchanged"
     with pytest.raises(CountsError, match=sentence):
         line_integrals(counts_of(np.ones((VIEWS, ROWS, CELLS))), darks, flats)
-
-
-def test_a_row_of_dead_cells_is_refused_by_its_number():
     rows = 8
     flats = np.full((1, rows, CELLS), AIR, np.float32)
     flats[:, 5] = 0.0
@@ -141,11 +138,15 @@ def test_few_saturated_cells_are_bridged_and_named(largest):
     assert np.abs(result.stack[:, :, 85:115].mean(axis=0) - 1.0).max() < 0.03
 
 
-def test_many_saturated_cells_are_named_with_their_remedy():
+def test_many_saturated_cells_are_named_with_their_remedy_and_a_scan_brighter_than_its_flats():
     result = line_integrals(*saturated(4095.0, 1.05), None)
     (sentence,) = said_of_saturation(result)
     assert sentence.message is PreparingMessage.SATURATED_FLATS
     assert "Lower the tube's current or the exposure" in sentence
+    counts, _ = saturated(4095.0, 1.05)
+    _, flats = saturated(4095.0, 0.8)
+    (sentence,) = said_of_saturation(line_integrals(counts, flats, None))
+    assert (sentence.message, sentence.values["largest"]) == (PreparingMessage.SATURATED_SAMPLES, 4095)
 
 
 def test_saturated_cells_are_not_taken_for_the_dead_ones():
@@ -155,13 +156,6 @@ def test_saturated_cells_are_not_taken_for_the_dead_ones():
     (sentence,) = said_of_saturation(result)
     assert sentence.message is PreparingMessage.SATURATED_FLATS
     assert PreparingMessage.DEAD_CELLS(cells=30 * ROWS) in result.remarks
-
-
-def test_a_scan_brighter_than_its_flats_is_named():
-    counts, _ = saturated(4095.0, 1.05)
-    _, flats = saturated(4095.0, 0.8)
-    (sentence,) = said_of_saturation(line_integrals(counts, flats, None))
-    assert (sentence.message, sentence.values["largest"]) == (PreparingMessage.SATURATED_SAMPLES, 4095)
 
 
 @pytest.mark.parametrize(

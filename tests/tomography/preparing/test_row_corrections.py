@@ -43,8 +43,7 @@ def noisy(clean, seed):
 
 
 def test_a_drifting_source_and_faulty_cells_are_corrected_and_reported(clean):
-    rng = np.random.default_rng(52)
-    stack = noisy(clean, 53) + 0.02 * rng.standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
+    stack = noisy(clean, 53) + 0.02 * np.random.default_rng(52).standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
     stack[:, 1, 300] = 9.0
     stack[:, 2, 500:502] = 13.8
     done = corrected_rows(stack, Corrections(AirCorrection.VIEWS))
@@ -74,7 +73,7 @@ def test_rows_are_corrected_one_by_one_as_in_the_whole_stack(clean):
     assert corrector.result().remarks == done.remarks
 
 
-def test_missing_rows_stay_missing_and_spoil_nothing(clean):
+def test_missing_rows_stay_missing_and_a_level_that_cannot_be_air_is_kept_and_reported(clean):
     stack = noisy(clean, 55) + np.float32(0.05)
     stack[7, 0] = np.nan
     done = corrected_rows(stack, Corrections(AirCorrection.BACKGROUND))
@@ -82,9 +81,6 @@ def test_missing_rows_stay_missing_and_spoil_nothing(clean):
     assert np.isfinite(np.delete(stack, 7, axis=0)).all()
     assert abs(float(np.nanmean(stack - clean))) < 0.001
     assert "taken out of 3 rows: 0.050 in the mean" in done.remarks[0]
-
-
-def test_a_level_that_cannot_be_air_is_kept_and_reported(clean):
     stack = noisy(clean, 56) + np.float32(0.8)
     before = stack.copy()
     done = corrected_rows(stack, Corrections(AirCorrection.VIEWS, largest_air_level=0.3))

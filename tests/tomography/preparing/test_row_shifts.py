@@ -135,8 +135,7 @@ class TestByMass:
         # Those that did not move by parts are not resampled.
         np.testing.assert_array_equal(found.rows[truth == 0.0], 0.0)
         np.testing.assert_array_equal(found.rows[1::3], truth[1::3])
-        errors = (found.rows - truth) / found.standard_deviation
-        assert np.sqrt(np.mean(errors**2)) < 1.5
+        assert np.sqrt(np.mean(((found.rows - truth) / found.standard_deviation) ** 2)) < 1.5
         if fractions:
             assert np.abs(found.rows - truth).max() < 0.25
             assert 0.02 < np.median(found.standard_deviation[::3]) < 0.15

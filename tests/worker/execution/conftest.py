@@ -83,8 +83,7 @@ def queue(store: Store) -> Callable[..., Job]:
         if not short:  # the reading of a large file, which has a hole here
             received = replace(received, size_bytes=SHORT_UPLOAD_BYTES + 1)
             os.truncate(received.path, received.size_bytes)
-        scan = store.scans.accept(spec, received, priority=priority)
-        return store.jobs.get(scan.job_id)
+        return store.jobs.get(store.scans.accept(spec, received, priority=priority).job_id)
 
     return accept
 

@@ -198,14 +198,13 @@ def test_waking_outlives_what_nobody_foresaw():
     waker.close()
 
 
-def test_a_sweep_without_redis_is_put_off(store, settings, queue):
+def test_a_sweep_without_redis_is_put_off_and_one_that_refuses_the_password_is_named_once(
+    store, settings, queue, refusing_redis_url
+):
     queue("succeed")
     assert reasons_of_sweeps(store, settings, "redis://127.0.0.1:1/0") == [
         ("sweep-put-off", "Redis (SAWMILL_BROKER_URL) does not answer")
     ]
-
-
-def test_a_redis_that_refuses_the_password_is_named_once(store, settings, refusing_redis_url):
     assert reasons_of_sweeps(store, settings, refusing_redis_url) == [
         ("sweep-put-off", "Redis refuses the user or the password in SAWMILL_BROKER_URL")
     ]

@@ -78,15 +78,12 @@ def test_a_reader_that_makes_progress_may_be_busy():
             waiting.until_ended(Progress(fraction=step / 10, stage="prepare"), most_s=50.0)
 
 
-def test_a_process_that_does_not_begin_has_a_minute():
+def test_a_process_that_does_not_begin_or_repeats_the_same_report_has_a_minute():
     waiting = Waiting(begun=False)
     assert waiting.until_ended() == 60.0
     failure = waiting.end()
     assert (failure.kind, failure.code) == (FailureKind.PASSING, "attempt-stalled")
     assert failure.detail.startswith("the job's process sent nothing for 60 seconds after it was given the job")
-
-
-def test_a_report_that_repeats_the_same_is_no_progress():
     assert Waiting(stall_s=60).until_ended(Progress(fraction=0.5, stage="search", best_value=-1.0)) == 60.0
 
 

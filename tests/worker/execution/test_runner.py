@@ -55,8 +55,9 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
     assert store.scans.get(first.subject_id).state is ScanState.READY
     assert leftovers(store) == []
     assert runner.run_next() is None
-    peak_bytes = store.events.of_job(first.id)[-1].detail["peak_memory_bytes"]
-    assert 2**23 < peak_bytes < 2**32  # of a Python process that has imported pydantic and SQLAlchemy: some 60 MiB
+    assert (
+        2**23 < store.events.of_job(first.id)[-1].detail["peak_memory_bytes"] < 2**32
+    )  # of a Python process that has imported pydantic and SQLAlchemy: some 60 MiB
 
 
 @pytest.mark.usefixtures("own_templates")
@@ -167,8 +168,7 @@ def test_a_failure_is_reported_in_its_own_way_publishes_nothing_and_stops_no_wor
 
 def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, queue):
     job = queue("work-on-and-die")
-    states = [runner.run_next() for _ in range(6)]
-    assert states == [*[JobState.QUEUED] * 5, JobState.SUCCEEDED]
+    assert [runner.run_next() for _ in range(6)] == [*[JobState.QUEUED] * 5, JobState.SUCCEEDED]
     assert store.jobs.get(job.id).losses <= 1
     assert leftovers(store) == []
 
@@ -176,8 +176,7 @@ def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, que
 def test_checkpoints_are_no_results(store, runner, queue):
     job = queue("keep-and-succeed")
     assert runner.run_next() is JobState.SUCCEEDED
-    results = store.files.results(job.kind, job.subject_id)
-    assert [path.name for path in results.iterdir()] == ["scan.h5"]
+    assert [path.name for path in store.files.results(job.kind, job.subject_id).iterdir()] == ["scan.h5"]
     assert leftovers(store) == []
 
 

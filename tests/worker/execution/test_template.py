@@ -175,8 +175,7 @@ def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
 
 def small_calibration(store, folder):
     """A scan of 20 views to read, and its calibration."""
-    constants = ScannerConstants(**vars(examples.SCANNER))
-    scanner = store.scanners.create(ScannerSpec(name="line", constants=constants))
+    scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(examples.SCANNER))))
     examples.write_mill_stack(folder / "stack.h5", 20, examples.mill_slices(log_rows=1))
     spec = ScanSpec(
         scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape", phantom_rows=f"0:{examples.PHANTOM_ROWS}"
@@ -187,8 +186,7 @@ def small_calibration(store, folder):
 
 def read_back(store, calibration_id):
     """The answer as text, but for the times that it took, and the arrays behind it."""
-    path = store.files.result(kinds.CALIBRATE, calibration_id, "result.h5")
-    record = calibration_file.read_calibration(path)
+    record = calibration_file.read_calibration(store.files.result(kinds.CALIBRATE, calibration_id, "result.h5"))
     return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
 
 

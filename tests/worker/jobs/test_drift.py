@@ -122,8 +122,7 @@ def asked(store, attempt, finish, send, ingest, known):
         about = {"angles_deg": f"{step / 2}:{step}", "averaged_rows": averaged_rows, "phantom_id": "l-shape"}
         scan = ingest(send(content, data=DataKind.LINE_INTEGRALS, **about))
         calibration = store.calibrations.accept(CalibrationRequest(scan_id=scan.id))
-        result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
-        finish(attempt(kinds.CALIBRATE), result)
+        finish(attempt(kinds.CALIBRATE), known.model_dump(mode="json", include=set(CalibrationResult.model_fields)))
         store.drifts.accept(DriftRequest(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
         return attempt(kinds.DRIFT)
 
@@ -219,8 +218,7 @@ def test_of_a_mean_no_rows_can_be_chosen(asked, log_scan):
 
 def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     looking = asked(log_scan()[:, None])
-    scanner = store.scanners.get("line-2")
-    wider = replace(scanner.constants, detector_pitch_mm=3.1)
+    wider = replace(store.scanners.get("line-2").constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
     with pytest.raises(JobFailure, match=r"with detector_pitch_mm 3 and the scan has 3\.1") as failure:
         run(replace(looking, given=store.jobs.handed_over(looking.job.id)))

@@ -160,8 +160,7 @@ def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, sto
 
 
 def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, store):
-    disc = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
-    asked(store.phantoms.create(disc).id)
+    asked(store.phantoms.create(PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])).id)
     with pytest.raises(JobFailure, match="looks the same from every side") as failure:
         run(attempt(kinds.PLAN))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
@@ -208,12 +207,9 @@ def test_what_neither_the_file_carries_nor_was_given_is_named_by_its_field(inspe
     assert needed(result) == ["detector_pitch_mm"]
 
 
-def test_a_wrong_angle_is_one_sentence(inspected):
+def test_a_wrong_angle_is_one_sentence_and_what_is_no_scan_is_refused_without_a_flag(inspected):
     with pytest.raises(JobFailure, match="an angle must be a number of degrees, not 'abc'"):
         inspected(npz(projections=COUNTS), angles_deg="abc")
-
-
-def test_what_is_no_scan_is_refused_without_a_flag_of_the_command_line(inspected):
     buffer = io.BytesIO()
     Image.fromarray(np.zeros((8, 8), np.uint8)).save(buffer, format="PNG")
     refused = [inspected(content) for content in (buffer.getvalue(), b"a letter to the editor" * 100)]

@@ -92,8 +92,7 @@ def test_counts_lose_the_sources_drift_and_line_integrals_are_used_as_they_are(p
     declared = prepare([raw.stack])
     np.testing.assert_array_equal(declared.stack, raw.stack)
     assert declared.remarks == ()
-    asked = prepare([raw.stack], air="background")
-    assert asked.stack[:, :, :8].mean() == pytest.approx(0.0, abs=0.002)
+    assert prepare([raw.stack], air="background").stack[:, :, :8].mean() == pytest.approx(0.0, abs=0.002)
 
 
 def test_a_bridged_cell_has_no_counts_of_its_own(prepare, exposed):
@@ -183,8 +182,7 @@ def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload,
     upload(raw, align_rows="profile", air="background")
     reading = attempt(kinds.INGEST)
     result = run(reading)
-    assert result["shape"]["rows"] == ROWS
-    assert result["usable_rows"] == [0, ROWS]
+    assert (result["shape"]["rows"], result["usable_rows"]) == (ROWS, [0, ROWS])
     assert "rows 0:44 of 44 are in enough views, 43 of them in all. 0 of 36 views moved" in result["remarks"][-1]
     with h5py.File(reading.output / "scan.h5") as file:
         np.testing.assert_array_equal(file["entry/provenance/row_shifts"], np.zeros(VIEWS))
