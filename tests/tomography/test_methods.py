@@ -123,8 +123,8 @@ def scan(angles, noise):
         (45, TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "ring_tv from 45 views"),
         (360, TAU, 0.06, SPEED, ReconstructionMethod.FBP, "speed was preferred"),
         (89, TAU, 0.01, SPEED, ReconstructionMethod.RING_TV, "the lowest expected error"),
-        (200, 0.6 * TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "the views leave a gap"),
-        (200, 0.6 * TAU, 0.01, SPEED, ReconstructionMethod.RING_TV, "the views leave a gap"),
+        (200, 0.6 * TAU, 0.01, QUALITY, ReconstructionMethod.RING_TV, "the views are no full turn"),
+        (200, 0.6 * TAU, 0.01, SPEED, ReconstructionMethod.RING_TV, "the views are no full turn"),
     ],
 )
 def test_error_price_and_gaps_decide_and_the_reason_is_given(views, turn, noise, prefer, method, reason):
@@ -188,7 +188,7 @@ def test_on_the_published_log_the_choice_beats_filtered_back_projection(
     truth = log_truth.reshape(128, 2, 128, 2).mean(axis=(1, 3))
     used = views_of_step(geometry.angles_rad, chosen.view_step)
     projector = Projector(geometry.with_angles(geometry.angles_rad[used]), grid)
-    assert chosen.method is ReconstructionMethod.TOTAL_VARIATION
+    assert chosen.method in (ReconstructionMethod.TOTAL_VARIATION, ReconstructionMethod.RING_TV)
     direct = relative_error(fbp(Projector(geometry, grid), lines).image, truth)
     assert relative_error(total_variation(projector, lines[used]).image, truth) < 0.65 * direct
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
-from sawmill_tomography.calibration.joint_fit.scan_model import ARC, LEAST_CURVATURE, WAVES
+from sawmill_tomography.calibration.joint_fit.scan_model import ARC, LEAST_CURVATURE, WAVES, ScanModel
 from sawmill_tomography.geometry.detector_shape import waves
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.projection.analytic import DetectorCells
@@ -27,7 +27,10 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
         Adjustment.CELL_PLACES,
         lambda _: (Column.of(ARC),),
         lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / max(bent + float(sizes[0]), LEAST_CURVATURE)),
-        lambda _, sizes: 0.0 <= bent + sizes[0] < 1.0 / (LEAST_RADIUS * cells.count * cells.width_mm),
+        lambda model, sizes: (
+            0.0 <= bent + sizes[0] < 1.0 / (LEAST_RADIUS * cells.count * cells.width_mm)
+            and _shows(model, sizes[0] * model.rows_of_cells([ARC])[0])
+        ),
     )
     known = np.pad(cells.waves_mm, (0, len(WAVES) - len(cells.waves_mm)))
 
@@ -38,5 +41,12 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
         Adjustment.CELL_PLACES,
         lambda _: tuple(map(Column.of, WAVES)),
         lambda _, sizes: EffectMessage.UNEVEN_CELLS(uneven_mm=math.sqrt(float((shifts_mm(sizes) ** 2).mean()))),
-        lambda _, sizes: bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm),
+        lambda model, sizes: (
+            bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm) and _shows(model, shifts_mm(sizes))
+        ),
     )
+
+
+def _shows(model: ScanModel, shifts_mm: FloatArray) -> bool:
+    """Return whether cells are off by more than the shadow of a drawing that is off by its precision."""
+    return float((shifts_mm**2).mean()) > (model.frame.magnification * model.drawing.precision_mm) ** 2
