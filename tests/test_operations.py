@@ -24,7 +24,7 @@ PAGES = [
 ]
 MISSPELT = {"SAWMILL_WORKER"}
 # A service of compose, a command, a folder that a page makes.
-NO_NAMES = {"short-worker", "install-service", "sawmill-after"}
+NO_NAMES = {"short-worker", "install-service", "sawmill-after", "redis-server"}
 
 
 def commands(page: Path) -> list[list[str]]:

@@ -247,7 +247,7 @@ def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
 @pytest.mark.parametrize(
     ("flags", "complaint"),
     [
-        ((), "Missing option '--theta' or '--calibration' (the geometry)"),
+        ((), "or '--geometry' (the geometry)"),
         (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
         (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
         (

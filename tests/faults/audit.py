@@ -105,7 +105,7 @@ def _in(folder: Path) -> list[Path]:
 
 def _twice(connection: Connection) -> Iterator[str]:
     noted = connection.execute(text("SELECT what, id FROM faults_audit")).all()
-    for (what, identifier), times in Counter((row.type, row.id) for row in noted).items():
+    for (what, identifier), times in Counter((row.what, row.id) for row in noted).items():
         if times > 1:
             yield f"{what} {identifier}: {times} times"
 

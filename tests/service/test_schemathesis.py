@@ -26,6 +26,8 @@ BEYOND_SCHEMAS = re.compile(
     r"|give a length within 10% of the drawing"
     r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
     r"|the first cells of detector_modules must increase"
+    r"|where the detector is half a circle"
+    r"|detector_waves_mm must be numbers of mm, smaller than the detector"
     r"|holds values, in grey; for color_map=\S+ ask for bits=8"
     r"|is a polygon that "
     r"|is a hole from x = \S+ to \S+ mm: the wood is from "

@@ -13,7 +13,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Self
+from typing import Annotated, Self
+
+from annotated_types import Interval
 
 from sawmill_vocabulary.outlines import AsContract
 
@@ -128,8 +130,9 @@ class Scanner(AsContract):
             "examples": [1574.0],
         },
     )
-    detector_waves_mm: tuple[float, ...] = field(
+    detector_waves_mm: tuple[Annotated[float, Interval(ge=-LARGEST_MM, le=LARGEST_MM)], ...] = field(
         default=(),
+        repr=False,
         metadata={
             "description": "How far the cells lie from equal distances, mm: the sum of these numbers times "
             "cos(pi k (m + 1/2) / num_detector_pixels), cells m counting from 0, and k from 2 for the first number.",

@@ -46,6 +46,7 @@ class About:
     scan_name: str | None = None
     scan_id: str | None = None
     phantom: PhantomDrawing | None = None
+    phantom_name: str | None = None  # in the reader's language
     tolerances: Tolerances | None = None
     asked_by: str | None = None  # the person, program or schedule
     active: bool | None = None  # whether the scanner uses the calibration

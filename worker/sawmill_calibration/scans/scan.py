@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sawmill_calibration.failures import input_errors_translated, options_of, refused
+from sawmill_calibration.failures import InputError, input_errors_translated, options_of, refused
 from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, chosen_rows, chosen_views, open_rows, unreported
 from sawmill_contracts.geometry import ScannerConstants
@@ -198,7 +198,7 @@ class Scan:
 def check_is_scan(scan: object) -> None:
     """Raise `InputError` for anything but a scan, such as an array or a path."""
     if not isinstance(scan, Scan):
-        raise refused("options", f"scan must be a Scan, which Scan(...) or read_scan(path) makes, not {type(scan)}")
+        raise InputError("options", f"scan must be a Scan, which Scan(...) or read_scan(path) makes, not {type(scan)}")
 
 
 def rows_in_file(scan: Scan, rows: str) -> str:

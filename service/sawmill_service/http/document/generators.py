@@ -36,9 +36,19 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
             kind = schemas[reference.rpartition("/")[2]]
             kind["properties"][name].pop("default", None)
             kind["required"] = sorted({*kind.get("required", []), name})
+    _join_null(part)
+
+
+def _join_null(part: Schema) -> None:
+    """Make one schema of "X or null", if X is plain."""
     choices = [choice for choice in part.get("anyOf", []) if choice != NULL]
-    if len(choices) == 1 and isinstance(choices[0].get("type"), str):
-        del part["anyOf"]
-        part |= choices[0] | part | {"type": [choices[0]["type"], "null"]}
-        if "minimum" in part:  # the smallest value of a request, above the bound that excludes 0
-            part.pop("exclusiveMinimum", None)
+    if len(choices) != 1 or not isinstance(choices[0].get("type"), str):
+        return
+    del part["anyOf"]
+    part |= choices[0] | part | {"type": [choices[0]["type"], "null"]}
+    if "const" in part:
+        part["enum"] = [part.pop("const"), None]
+    elif "enum" in part:
+        part["enum"] = [*part["enum"], None]
+    if "minimum" in part:  # the smallest value of a request, above the bound that excludes 0
+        part.pop("exclusiveMinimum", None)

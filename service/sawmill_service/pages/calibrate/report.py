@@ -79,6 +79,7 @@ def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "A
         scan_name=None if scan is None else scan.name,
         scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
+        phantom_name=words(calibration.phantom),
         tolerances=scanner.tolerances,
         asked_by=words(_asked_by(store.jobs, calibration) or ""),
         active=scanner.active_calibration_id == calibration.id,
