@@ -18,6 +18,8 @@ from sawmill_vocabulary.scan_messages import EffectMessage
 LEAST_RADIUS = 0.5
 # Cells that are off by more, in cells, are in another order.
 LARGEST_SHIFT = 2.0
+# An error of the drawing turns with the phantom: this share of it resembles cells that are off.
+STAYS = 0.25
 
 
 def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
@@ -29,7 +31,7 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
         lambda _, sizes: EffectMessage.ARC(radius_mm=1.0 / max(bent + float(sizes[0]), LEAST_CURVATURE)),
         lambda model, sizes: (
             0.0 <= bent + sizes[0] < 1.0 / (LEAST_RADIUS * cells.count * cells.width_mm)
-            and _shows(model, sizes[0] * model.rows_of_cells([ARC])[0])
+            and is_beyond_drawing(model, sizes[0] * model.rows_of_cells([ARC])[0])
         ),
     )
     known = np.pad(cells.waves_mm, (0, len(WAVES) - len(cells.waves_mm)))
@@ -42,11 +44,12 @@ def places_of_cells(cells: DetectorCells) -> Iterator[Effect]:
         lambda _: tuple(map(Column.of, WAVES)),
         lambda _, sizes: EffectMessage.UNEVEN_CELLS(uneven_mm=math.sqrt(float((shifts_mm(sizes) ** 2).mean()))),
         lambda model, sizes: (
-            bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm) and _shows(model, shifts_mm(sizes))
+            bool(np.abs(shifts_mm(sizes)).max() <= LARGEST_SHIFT * cells.width_mm)
+            and is_beyond_drawing(model, shifts_mm(sizes))
         ),
     )
 
 
-def _shows(model: ScanModel, shifts_mm: FloatArray) -> bool:
-    """Return whether cells are off by more than the shadow of a drawing that is off by its precision."""
-    return float((shifts_mm**2).mean()) > (model.frame.magnification * model.drawing.precision_mm) ** 2
+def is_beyond_drawing(model: ScanModel, shifts_mm: FloatArray) -> bool:
+    """Return whether cells are off by more than the shadow of a drawing that is off by a share of its precision."""
+    return float((shifts_mm**2).mean()) > (STAYS * model.frame.magnification * model.drawing.precision_mm) ** 2

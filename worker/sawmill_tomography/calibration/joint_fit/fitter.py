@@ -11,9 +11,8 @@ from itertools import accumulate, chain, pairwise
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.cell_places import places_of_cells
+from sawmill_tomography.calibration.joint_fit.cell_places import is_beyond_drawing, places_of_cells
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import EFFECTS, OF_WOOD, Effect
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
@@ -480,9 +479,13 @@ class JointFitter:
             search, group = self._module_search(grams, system, posterior.used), Group.of(one, self.model)
             information, score = search.left_of(self.model.rows_of_cells(terms) * group.unit[:, None])
             variance = max(posterior.variance, self.climb.structured / group.shares)
-            power = float(score @ scaled_inverse(information) @ score)
+            evidence = group.evidence(information / variance, score / variance)
+            precision = variance / group.sizes[int(evidence.argmax())] ** 2
+            sizes = np.linalg.solve(information + precision * np.eye(len(score)), score)
             likely = likely or (
-                power > self._rounding(system) and group.evidence(information / variance, score / variance).max() > 0.0
+                evidence.max() > 0.0
+                and float(sizes @ score) > self._rounding(system)
+                and is_beyond_drawing(self.model, sizes * group.unit @ self.model.rows_of_cells(terms))
             )
         # Where one is likely, each is looked at.
         for one, terms in further if likely else ():
