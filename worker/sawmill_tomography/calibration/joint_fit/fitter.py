@@ -164,11 +164,13 @@ class JointFitter:
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
         self.prepared_cells = prepared.data.cells
+        self.declared_places: list[Fitted] = []
         for one in self._places_of_cells():
             terms = tuple(term for column in one.columns for term, _ in column.parts)
             if self.prepared_cells.arc_radius_mm is not None if terms == (ARC,) else self.prepared_cells.waves_mm:
                 self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
                 self.waiting.append(one)
+                self.declared_places.append(one)
         self.unneeded: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.fitted: list[Fitted] = []
@@ -300,7 +302,8 @@ class JointFitter:
         self.converged = off_by(penalised, posterior.used, change) <= TOLERABLE * self.variance
         same = set(before) == set(self.fitted)
         more = self._further_modules(grams, penalised, posterior.used, first_cells_of(tried) if same else ())
-        more = self._further_places(grams, penalised, posterior) or more
+        if not (same and self._dropped_places(tried)):
+            more = self._further_places(grams, penalised, posterior) or more
         if share == 0.0:
             return True
         if share < 1.0 or not small or not same or more:
@@ -492,6 +495,18 @@ class JointFitter:
             self.waiting.append(one)
             self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
         return likely
+
+    def _dropped_places(self, tried: Sequence[Fitted]) -> bool:
+        """Drop an arc and waves that were tried and have not joined; return whether there were any."""
+        out = [one for one in self._undeclared_places(tried) if one not in self.fitted]
+        terms = {term for one in out for column in one.columns for term, _ in column.parts}
+        self.waiting = [one for one in self.waiting if one not in out]
+        self.model = replace(self.model, of_cells=tuple(term for term in self.model.of_cells if term not in terms))
+        return bool(out)
+
+    def _undeclared_places(self, some: Sequence[Fitted]) -> list[Fitted]:
+        places = [one for one in some if one.effect.adjustment is Adjustment.CELL_PLACES]
+        return [one for one in places if one not in self.declared_places]
 
     def _places_of_cells(self) -> list[Fitted]:
         effects = places_of_cells(self.prepared_cells)
