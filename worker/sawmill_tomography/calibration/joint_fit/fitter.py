@@ -384,6 +384,9 @@ class JointFitter:
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
+        places = [one for one in (*self.fitted, *self.waiting) if one.effect.adjustment is Adjustment.CELL_PLACES]
+        terms = dict.fromkeys(term for one in places for column in one.columns for term, _ in column.parts)
+        self.model = replace(self.model, of_cells=tuple(terms))
         grams = self._grams()
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
@@ -478,7 +481,7 @@ class JointFitter:
             terms = [term for column in one.columns for term, _ in column.parts]
             if set(terms) <= set(self.model.of_cells):
                 continue
-            further.append((one, terms))
+            further.append(one)
             search, group = self._module_search(grams, system, posterior.used), Group.of(one, self.model)
             information, score = search.left_of(self.model.rows_of_cells(terms) * group.unit[:, None])
             variance = max(posterior.variance, self.climb.structured / group.shares)
@@ -491,17 +494,13 @@ class JointFitter:
                 and is_beyond_drawing(self.model, sizes * group.unit @ self.model.rows_of_cells(terms))
             )
         # Where one is likely, each is looked at.
-        for one, terms in further if likely else ():
-            self.waiting.append(one)
-            self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
+        self.waiting += further if likely else ()
         return likely
 
     def _dropped_places(self, tried: Sequence[Fitted]) -> bool:
         """Drop an arc and waves that were tried and have not joined; return whether there were any."""
         out = [one for one in self._undeclared_places(tried) if one not in self.fitted]
-        terms = {term for one in out for column in one.columns for term, _ in column.parts}
         self.waiting = [one for one in self.waiting if one not in out]
-        self.model = replace(self.model, of_cells=tuple(term for term in self.model.of_cells if term not in terms))
         return bool(out)
 
     def _undeclared_places(self, some: Sequence[Fitted]) -> list[Fitted]:
