@@ -39,7 +39,7 @@ def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
     stack = folder / "stack.h5"
     examples.write_mill_stack(stack, views, examples.mill_slices())
     # An earlier version, with which the guard compares, does not know all fields.
-    spec = {"name": "line", "constants": {name: value for name, value in vars(examples.SCANNER).items() if value != ()}}
+    spec = {"name": "line", "constants": {name: value for name, value in vars(examples.SCANNER).items() if value}}
     scanner = demo_client.post(client, "/v1/scanners", json=spec)
     fields = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{examples.PHANTOM_ROWS}"}
     scan = demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **fields)

@@ -13,6 +13,7 @@ from scan_files import read_stored_scan
 from sawmill_calibration import read_scan
 from sawmill_calibration.known_geometry import to_phantom
 from sawmill_calibration.pictures.calibration_report import overlay_png
+from sawmill_calibration.scans.scan import bare_scanner
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.geometry import ScannerConstants
@@ -26,7 +27,7 @@ from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.projection.analytic import DetectorCells, project
-from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod
+from sawmill_vocabulary import DataKind, DetectorModule, ReconstructionMethod, Scanner
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 from sawmill_worker.jobs.calibrate import declared_modules, known_cells
 from sawmill_worker.jobs.running import run
@@ -202,4 +203,5 @@ def test_a_calibration_starts_from_the_cells_of_the_detector_that_is_there():
     calibrated = replace(calibrated, detector_arc_radius_mm=1574.0, detector_waves_mm=(0.2, -0.1))
     assert known_cells(wide, (), None) == wide
     assert known_cells(wide, (), calibrated) == calibrated
+    assert bare_scanner(calibrated) == Scanner(859.46, 1536, 0.75, (), 1574.0, (0.2, -0.1))
     assert known_cells(exchanged, (), calibrated) == exchanged, "a detector of 768 cells has no cell 900"

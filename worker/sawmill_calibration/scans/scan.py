@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def bare_scanner(constants: ScannerConstants) -> Scanner:
     """Return the constants without modules and the rows' pitch: a dataclass equals only one of the same class."""
     three = constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm
-    return Scanner(*three, detector_arc_radius_mm=constants.detector_arc_radius_mm)
+    return replace(Scanner(*three).with_cells_of(constants), detector_modules=())
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.movement import likely_cause
@@ -106,13 +106,9 @@ def _scale_values(change: _Change) -> dict[str, Value]:
     return {"scale_percent": change.scale_change_percent, **of_spread}
 
 
-SHAPE = ("detector_modules", "detector_arc_radius_mm")
-
-
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
     try:
-        known = (active.scanner, new.scanner)
-        before, after = (replace(scanner, **{name: getattr(one, name) for name in SHAPE}) for one in known)
+        before, after = (scanner.with_cells_of(each.scanner) for each in (active, new))
         return ray_error(before, active.frame, new.frame, radius_mm=radius_mm, other_scanner=after)
     except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
         scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0

@@ -44,7 +44,7 @@ from sawmill_tomography.calibration.joint_fit.outliers import (
     views_differ,
     without_views,
 )
-from sawmill_tomography.calibration.joint_fit.scan_model import ARC, ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
     FITTED,
@@ -164,13 +164,10 @@ class JointFitter:
         for module in prepared.data.cells.modules:
             self.waiting.append(self._of_module(module, 1.0))
         self.prepared_cells = prepared.data.cells
-        self.declared_places: list[Fitted] = []
-        for one in self._places_of_cells():
-            terms = tuple(term for column in one.columns for term, _ in column.parts)
-            if self.prepared_cells.arc_radius_mm is not None if terms == (ARC,) else self.prepared_cells.waves_mm:
-                self.model = replace(self.model, of_cells=(*self.model.of_cells, *terms))
-                self.waiting.append(one)
-                self.declared_places.append(one)
+        arc, waves = self._places_of_cells()
+        self.declared_places = [arc] if self.prepared_cells.arc_radius_mm is not None else []
+        self.declared_places += [waves] if self.prepared_cells.waves_mm else []
+        self.waiting += self.declared_places
         self.unneeded: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
         self.fitted: list[Fitted] = []
@@ -384,9 +381,8 @@ class JointFitter:
 
     def _linearised(self) -> tuple[ViewGrams, list[Column]]:
         """Compute the derivatives' inner products, without views' random effects, and the columns always fitted."""
-        places = [one for one in (*self.fitted, *self.waiting) if one.effect.adjustment is Adjustment.CELL_PLACES]
-        terms = dict.fromkeys(term for one in places for column in one.columns for term, _ in column.parts)
-        self.model = replace(self.model, of_cells=tuple(terms))
+        places = [one for one in (*self.fitted, *self.waiting) if _is_place(one)]
+        self.model = replace(self.model, of_cells=tuple(dict.fromkeys(chain.from_iterable(map(_terms, places)))))
         grams = self._grams()
         if not self.model.view_gain and Adjustment.VIEW_GAIN not in self.without and views_differ(grams):
             self.model = self.model.with_view_gains(grams.weights)
@@ -478,7 +474,7 @@ class JointFitter:
             return False
         further, likely = [], False
         for one in self._places_of_cells():
-            terms = [term for column in one.columns for term, _ in column.parts]
+            terms = _terms(one)
             if set(terms) <= set(self.model.of_cells):
                 continue
             further.append(one)
@@ -499,17 +495,13 @@ class JointFitter:
 
     def _dropped_places(self, tried: Sequence[Fitted]) -> bool:
         """Drop an arc and waves that were tried and have not joined; return whether there were any."""
-        out = [one for one in self._undeclared_places(tried) if one not in self.fitted]
+        kept = [*self.fitted, *self.declared_places]
+        out = [one for one in tried if _is_place(one) and one not in kept]
         self.waiting = [one for one in self.waiting if one not in out]
         return bool(out)
 
-    def _undeclared_places(self, some: Sequence[Fitted]) -> list[Fitted]:
-        places = [one for one in some if one.effect.adjustment is Adjustment.CELL_PLACES]
-        return [one for one in places if one not in self.declared_places]
-
     def _places_of_cells(self) -> list[Fitted]:
-        effects = places_of_cells(self.prepared_cells)
-        return [Fitted(effect, effect.columns(self.model)) for effect in effects]
+        return self._of_effects(tuple(places_of_cells(self.prepared_cells)))
 
     @property
     def _places_of_modules(self) -> float:
@@ -621,6 +613,14 @@ def _shown_but_declined(
 
 def _varies(variation: Variation) -> bool:
     return variation.likelihood > chance_limit(FITTED, 1)
+
+
+def _is_place(one: Fitted) -> bool:
+    return one.effect.adjustment is Adjustment.CELL_PLACES
+
+
+def _terms(one: Fitted) -> list[int]:
+    return [term for column in one.columns for term, _ in column.parts]
 
 
 def _is_slip(one: Fitted) -> bool:

@@ -85,7 +85,7 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     radius_mm = phantom.radius_mm + math.hypot(*fit.position_mm)
     distance_mm, cells = fit.frame.source_distance_mm, data.cells
     # A scanner whose source is that far away takes any frame: its theta has no source shift.
-    scanner = Scanner(distance_mm, cells.count, cells.width_mm, detector_arc_radius_mm=cells.arc_radius_mm)
+    scanner = Scanner(distance_mm, cells.count, cells.width_mm, (), cells.arc_radius_mm, cells.waves_mm)
     fan = FanBeamGeometry(scanner, fit.frame.theta(distance_mm), data.angles_rad)
     finder = MetalFinder.of(fan, radius_mm) if radius_mm <= LARGEST_RADIUS_MM else None
     if finder is None:
