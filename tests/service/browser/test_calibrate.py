@@ -72,9 +72,24 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     looks_right(page, "refused")
     page.get_by_role("link", name="Choose another file").click()
 
-    # An upload that is cancelled: the request stays unanswered until then.
+    # An upload that is cancelled: once before the service has answered that it waits for the file, once after.
+    waiting: list[Route] = []
+
+    def hold(route: Route) -> None:
+        waiting.append(route)
+
+    page.route("**/v1/uploads", hold)
+    with page.expect_request("**/v1/uploads"):
+        page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
+    page.get_by_role("button", name="Cancel").click()
+    with page.expect_request(lambda request: request.method == "DELETE"):
+        waiting[0].continue_()
+    expect(page.get_by_role("alert")).to_have_text("Sending was cancelled. Nothing of it is kept.")
+    page.unroute("**/v1/uploads")
+
     page.route("**/v1/uploads/*", lambda _: None)
-    page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
+    with page.expect_request("**/v1/uploads/*"):
+        page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
     page.get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("alert")).to_have_text("Sending was cancelled. Nothing of it is kept.")
     page.unroute("**/v1/uploads/*")

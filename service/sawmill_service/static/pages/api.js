@@ -89,14 +89,21 @@ async function begunUpload(file) {
 }
 
 // Sends a file in parts and answers with the upload's id: a break of the connection, or the same file chosen again
-// later, goes on where it ended. onProgress(sent, total, whether the connection is there).
+// later, goes on where it ended. onProgress(sent, total, whether the connection is there). The signal may come at any
+// time, also while the service is asked for an upload.
 export async function uploadInParts(file, onProgress, signal) {
   let upload = await begunUpload(file);
   const path = `/v1/uploads/${upload.id}`;
-  signal.addEventListener("abort", () => {
+  const remove = () => {
     forgetUpload(file);
     api("DELETE", path).catch(() => {}); // it is removed by itself after a day
-  });
+  };
+  if (signal.aborted) {
+    remove();
+  } else {
+    signal.addEventListener("abort", remove);
+  }
+  signal.throwIfAborted();
   while (upload.offset_bytes < file.size) {
     const offset = upload.offset_bytes;
     try {
@@ -110,6 +117,7 @@ export async function uploadInParts(file, onProgress, signal) {
         if (again.code !== "unreachable") throw again;
         return upload;
       });
+      signal.throwIfAborted();
     }
   }
   return upload.id;
