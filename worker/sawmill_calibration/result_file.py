@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from sawmill_calibration.failures import refused
 from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.own.calibration import (
+from sawmill_formats.input.own import (
     LONGEST_ANSWER,
     read_calibration_arrays,
     read_calibration_json,

@@ -19,7 +19,7 @@ from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import PrepareOptions, UnregisteredScanOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AnglesGiven
-from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.own import is_own_scan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_formats.reading_apart import read_apart

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import quoted
-from sawmill_formats.input.contents import FileContents, axes_of_fields
-from sawmill_formats.input.wanted import FieldKind, Wanted
+from sawmill_formats.input.contents import FieldKind, FileContents, Wanted, axes_of_fields
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, Scaling
-from sawmill_formats.input.contents import FileAngles, FileContents, FilePitch, Projections
+from sawmill_formats.input.contents import FileAngles, FileContents, FilePitch, Projections, Wanted
 from sawmill_formats.input.field_names import (
     LARGEST_PITCH_MM,
     LEAST_PITCH_MM,
@@ -31,7 +31,6 @@ from sawmill_formats.input.hdf5.guard import (
 )
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text
-from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

@@ -22,7 +22,7 @@ from sawmill_formats.detector_modules import (
 )
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
-from sawmill_formats.input.contents import FileAngles, FileContents
+from sawmill_formats.input.contents import FileAngles, FileContents, Wanted
 from sawmill_formats.input.field_names import to_mm
 from sawmill_formats.input.hdf5.fields import (
     chosen_views,
@@ -46,7 +46,6 @@ from sawmill_formats.input.hdf5.guard import (
     text_of,
 )
 from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
-from sawmill_formats.input.wanted import Wanted
 from sawmill_formats.nxtomo import (
     ALIGNMENT,
     ANGLES,

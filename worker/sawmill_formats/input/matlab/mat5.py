@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, as_float32, check_number_type, check_size
-from sawmill_formats.input.contents import FileContents, held
+from sawmill_formats.input.contents import FileContents, Wanted, held
 from sawmill_formats.input.matlab.mat5_variables import Variable, list_variables, read_numbers, read_text
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
-from sawmill_formats.input.wanted import Wanted
 
 MATLAB_NUMBERS = frozenset(
     {"double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}

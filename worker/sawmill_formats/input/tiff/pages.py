@@ -29,9 +29,8 @@ from sawmill_formats.input.arrays import (
     check_number_type,
     check_size,
 )
-from sawmill_formats.input.contents import FileContents, Projections, held
+from sawmill_formats.input.contents import FileContents, Projections, Wanted, held
 from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
-from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
