@@ -15,7 +15,7 @@ from sawmill_platform.errors import StorageError
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.clock_keeper import ClockKeeper
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import open_store
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_platform.workers.sole_service import refuse_second, sole_service
 from sawmill_platform.workers.supervise import WorkerSupervisor

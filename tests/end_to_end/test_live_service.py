@@ -24,8 +24,8 @@ from sawmill_platform.backups.backup import Backup
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.mill_files import NAMED_FOLDERS
 from sawmill_store.store import Store
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow

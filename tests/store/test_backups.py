@@ -29,8 +29,8 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.backups import taking
 from sawmill_platform.backups.backup import MANIFEST, SUMS, Backup, copied, read_sums
+from sawmill_platform.backups.database_copy import copy_rows
 from sawmill_platform.backups.restoring import NOT_RESTORED, restore
-from sawmill_platform.backups.rows_to_postgresql import copy_rows
 from sawmill_platform.backups.taking import backups_in, remove_older
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
@@ -47,8 +47,8 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_store.mill_files import NAMED_FOLDERS
 from sawmill_store.store import Store
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
 

@@ -17,7 +17,7 @@ from structlog.testing import capture_logs
 
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.errors import StorageMisconfigured, StorageUnavailable
-from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import open_store
 from sawmill_store.store import Store
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)]

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
-from sawmill_platform.backups.named_files import lost_files, named_by
 from sawmill_platform.database.clock import Clock
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.engines import make_engine
@@ -19,6 +18,7 @@ from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
 from sawmill_platform.files.leftovers import Leftovers
+from sawmill_platform.files.named_folders import lost_files, named_by
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places

@@ -13,8 +13,7 @@ from sawmill_formats.input.contents import FileContents, Wanted
 from sawmill_formats.input.hdf5.any_layout import read_hdf5
 from sawmill_formats.input.hdf5.listing import hdf5_parts
 from sawmill_formats.input.image_names import natural_key
-from sawmill_formats.input.matlab.mat5 import read_mat5
-from sawmill_formats.input.matlab.mat5_variables import list_variables
+from sawmill_formats.input.mat5 import list_variables, read_mat5
 from sawmill_formats.input.npy import read_header, read_npy
 from sawmill_formats.input.parts import Part, PartKind
 from sawmill_formats.input.tiff.pages import opened_tiff, page_type, read_tiff

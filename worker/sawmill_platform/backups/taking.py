@@ -31,7 +31,6 @@ from sawmill_platform.backups.backup import (
     read_sums,
 )
 from sawmill_platform.backups.database_copy import write_database
-from sawmill_platform.backups.named_files import Named, find_named, named_by
 from sawmill_platform.contracts.base import Contract, Time
 from sawmill_platform.database.database import Database, known_revision
 from sawmill_platform.database.engines import make_engine
@@ -39,7 +38,7 @@ from sawmill_platform.database.tables import DataFolderRow
 from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
 from sawmill_platform.files.file_store import LAST_BACKUP, refuse_half_restored
 from sawmill_platform.files.folder_identity import check_identity
-from sawmill_platform.files.named_folders import NamedFolder
+from sawmill_platform.files.named_folders import Named, NamedFolder, find_named, named_by
 from sawmill_platform.files.whole_files import flush_names, flushed_file_system, whole_file
 from sawmill_platform.settings import StorageSettings
 from sawmill_vocabulary import ProgressCallback

@@ -30,13 +30,12 @@ from sawmill_platform.ledger.events import announce
 from sawmill_store.activations import activate
 from sawmill_store.drift.drift_charts import known_baselines
 from sawmill_store.drift.measurements import record_measurement
-from sawmill_store.mill_files import SCAN_FILE
+from sawmill_store.mill_files import NAMED_FOLDERS, SCAN_FILE
 from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 from sawmill_store.requests.references import found_asked, read_asked
 from sawmill_store.scanners.scanners import read_scanner
 from sawmill_store.scans.phantoms import picture_of
 from sawmill_store.scans.scans import read_scan
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_store.subjects.outputs import output_file
 
 

@@ -66,7 +66,7 @@ class Paging(Given):
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
     fields: str | None = Field(
         None,
-        exclude=True,  # `short_items.py` reads it
+        exclude=True,  # `route_rules.py` reads it
         max_length=1000,
         pattern=r"^[a-z0-9_]+(,[a-z0-9_]+)*$",
         description="Fields of the items, with commas between, as `id,state`. Items then lack all others, also those "

@@ -1,4 +1,4 @@
-"""Several TIFF files, of one or more views each, as one stack: from an archive or from a folder, which is listed too."""
+"""Several TIFF files, of one or more views each, as one stack: from an archive or from a folder."""
 
 import math
 import re
