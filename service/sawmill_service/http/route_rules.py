@@ -24,11 +24,6 @@ from sawmill_service.settings import ServiceSettings
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
-def is_page(model: object) -> bool:
-    """Return whether a route answers a page of a list."""
-    return isinstance(model, type) and issubclass(model, Page)
-
-
 def with_short_items(page: Any, answer: Handler) -> Handler:
     """Return a handler of this type of page that leaves out the fields of items that the query does not name."""
     known = set(_names(page.model_fields["items"].annotation))
@@ -95,7 +90,11 @@ class Route(APIRoute):
     def get_route_handler(self) -> Handler:
         """Return the handler; a list's shortens its items to the fields of the query."""
         answer = super().get_route_handler()
-        return with_short_items(self.response_model, answer) if is_page(self.response_model) else answer
+        return (
+            with_short_items(self.response_model, answer)
+            if (isinstance(self.response_model, type) and issubclass(self.response_model, Page))
+            else answer
+        )
 
 
 class Router(APIRouter):

@@ -34,11 +34,6 @@ class Part:
     count: int = 1  # the number of parts, which are alike but for their numbers
 
 
-def form_of(name: str) -> str:
-    """Return a name without its numbers, which is equal for the files of one sequence."""
-    return re.sub(r"\d+", "#", name)
-
-
 def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
     """Combine successive parts that differ only in the numbers in their names and in their bytes."""
     run: list[Part] = []
@@ -52,7 +47,7 @@ def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
 
 
 def _form(part: Part) -> Part:
-    return replace(part, name=form_of(part.name), stored_bytes=None)
+    return replace(part, name=re.sub(r"\d+", "#", part.name), stored_bytes=None)
 
 
 def _as_one(run: list[Part]) -> Part:

@@ -39,12 +39,13 @@ class _JobModule(Protocol):
     def needs(self, attempt: MillAttempt) -> Needs: ...
 
 
-def _module_of(kind: JobKind) -> _JobModule:
-    return cast("_JobModule", import_module(f"sawmill_worker.jobs.{kind.replace('-', '_')}"))
-
-
 # Imported when this module is, so that a process that is kept ready has all kinds loaded.
-_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({each.kind: _module_of(each.kind) for each in KINDS})
+_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType(
+    {
+        each.kind: cast("_JobModule", import_module(f"sawmill_worker.jobs.{each.kind.replace('-', '_')}"))
+        for each in KINDS
+    }
+)
 
 
 def warm_up() -> None:

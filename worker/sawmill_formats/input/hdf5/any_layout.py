@@ -37,11 +37,6 @@ DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"
 
 
-def is_exchange(file: h5py.File, linked: LinkedFiles | None = None) -> bool:
-    """Return whether the file has the group and the dataset of this layout."""
-    return isinstance(find(file, DATA, linked), h5py.Dataset)
-
-
 def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileContents:
     """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it."""
     dataset = numbers(file, DATA, bounds)
@@ -87,7 +82,7 @@ def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
     entry = _choose_entry(file, selection.dataset, bounds.linked)
     if entry is not None:
         return read_nxtomo(entry, bounds, selection)
-    if is_exchange(file, bounds.linked) and (selection.dataset or DATA).strip("/") == DATA:
+    if isinstance(find(file, DATA, bounds.linked), h5py.Dataset) and (selection.dataset or DATA).strip("/") == DATA:
         return read_exchange(file, bounds, selection)
     return _read_plain(file, selection, bounds)
 
