@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sawmill_command.data_option import Data, storage_settings
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
+from sawmill_worker.commands.terminal import Command, ending_when_terminated, say, showing_progress
 
 if TYPE_CHECKING:
     from sawmill_platform.backups.backup import Manifest

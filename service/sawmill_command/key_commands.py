@@ -14,8 +14,7 @@ import typer
 
 from sawmill_command.data_option import Data, storage_settings
 from sawmill_platform.contracts.keys import Key, KeyRequest, NewKey, Scope
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import print_json, say
+from sawmill_worker.commands.terminal import Command, print_json, say
 
 if TYPE_CHECKING:
     from sawmill_store.store import Store

@@ -11,7 +11,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_service import retention
-from sawmill_service.access import Access, check_scope
+from sawmill_service.access import Access, SessionCookie, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.bodies.forms import check_csrf
@@ -29,7 +29,6 @@ from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.responses.conditional import Digests
 from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.http.route_rules import RouteRules, check_method
-from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.measures import Measures
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import input_errors_translated, options_of, read_json, refused
+from sawmill_calibration.failures import input_errors_translated, memory_available, options_of, read_json, refused
 from sawmill_calibration.known_geometry import from_phantom
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomPicture, PhantomRequest
 from sawmill_platform.contracts.base import complaint

@@ -23,9 +23,8 @@ from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
 from sawmill_platform.jobs.tallies import Subjects, Tallies
-from sawmill_platform.keys.key_store import KeyStore
+from sawmill_platform.keys.key_store import KeyStore, Sessions
 from sawmill_platform.keys.repeats import Repeats
-from sawmill_platform.keys.sessions import Sessions
 from sawmill_platform.ledger.audit import Audit
 from sawmill_platform.ledger.events import Events
 from sawmill_platform.settings import StorageSettings

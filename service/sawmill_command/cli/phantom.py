@@ -10,17 +10,16 @@ from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_vocabulary import Theta
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
-from sawmill_worker.commands.geometry_options import ThetaFlag
-from sawmill_worker.commands.phantom_options import (
+from sawmill_worker.commands.options import (
     PhantomWidth,
+    ThetaFlag,
     check_width,
     existing_phantom,
     existing_phantoms,
     phantom_names,
 )
-from sawmill_worker.commands.terminal import answering, print_json, say
+from sawmill_worker.commands.terminal import Command, answering, print_json, say
 
 app = typer.Typer()
 phantom_app = typer.Typer(no_args_is_help=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import sawmill_tomography as tomography
-from sawmill_calibration.capacity import memory_available
+from sawmill_calibration.failures import memory_available
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_platform.confinement import landlock
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured

@@ -9,8 +9,7 @@ from fastapi.responses import RedirectResponse
 
 from sawmill_platform.acting import acting_as
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.keys.key_store import hash_of
-from sawmill_platform.keys.sessions import hash_of_link
+from sawmill_platform.keys.key_store import hash_of, hash_of_link
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheSessions
 from sawmill_service.http.bodies.forms import TheForm

@@ -13,9 +13,15 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import ThePhantoms, ThePlaces, TheSettings, TheWake
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED, drawn
+from sawmill_service.http.document.described_answers import (
+    LOCATED,
+    OF_QUEUE,
+    OF_UPLOAD_ID,
+    drawn,
+    refuses,
+    refuses_upload,
+)
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.http.responses.answers import Paging, RequestPriority, Svg, accept

@@ -20,9 +20,8 @@ from sawmill_service.dependencies import TheCaller, TheSettings, TheTransfers, T
 from sawmill_service.http.bodies.announced_part import HEADERS, AnnouncedPart, announced_part
 from sawmill_service.http.bodies.sent_content import BYTES, SentContent
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import offset_answered, with_some
+from sawmill_service.http.document.described_answers import offset_answered, refuses, refuses_upload, with_some
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router

@@ -19,9 +19,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import BYTES_PER_VALUE, check_slice, result_of, volume_thumbnail
-from sawmill_service.http.document.described_answers import NAMED, drawn, stored
+from sawmill_service.http.document.described_answers import NAMED, OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
 from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router

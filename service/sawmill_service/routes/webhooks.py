@@ -19,9 +19,8 @@ from sawmill_platform.contracts.webhooks import (
 )
 from sawmill_service.dependencies import TheSettings, TheWebhooks
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.described_answers import LOCATED, refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatable, repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging

@@ -9,7 +9,7 @@ from structlog.testing import capture_logs
 
 from sawmill_platform.attempts.limits import cores
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers import program, variables
+from sawmill_platform.workers import program, settings
 from sawmill_platform.workers.settings import ExecutionSettings
 from sawmill_service.settings import ServiceSettings
 
@@ -55,8 +55,8 @@ def test_attempts_have_no_secret_in_their_environment(monkeypatch):
     ],
 )
 def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
-    with pytest.raises(variables.UnknownVariableError) as refused:
-        variables.check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
+    with pytest.raises(settings.UnknownVariableError) as refused:
+        settings.check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
     assert str(refused.value) == complaint
 
 
@@ -70,13 +70,13 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
 )
 def test_a_setting_that_cannot_be_is_refused_in_one_sentence(monkeypatch, name, value, sentence):
     monkeypatch.setenv(name, value)
-    with pytest.raises(variables.WrongVariableError, match=sentence) as refused, variables.variables_checked():
+    with pytest.raises(settings.WrongVariableError, match=sentence) as refused, settings.variables_checked():
         ExecutionSettings()
     assert "\n" not in str(refused.value)
 
 
 def test_the_service_s_settings_are_known_to_workers():
-    assert {f"SAWMILL_{name.upper()}" for name in ServiceSettings.model_fields} == variables.OF_THE_SERVICE
+    assert {f"SAWMILL_{name.upper()}" for name in ServiceSettings.model_fields} == settings.OF_THE_SERVICE
 
 
 def test_every_variable_that_the_product_names_is_known():
@@ -86,8 +86,8 @@ def test_every_variable_that_the_product_names_is_known():
         for path in (ROOT / folder).rglob("*.py")
         for name in re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]\b", path.read_text())
     }
-    assert named <= variables.KNOWN
-    variables.check_variables(dict.fromkeys(variables.KNOWN, ""))
+    assert named <= settings.KNOWN
+    settings.check_variables(dict.fromkeys(settings.KNOWN, ""))
 
 
 @pytest.mark.parametrize("url", ["redis://:a[b@host/0", "redis://:a#b@host/0", "redis://:a/b@host:6379/0", "host"])

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.capacity import check_disk_for_scan
+from sawmill_calibration.failures import check_disk_for_scan
 from sawmill_calibration.scans.averaged_rays import AveragedRays
 from sawmill_calibration.scans.row_alignment import AlignedRows, Views, align_rows
 from sawmill_contracts.scans import PrepareOptions

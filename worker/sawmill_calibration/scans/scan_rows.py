@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import memory_available, refused
 from sawmill_calibration.scans.prepare import Stack, prepare_scan
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.row_ranges import parse_rows

@@ -13,9 +13,8 @@ from sawmill_formats import nexus, nxtomo
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds
-from sawmill_formats.input.field_names import LARGEST_PITCH_MM, LEAST_PITCH_MM
-from sawmill_formats.input.hdf5.guard import find, numbers, read_values
-from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
+from sawmill_formats.input.contents import LARGEST_PITCH_MM, LEAST_PITCH_MM
+from sawmill_formats.input.hdf5.guard import attribute, attribute_text, find, numbers, read_text, read_values
 from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.nexus import CHUNK_BYTES
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS

@@ -3,8 +3,7 @@
 import math
 from typing import Any
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import memory_available, refused
 from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import parse_rows

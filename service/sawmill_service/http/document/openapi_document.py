@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 from fastapi import FastAPI
 
-from sawmill_service.http.document.described_answers import BINARY, HEADERS, describe_answers
-from sawmill_service.http.document.refusals import CODES_KEY, list_refusals
+from sawmill_service.http.document.described_answers import BINARY, CODES_KEY, HEADERS, describe_answers, list_refusals
 from sawmill_service.http.problems import Problem
 from sawmill_service.http.route_rules import NoKey, RouteRules
 

@@ -13,7 +13,7 @@ from sawmill_contracts.schedules import Schedule, ScheduleSpec
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.webhooks import Webhook
 from sawmill_platform.database.paging import Check
-from sawmill_service.http.document.refusals import Responses, refuses
+from sawmill_service.http.document.described_answers import Responses, refuses
 from sawmill_service.http.responses.conditional import check_conditions
 
 Resource = TypeVar("Resource", bound=Contract)

@@ -24,10 +24,9 @@ from sawmill_formats.input.hdf5.fields import (
     stated_order,
     with_fields_beside,
 )
-from sawmill_formats.input.hdf5.guard import datasets, find, name_of, numbers, read_values
+from sawmill_formats.input.hdf5.guard import attribute, attribute_text, datasets, find, name_of, numbers, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
 from sawmill_formats.input.hdf5.storage import check_dataset
-from sawmill_formats.input.hdf5.texts import attribute, attribute_text
 from sawmill_formats.input.mat5 import MATLAB_NUMBERS, check_matlab_class
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_vocabulary.reading_messages import ReadingMessage

@@ -9,10 +9,18 @@ import h5py
 from sawmill_formats.errors import quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
-from sawmill_formats.input.hdf5.guard import DEEPEST_GROUP, Address, address_of, check_members, find, members, text_of
+from sawmill_formats.input.hdf5.guard import (
+    DEEPEST_GROUP,
+    Address,
+    address_of,
+    attribute_text,
+    check_members,
+    find,
+    members,
+    text_of,
+)
 from sawmill_formats.input.hdf5.links import located
 from sawmill_formats.input.hdf5.storage import filter_names
-from sawmill_formats.input.hdf5.texts import attribute_text
 from sawmill_formats.input.parts import Part, PartKind
 
 MOST_FILES_NAMED = 3

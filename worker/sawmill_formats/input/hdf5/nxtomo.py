@@ -22,8 +22,7 @@ from sawmill_formats.detector_modules import (
 )
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
-from sawmill_formats.input.contents import FileAngles, FileContents, Wanted
-from sawmill_formats.input.field_names import to_mm
+from sawmill_formats.input.contents import FileAngles, FileContents, Wanted, to_mm
 from sawmill_formats.input.hdf5.fields import (
     chosen_views,
     packing_remarks,
@@ -35,6 +34,8 @@ from sawmill_formats.input.hdf5.fields import (
 )
 from sawmill_formats.input.hdf5.guard import (
     Node,
+    attribute,
+    attribute_text,
     check_members,
     children,
     find,
@@ -42,10 +43,10 @@ from sawmill_formats.input.hdf5.guard import (
     name_of,
     numbers,
     read_images,
+    read_text,
     read_values,
     text_of,
 )
-from sawmill_formats.input.hdf5.texts import attribute, attribute_text, read_text
 from sawmill_formats.nxtomo import (
     ALIGNMENT,
     ANGLES,
