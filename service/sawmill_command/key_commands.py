@@ -133,8 +133,8 @@ def audit(
 @contextmanager
 def opened(data: Path | None) -> Iterator["Store"]:
     """Open the store of a data folder, in which actions are recorded with the name of the calling user."""
-    from sawmill_platform.acting import Actor, acting_as
     from sawmill_platform.errors import StorageError
+    from sawmill_platform.ledger.events import Actor, acting_as
     from sawmill_store.store import Store
 
     settings = storage_settings(data)

@@ -18,10 +18,10 @@ from starlette.requests import Request, cookie_parser
 from starlette.responses import Response
 from starlette.types import Scope as RequestScope
 
-from sawmill_platform.acting import Actor
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageError
 from sawmill_platform.keys.key_store import KeyStore, Sessions, hash_of
+from sawmill_platform.ledger.events import Actor
 from sawmill_service.http.limits.rates import FailedLogins
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.http.problems import Refused

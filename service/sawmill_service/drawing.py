@@ -142,7 +142,7 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
     """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing."""
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import thumbnail_png
+        from sawmill_calibration.pictures.images import thumbnail_png
         from sawmill_formats.output import scan_reader
 
         path, row = files.scan(scan.id), middle_row(scan, shape)
@@ -155,7 +155,7 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
     """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import thumbnail_png
+        from sawmill_calibration.pictures.images import thumbnail_png
         from sawmill_formats.output import volume_reader
 
         middle = volume_reader.volume_slice(files.volume(reconstruction_id), result.shape, result.shape[0] // 2)

@@ -23,8 +23,7 @@ from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.http.bodies.unread_bodies import UnreadBodies
 from sawmill_service.http.limits.memory_budget import return_freed_memory
-from sawmill_service.http.limits.open_files import connections_of, log_refused_accepts_rarely
-from sawmill_service.http.listening import ListenError, is_loopback, listen
+from sawmill_service.http.listening import ListenError, connections_of, is_loopback, listen, log_refused_accepts_rarely
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server, ServiceManager
 from sawmill_service.webhooks.destinations import AllowedDestinations

@@ -14,7 +14,7 @@ from damaged_files import written_by_its_job
 from PIL import Image
 from results import THETA
 
-from sawmill_calibration.pictures.arrays import averaged
+from sawmill_calibration.pictures.images import averaged
 from sawmill_calibration.pictures.windows import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid

@@ -24,7 +24,7 @@ from typer.testing import CliRunner, Result
 from sawmill_command.commands import main
 from sawmill_command.service_units import Installation, program
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.http.limits.open_files import files_needed
+from sawmill_service.http.listening import files_needed
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
 from sawmill_service.stopping import SHUTDOWN_S, ServiceManager
 

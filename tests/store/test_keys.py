@@ -6,12 +6,12 @@ import pytest
 from sqlalchemy import func, select, text
 from sqlalchemy.exc import DBAPIError
 
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
 from sawmill_platform.keys.key_store import PREFIX, RENEWAL_STEP, SESSION_LASTS, USE_STEP, hash_of
+from sawmill_platform.ledger.events import Actor, acting_as
 
 pytestmark = pytest.mark.clocked
 

@@ -14,13 +14,13 @@ from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.plans import PlanRequest
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_platform.errors import QueueFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Retries
 from sawmill_platform.jobs.queue_limits import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S
 from sawmill_platform.jobs.wait_estimate import Selection
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_store.mill_tables import ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import CalibrationMethod, Progress, Theta

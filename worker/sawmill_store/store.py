@@ -27,9 +27,8 @@ from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories
 from sawmill_store.scanners.overviews import Overviews
 from sawmill_store.scanners.scanners import Scanners
-from sawmill_store.scans.inspections import Inspections
 from sawmill_store.scans.phantoms import Phantoms
-from sawmill_store.scans.scans import Scans
+from sawmill_store.scans.scans import Inspections, Scans
 from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
 

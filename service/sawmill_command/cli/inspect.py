@@ -52,6 +52,6 @@ def inspect(
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:
-        from sawmill_worker.commands.inspection_table import print_inspection
+        from sawmill_worker.commands.tables import print_inspection
 
         print_inspection(result)

@@ -9,8 +9,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_platform.acting import acting_as
 from sawmill_platform.errors import StorageError
+from sawmill_platform.ledger.events import acting_as
 from sawmill_service.access import (
     ANYBODY,
     CHALLENGES,

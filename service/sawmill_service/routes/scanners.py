@@ -25,7 +25,7 @@ from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
 

@@ -13,7 +13,7 @@ from sawmill_service.http.document.described_answers import LOCATED, refuses
 from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 
 router = Router(prefix="/v1/schedules", tags=["schedules"], reading=Scope.READ)

@@ -98,7 +98,7 @@ def get_slice_array(
     factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import averaged, npy
+        from sawmill_calibration.pictures.images import averaged, npy
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -138,8 +138,7 @@ def get_slice_jpeg(
     window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import averaged
-        from sawmill_calibration.pictures.images import jpeg
+        from sawmill_calibration.pictures.images import averaged, jpeg
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -178,7 +177,7 @@ def get_side_array(
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import npy
+        from sawmill_calibration.pictures.images import npy
         from sawmill_calibration.pictures.log_pictures import densest_of
         from sawmill_formats.output import volume_reader
 

@@ -24,7 +24,7 @@ from sawmill_service.http.document.openapi_document import trying
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatable, repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.couriers import send_test

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
+from sawmill_worker.jobs.checkpoints import UnusableCheckpoint, read_checkpoint, write_checkpoint
 
 ORIGIN = {"input_sha256": "ab" * 32, "options": {"seed": 7, "rows": (3, 9)}, "software_version": "1.0"}
 ARRAYS = {"values": np.array([0.1, np.pi, -np.inf]), "images": np.arange(24, dtype=np.float32).reshape(2, 3, 4)}

@@ -23,13 +23,13 @@ from write_lock import write_lock
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.attempts.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_platform.attempts.protocol import CHANNEL, Ready, to_line
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
 

@@ -1,4 +1,4 @@
-"""Images and sinograms as PNG, with NumPy and Pillow only.
+"""Images and sinograms as PNG, with NumPy and Pillow only, and as arrays for programs that apply a window themselves.
 
 A PNG's row is +x and its column is +y (docs/look-up/conventions.md#axes).
 """
@@ -24,7 +24,7 @@ from sawmill_calibration.pictures.pages import (
     page_of,
 )
 from sawmill_calibration.pictures.round_numbers import round_length
-from sawmill_calibration.pictures.windows import Window, by_stripes, labelled_views, shaded, to_unit, window_of
+from sawmill_calibration.pictures.windows import Window, by_stripes, labelled_views, painted, shaded, to_unit, window_of
 from sawmill_vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
@@ -202,3 +202,55 @@ def _check_two_dimensional(name: str, values: NDArray[Any]) -> None:
 
 def _enlarged(length: int) -> int:
     return length * max(1, -(-SMALLEST_SIDE_PX // length))
+
+
+THUMBNAIL_PX = 160
+Float32 = NDArray[np.float32]
+
+
+def averaged(image: NDArray[np.floating[Any]], factor: int) -> Float32:
+    """Average blocks of factor x factor pixels; an incomplete last block is averaged over the pixels that it has.
+
+    Parameters
+    ----------
+    image : (x, y) float
+    factor : int
+        Side of a block, 1 or more; 1 leaves the image unchanged.
+
+    Returns
+    -------
+    (ceil(x / factor), ceil(y / factor)) float32
+    """
+    single = image.astype(np.float32, copy=False)
+    return single if factor == 1 else np.asarray(Image.fromarray(single).reduce(factor))
+
+
+def npy(values: NDArray[Any]) -> bytes:
+    """Return the bytes of an NPY file, version 1.0 (numpy.org, NEP 1), in C order."""
+    stream = BytesIO()
+    np.lib.format.write_array(stream, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False)
+    return stream.getvalue()
+
+
+def thumbnail_png(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:
+    """Draw a small square grey picture with nothing around the image, for an image of any shape.
+
+    Parameters
+    ----------
+    image : (row, column) float
+    window : (low, high), optional
+        Values shown black and white; the 0.1 and 99.9 percentiles by default.
+    """
+    return encoded(Image.fromarray(painted(small_square(image, THUMBNAIL_PX, window), ColorMap.GREY)))
+
+
+def small_square(image: NDArray[np.floating[Any]], side_px: int, window: Window | None = None) -> Float32:
+    """Reduce an image of any shape to a square, from 0 for black to 1 for white; the window as in `thumbnail_png`."""
+    shown = window or window_of(image)
+    small = Image.fromarray(by_stripes(image, lambda stripe: to_unit(stripe, shown).astype(np.float32)))
+    return np.asarray(small.resize((side_px, side_px), Image.Resampling.BOX))
+
+
+def grey_png(grey: bytes, side_px: int) -> bytes:
+    """Encode a square picture of one byte for each pixel, from 0 for black to 255 for white."""
+    return encoded(Image.frombytes("L", (side_px, side_px), grey))

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from sawmill_calibration.failures import memory_available
-from sawmill_calibration.pictures.arrays import small_square
+from sawmill_calibration.pictures.images import small_square
 from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_calibration.scans.scan_rows import links_offered
 from sawmill_contracts.inspections import (

@@ -25,16 +25,17 @@ from sawmill_platform.attempts.limits import keep_to, limits_of, peak_memory_byt
 from sawmill_platform.attempts.protocol import (
     CHANNEL,
     Assignment,
+    Attempt,
     Begun,
     Failed,
     Kept,
     ProgressMade,
     Ready,
     Succeeded,
+    Work,
     to_line,
 )
 from sawmill_platform.attempts.threading_layer import load
-from sawmill_platform.attempts.work import Attempt, Work
 from sawmill_platform.confinement.confinement import confine_to, installation, move_into
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind

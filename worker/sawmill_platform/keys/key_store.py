@@ -13,7 +13,6 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, and_, delete, or_, select, update
 from sqlalchemy.orm import QueryableAttribute, Session
 
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.event_kinds import EventType
@@ -22,7 +21,7 @@ from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found, new_id, read_page
 from sawmill_platform.database.tables import Json, KeyRow, SessionRow
 from sawmill_platform.errors import Conflict, Invalid
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import actor, announce
 
 # Prefix by which search programs for leaked secrets recognise a secret.
 PREFIX = "sawmill_"

@@ -14,7 +14,6 @@ from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_mill.schedules import WHY_NOTHING_WAS_QUEUED, missed_due_time
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.base import Page, placed_complaint
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
@@ -22,7 +21,7 @@ from sawmill_platform.database.paging import Check, accept_any, found, narrowed,
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_platform.ledger.audit import changed
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import Actor, acting_as, announce
 from sawmill_store.mill_tables import ScannerRow, ScheduleRow, ScheduleRunRow
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners.history import changes_in_words

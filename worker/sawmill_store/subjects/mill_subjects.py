@@ -17,7 +17,6 @@ from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.reading_apart import read_apart
 from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_mill.scanner_state import activation_reason
-from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
@@ -26,7 +25,7 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.tallies import Recorded, Subjects
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import THE_SERVICE, Actor, acting_as, announce
 from sawmill_store.activations import activate
 from sawmill_store.drift.drift_charts import known_baselines
 from sawmill_store.drift.measurements import record_measurement

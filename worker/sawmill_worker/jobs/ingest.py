@@ -11,7 +11,7 @@ from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.input.angles import parse_angles
 from sawmill_formats.input.arrays import MAX_BYTES
 from sawmill_formats.input.reading import reading_scan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import FILE_BYTES, FILE_SHARE, MillAttempt
 

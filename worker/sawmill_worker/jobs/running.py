@@ -22,7 +22,7 @@ from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import KINDS
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_platform.contracts.jobs import Job, JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_store.subjects.outputs import check_file
