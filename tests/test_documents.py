@@ -27,7 +27,7 @@ from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.reconstruction.choosing import EXPECTED_ERRORS, VIEWS, seconds_a_slice
 from sawmill_vocabulary.physics import Physics
-from sawmill_worker.commands.options import theta_of
+from sawmill_worker.commands.geometry_options import theta_of
 
 ROOT = Path(__file__).parents[1]
 README, DEMO = ROOT / "README.md", ROOT / "docs/start/demo.md"

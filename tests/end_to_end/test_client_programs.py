@@ -23,7 +23,7 @@ from sawmill_command.commands import main
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_vocabulary.version import VERSION
-from sawmill_worker.commands.options import theta_of
+from sawmill_worker.commands.geometry_options import theta_of
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.options import CalibrationFlag
+from sawmill_worker.commands.geometry_options import CalibrationFlag
 from sawmill_worker.commands.terminal import Command, OneOf, answering, say
 
 app = typer.Typer()

@@ -11,9 +11,9 @@ from sawmill_contracts.scanners import ScannerSpec
 from sawmill_vocabulary import Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
+from sawmill_worker.commands.geometry_options import ThetaFlag
 from sawmill_worker.commands.options import (
     PhantomWidth,
-    ThetaFlag,
     check_width,
     existing_phantom,
     existing_phantoms,

@@ -12,7 +12,7 @@ from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import ReconstructionMethod, Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts
-from sawmill_worker.commands.options import (
+from sawmill_worker.commands.geometry_options import (
     CalibrationFlag,
     GeometryFlag,
     RotationOfTheta,

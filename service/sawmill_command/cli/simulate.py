@@ -10,16 +10,14 @@ from sawmill_contracts.geometry import ScannerConstants, SimulationOptions
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
+from sawmill_worker.commands.geometry_options import Position, ThetaFlag, position_of
 from sawmill_worker.commands.options import (
     PhantomShape,
     PhantomText,
     PhantomWidth,
-    Position,
-    ThetaFlag,
     body_names,
     body_or_phantom,
     check_width,
-    position_of,
 )
 from sawmill_worker.commands.terminal import Command, answering, say
 

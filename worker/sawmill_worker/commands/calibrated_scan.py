@@ -14,7 +14,7 @@ from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.scans.scan_rows import ScanRows, ScanSource, open_rows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, read_views
 from sawmill_vocabulary import ProgressCallback
-from sawmill_worker.commands.options import CalibrationSource, ThetaSource
+from sawmill_worker.commands.geometry_options import CalibrationSource, ThetaSource
 
 
 @contextmanager

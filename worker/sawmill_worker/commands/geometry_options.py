@@ -1,0 +1,134 @@
+"""Flags of a geometry, as numbers or as a calibration, and checks of their use."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, ClassVar, TypeVar
+
+import typer
+from pydantic import TypeAdapter, ValidationError
+
+from sawmill_contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_contracts.reconstructions import ReconstructionRequest
+from sawmill_platform.contracts.base import Contract
+from sawmill_vocabulary import CoordinateMm, Rotation, Theta
+from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, field_names, option, sentence
+from sawmill_worker.commands.terminal import Command, OneOf
+
+CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
+
+
+class Position(Contract):
+    """A point in the scanned plane, in mm."""
+
+    x: CoordinateMm = 0.0
+    y: CoordinateMm = 0.0
+
+
+Numbers = TypeVar("Numbers", GivenTheta, Position)
+DEGREES = "deg"
+
+
+@dataclass(frozen=True)
+class ThetaSource:
+    """A geometry given by numbers."""
+
+    theta: Theta
+    rotation: Rotation
+    source_to_cor_mm: float
+
+
+@dataclass(frozen=True)
+class CalibrationSource:
+    """A geometry given by the file of a calibration; a constant given in addition must agree."""
+
+    path: Path
+    source_to_cor_mm: float | None
+
+
+class WithGeometry(Command):
+    """A command that needs a geometry, as five numbers, as a calibration or as vectors."""
+
+    one_of = OneOf(("theta", "calibration", "geometry"), "the geometry")
+    needs: ClassVar = {"theta": "source_to_cor_mm"}
+
+
+def given_geometry(
+    theta: Theta | None,
+    rotation: Rotation | None,
+    calibration: Path | None,
+    source_to_cor_mm: float | None,
+    vectors: Path | None = None,
+) -> ThetaSource | CalibrationSource | Path:
+    """Return the geometry of the flags, a path for vectors; a rotation with these or a calibration is wrong use."""
+    if vectors is not None and rotation is None:
+        return vectors
+    if calibration is None and vectors is None:
+        assert theta is not None  # noqa: S101 - checked by WithGeometry
+        assert source_to_cor_mm is not None  # noqa: S101
+        return ThetaSource(theta, rotation or Rotation.AS_GIVEN, source_to_cor_mm)
+    if rotation is not None:
+        raise typer.BadParameter("--rotation comes with --theta; a calibration carries its own.")
+    assert calibration is not None  # noqa: S101 - checked by WithGeometry
+    return CalibrationSource(calibration, source_to_cor_mm)
+
+
+def theta_of(text: str) -> Theta:
+    """Parse theta from five numbers separated by commas; angles may be in degrees as 146.1deg (a Typer parser)."""
+    angles = {"initial_angle_rad": _angle_rad, "detector_tilt": _slope}
+    return _numbers(text, GivenTheta, "five numbers a,r,h,h,t", angles)
+
+
+def position_of(text: str) -> Position:
+    """Parse a position from X,Y (a Typer parser)."""
+    return _numbers(text, Position, "X,Y")
+
+
+def _angle_rad(text: str) -> float:
+    """Parse an angle in radians, or in degrees if the unit is degrees."""
+    return math.radians(float(text.removesuffix(DEGREES))) if text.endswith(DEGREES) else float(text)
+
+
+def _slope(text: str) -> float:
+    """Parse a slope, or an angle in degrees if the unit is degrees."""
+    return math.tan(_angle_rad(text)) if text.endswith(DEGREES) else float(text)
+
+
+def _numbers(
+    text: str,
+    contract: type[Numbers],
+    form: str,
+    read: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
+) -> Numbers:
+    try:
+        written = dict(zip(field_names(contract), text.split(","), strict=True))
+        numbers = {name: read.get(name, float)(number) for name, number in written.items()}
+        return TypeAdapter(contract).validate_python(numbers)
+    except ValueError as error:
+        first = error.errors()[0] if isinstance(error, ValidationError) else None
+        if first is not None and first["type"] in OUT_OF_BOUNDS:
+            name = str(first["loc"][0])
+            first["input"] = written[name]
+            raise typer.BadParameter(f"{name} {sentence(first, contract)}.") from error
+        raise typer.BadParameter(f"must be {form}, not {text!r}.") from error
+
+
+ThetaFlag = typer.Option(
+    parser=theta_of,
+    metavar="a,r,h,h,t",
+    help="alpha0 (as 146.1deg, or rad), r_D, h_S, h_D (mm), alpha_D (as 15.7deg, or a slope), separated by commas.",
+)
+SourceToCorOfTheta = Annotated[
+    float | None, option(ScannerConstants, "source_to_cor_mm", help="r_S, with --theta; a calibration carries it.")
+]
+RotationOfTheta = Annotated[Rotation | None, option(ReconstructionRequest, "rotation")]
+CalibrationFlag = typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=CALIBRATION_HELP)
+GeometryFlag = typer.Option(
+    metavar="VECTORS",
+    exists=True,
+    dir_okay=False,
+    help="A file of vectors for each view of the scan, which replace its angles: JSON of export --to vectors, or rows "
+    "of ASTRA's fanflat_vec, mm (.npy).",
+)
