@@ -17,20 +17,8 @@ from sawmill_formats.input.contents import LARGEST_PITCH_MM, LEAST_PITCH_MM
 from sawmill_formats.input.hdf5.guard import attribute, attribute_text, find, numbers, read_text, read_values
 from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
 from sawmill_formats.nexus import CHUNK_BYTES
+from sawmill_formats.output import scan_layout
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
-from sawmill_formats.output.scan_layout import (
-    AIR_LEVEL,
-    ANGLES,
-    CELL_PITCH,
-    DATA,
-    DEVIATIONS,
-    ENTRY,
-    LINE_INTEGRALS,
-    PROVENANCE,
-    ROW_PITCH,
-    ROWS_PRESENT,
-    USABLE,
-)
 from sawmill_formats.output.scan_reader import open_scan
 
 
@@ -50,21 +38,26 @@ def is_own_scan(path: Path) -> bool:
 
 
 def _is_marked(file: h5py.File) -> bool:
-    data = find(file, DATA)
-    own = read_text(file, f"{ENTRY}/definition") == nxtomo.DEFINITION and find(file, PROVENANCE) is not None
-    return own and data is not None and attribute_text(data, "long_name") == LINE_INTEGRALS
+    data = find(file, scan_layout.DATA)
+    own = (
+        read_text(file, f"{scan_layout.ENTRY}/definition") == nxtomo.DEFINITION
+        and find(file, scan_layout.PROVENANCE) is not None
+    )
+    return own and data is not None and attribute_text(data, "long_name") == scan_layout.LINE_INTEGRALS
 
 
 def _is_whole(file: h5py.File) -> bool:
     bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
-    data = numbers(file, DATA, bounds)
-    angles = numbers(file, ANGLES, bounds.whole)
-    x_pitch, y_pitch, air_level = (numbers(file, path, bounds) for path in (CELL_PITCH, ROW_PITCH, AIR_LEVEL))
+    data = numbers(file, scan_layout.DATA, bounds)
+    angles = numbers(file, scan_layout.ANGLES, bounds.whole)
+    x_pitch, y_pitch, air_level = (
+        numbers(file, path, bounds) for path in (scan_layout.CELL_PITCH, scan_layout.ROW_PITCH, scan_layout.AIR_LEVEL)
+    )
     if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
         return False
     if not data.size or angles.shape != data.shape[:1] or not (np.abs(read_values(angles)) <= LARGEST_ANGLE_DEG).all():
         return False
-    deviations = numbers(file, DEVIATIONS, bounds)
+    deviations = numbers(file, scan_layout.DEVIATIONS, bounds)
     if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
         return False
     if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
@@ -78,10 +71,10 @@ def _is_distance(pitch: h5py.Dataset) -> bool:
 
 
 def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:
-    present = numbers(file, ROWS_PRESENT, bounds)
+    present = numbers(file, scan_layout.ROWS_PRESENT, bounds)
     if present is None:
         return True
-    usable = np.asarray(attribute(present, USABLE))
+    usable = np.asarray(attribute(present, scan_layout.USABLE))
     return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])
 
 

@@ -14,16 +14,7 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions
 from sawmill_formats.input.contents import FileAngles, FileContents, Projections, Wanted, in_order
-from sawmill_formats.input.hdf5.fields import (
-    all_views,
-    packing_remarks,
-    read_angles,
-    read_pitch,
-    read_unpacked,
-    scaling_of,
-    stated_order,
-    with_fields_beside,
-)
+from sawmill_formats.input.hdf5 import fields
 from sawmill_formats.input.hdf5.guard import attribute, attribute_text, datasets, find, name_of, numbers, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
 from sawmill_formats.input.hdf5.storage import check_dataset
@@ -42,28 +33,28 @@ def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileCon
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    axes, order = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or stated_order(dataset)
+    axes, order = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or fields.stated_order(dataset)
     if axes is not None and not axes.startswith("theta") and order is None:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
-    angles = read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
-    pitch, row_pitch = (read_pitch(file, f"{DETECTOR}/{axis}_pixel_size", bounds.whole) for axis in "xy")
+    angles = fields.read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
+    pitch, row_pitch = (fields.read_pitch(file, f"{DETECTOR}/{axis}_pixel_size", bounds.whole) for axis in "xy")
     white, dark, theta = (
         numbers(file, f"exchange/{name}", bounds.whole) for name in ("data_white", "data_dark", "theta")
     )
     contents = FileContents(
         format="hdf5-data-exchange",
-        projections=all_views(dataset),
-        flats=None if white is None else read_unpacked(white),
-        darks=None if dark is None else read_unpacked(dark),
+        projections=fields.all_views(dataset),
+        flats=None if white is None else fields.read_unpacked(white),
+        darks=None if dark is None else fields.read_unpacked(dark),
         angles=angles,
         pitch=pitch,
         row_pitch=row_pitch,
         order=order,
-        remarks=(*packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
+        remarks=(*fields.packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
     )
-    return with_fields_beside(contents, dataset, bounds.whole, selection)
+    return fields.with_fields_beside(contents, dataset, bounds.whole, selection)
 
 
 def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
@@ -113,7 +104,7 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         load=partial(_load, by_name, bounds.whole),
         projections=partial(_projections, by_name, bounds),
         text=partial(_text, by_name, bounds.whole),
-        remarks=lambda name: packing_remarks(by_name[name]),
+        remarks=lambda name: fields.packing_remarks(by_name[name]),
         stated_angles=lambda name: _angles_of_cil(file, name, bounds.whole),
     )
     return read_named_arrays(arrays, selection, (ReadingMessage.MATLAB_AXES(),) if matlab else ())
@@ -123,7 +114,9 @@ def _angles_of_cil(file: h5py.File, name: str, bounds: Bounds) -> FileAngles:
     """Read the angles next to projections that CIL wrote: in the group config of their entry."""
     entry, _, place = name.rpartition("/data/data")
     return (
-        read_angles(file, f"{entry}/config/angles", bounds, default_unit=None) if entry and not place else FileAngles()
+        fields.read_angles(file, f"{entry}/config/angles", bounds, default_unit=None)
+        if entry and not place
+        else FileAngles()
     )
 
 
@@ -134,7 +127,7 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     kind = quoted(matlab_class or node.dtype.name)
     if matlab_class is not None:
         return ArrayInfo(shape[::-1], numeric, kind)
-    return ArrayInfo(shape, numeric, kind, stated_order(node) if len(shape) in {2, 3} else None)
+    return ArrayInfo(shape, numeric, kind, fields.stated_order(node) if len(shape) in {2, 3} else None)
 
 
 def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
@@ -149,14 +142,14 @@ def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5p
 
 def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
     node = _checked(by_name, bounds, name)
-    stored = all_views(node)
+    stored = fields.all_views(node)
     return in_order(stored, tuple(reversed(range(node.ndim)))) if "MATLAB_class" in node.attrs else stored
 
 
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
-    values = scaling_of(node).apply(values)
+    values = fields.scaling_of(node).apply(values)
     return values.T if "MATLAB_class" in node.attrs else values
 
 
