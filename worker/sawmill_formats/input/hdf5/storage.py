@@ -9,8 +9,9 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds, check_number_type, check_size
 from sawmill_formats.input.unpacking import check_packed
 
-# Filters of the library itself and of h5py; for any other the library would search for a plug-in on this machine.
-PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "LZF"}
+# Filters of the library itself and of h5py, but szip, which only the library unpacks and scanners do not use; for any
+# other the library would search for a plug-in on this machine.
+PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_LZF: "LZF"}
 FILTERS = PACKINGS | {
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
     h5py.h5z.FILTER_FLETCHER32: "checksum",
