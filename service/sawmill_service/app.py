@@ -15,18 +15,18 @@ from sawmill_service.access import Access, SessionCookie, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.bodies.forms import check_csrf
+from sawmill_service.http.bodies.sent_content import SlowBodies
 from sawmill_service.http.bodies.sent_json import check_body, check_query
-from sawmill_service.http.bodies.unread_bodies import SlowBodies
 from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
 from sawmill_service.http.limits.admission import Admission
-from sawmill_service.http.limits.memory_budget import MemoryBudget
 from sawmill_service.http.limits.rates import FailedLogins, Rates
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.observer import Heads, Observer, RequestIds
 from sawmill_service.http.problems import install
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.responses.conditional import Digests
+from sawmill_service.http.responses.drawn import MemoryBudget
 from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.http.route_rules import RouteRules, check_method
 from sawmill_service.measures import Measures

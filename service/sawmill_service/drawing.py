@@ -132,7 +132,7 @@ def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
 
 def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
-    from sawmill_calibration.pictures.alpha_curve import alpha_curve_png
+    from sawmill_calibration.pictures.figures import alpha_curve_png
 
     with DRAWING:
         return alpha_curve_png(**columns)

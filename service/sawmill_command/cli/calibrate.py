@@ -48,7 +48,7 @@ def calibrate(
     with answering(as_json=as_json), showing_progress("calibrate") as progress:
         with importing():
             from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
-            from sawmill_calibration.phantom_drawings import drawing_of
+            from sawmill_calibration.known_geometry import drawing_of
             from sawmill_calibration.scans.scan_rows import open_rows
 
         drawing = drawing_of(phantom, phantom_width_mm)

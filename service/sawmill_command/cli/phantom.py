@@ -64,7 +64,7 @@ def plan(
         ]
     with answering(as_json=as_json):
         from sawmill_calibration.calibration.plan import run_plan
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
 
         drawings = [drawing_of(text, phantom_width_mm) for text in phantoms]
         plans = [run_plan(each, scanner, theta, option, log_radius_mm) for each in drawings for option in options]
@@ -96,7 +96,7 @@ def draw(
     """Draw a phantom as SVG in mm, to print at full size."""
     check_width(phantom, phantom_width_mm)
     with answering():
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
         from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 
         output.write_text(phantom_svg(drawing_of(phantom, phantom_width_mm)), encoding="utf-8")

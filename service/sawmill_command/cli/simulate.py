@@ -83,7 +83,7 @@ def simulate(
         import numpy as np
 
         from sawmill_calibration import simulation
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
         from sawmill_tomography.geometry.geometry import FanBeamGeometry
         from sawmill_tomography.phantoms.log_model import log_slices
 

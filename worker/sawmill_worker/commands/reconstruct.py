@@ -55,7 +55,7 @@ def _side(volume: Path, result: ReconstructionResult, name: str) -> bytes:
 
 
 def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
-    from sawmill_calibration.pictures.alpha_curve import alpha_curve_png
+    from sawmill_calibration.pictures.figures import alpha_curve_png
     from sawmill_formats.output.volume_reader import alpha_curve
 
     try:
