@@ -27,7 +27,6 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-_ROW = {"id": ID, "created_at": MOMENT}
 _INDEXES = {
     "jobs": (["state", "created_at", "id"], ["subject_id"]),
     "job_dependencies": (["needs_job_id"],),
@@ -47,10 +46,10 @@ def upgrade() -> None:
         *perhaps(worker=NAME, lease_expires_s=REAL),
         *needed(cancel_requested=FLAG),
         *perhaps(progress=JSON, failure=JSON, started_at=MOMENT, finished_at=MOMENT),
-        *needed(**_ROW),
+        *needed(id=ID, created_at=MOMENT),
         *keys("jobs", "id"),
     )
-    op.create_table("scanners", *needed(spec=JSON, **_ROW), *keys("scanners", "id"))
+    op.create_table("scanners", *needed(spec=JSON, id=ID, created_at=MOMENT), *keys("scanners", "id"))
     op.create_table(
         "job_dependencies",
         *needed(job_id=ID, needs_job_id=ID),
@@ -60,14 +59,14 @@ def upgrade() -> None:
         "phantoms",
         *needed(name=NAME, built_in=FLAG, state=WORD),
         *perhaps(reason=TEXT, drawing=JSON, picture=JSON, job_id=ID),
-        *needed(**_ROW),
+        *needed(id=ID, created_at=MOMENT),
         *keys("phantoms", "id", job_id="jobs"),
     )
     op.create_table(
         "schedules",
         *needed(scanner_id=ID, cron=sa.String(length=100), enabled=FLAG, on_pass=WORD, options=JSON),
         *perhaps(next_due_at=MOMENT),
-        *needed(**_ROW),
+        *needed(id=ID, created_at=MOMENT),
         *keys("schedules", "id", scanner_id="scanners"),
     )
     op.create_table(
@@ -76,7 +75,7 @@ def upgrade() -> None:
         *perhaps(schedule_id=ID),
         *needed(options=JSON, activate=FLAG),
         *perhaps(result=JSON),
-        *needed(job_id=ID, **_ROW),
+        *needed(job_id=ID, id=ID, created_at=MOMENT),
         *keys("calibrations", "id", job_id="jobs", phantom_id="phantoms", scanner_id="scanners"),
         unique("calibrations", "job_id"),
     )
@@ -88,7 +87,7 @@ def upgrade() -> None:
         *perhaps(reason=TEXT),
         *needed(size_bytes=BYTES, sha256=ID),
         *perhaps(reading=JSON),
-        *needed(job_id=ID, **_ROW),
+        *needed(job_id=ID, id=ID, created_at=MOMENT),
         *keys("scans", "id", job_id="jobs", phantom_id="phantoms", scanner_id="scanners"),
     )
     op.create_table(
@@ -104,7 +103,7 @@ def upgrade() -> None:
             *of_calibration(calibration_id=ID),
             *needed(options=JSON),
             *perhaps(result=JSON),
-            *needed(job_id=ID, **_ROW),
+            *needed(job_id=ID, id=ID, created_at=MOMENT),
             *keys(table, "id", calibration_id="calibrations", job_id="jobs", scanner_id="scanners"),
             unique(table, "job_id"),
         )
@@ -112,7 +111,7 @@ def upgrade() -> None:
         "plans",
         *needed(phantom_id=ID, scanner_id=ID, options=JSON),
         *perhaps(result=JSON),
-        *needed(job_id=ID, **_ROW),
+        *needed(job_id=ID, id=ID, created_at=MOMENT),
         *keys("plans", "id", job_id="jobs"),
         unique("plans", "job_id"),
     )
