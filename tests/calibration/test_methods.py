@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from reconstruction_inputs import reconstruction_input
+from small_scanner import reconstruction_input
 
 from sawmill_calibration import failures
 from sawmill_calibration.reconstruction.reconstruct import (

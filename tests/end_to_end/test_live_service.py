@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from example_requests import add_what_is_decided, with_file
+from documented import add_what_is_decided, with_file
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
 
 from sawmill_contracts.schedules import ScheduleSpec

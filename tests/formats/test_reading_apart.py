@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from damaged_files import endless
+from results import endless
 from system_calls import at_call, refusing
 
 from sawmill_calibration import read_scan

@@ -5,9 +5,8 @@ from datetime import UTC, datetime, timedelta
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from asgi import refusal
+from asgi import absent, refusal
 from machine_faults import database_away
-from page_text import absent
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main

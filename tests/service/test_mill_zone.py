@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from page_text import absent
+from asgi import absent
 
 from sawmill_platform.contracts.keys import Scope
 from sawmill_store.mill_tables import CalibrationRow, ReconstructionRow

@@ -13,10 +13,10 @@ from pathlib import Path
 from urllib.parse import urljoin, urlsplit
 
 import pytest
+from asgi import absent
 from babel.messages.checkers import checkers
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
-from page_text import absent
 from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 import tifffile
 from asgi import refusal
-from damaged_files import written_by_its_job
 from PIL import Image
-from results import THETA
+from results import THETA, written_by_its_job
 
 from sawmill_calibration.pictures.images import averaged
 from sawmill_calibration.pictures.windows import painted

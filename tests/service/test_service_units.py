@@ -14,10 +14,9 @@ from pathlib import Path
 
 import httpx
 import pytest
-from missing_parts import skip_without
-from page_text import absent
+from asgi import absent
+from missing_parts import free_port, skip_without
 from plain_logs import log_plainly
-from ports import free_port
 from structlog.testing import capture_logs
 from typer.testing import CliRunner, Result
 

@@ -4,9 +4,8 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from asgi import refusal
+from asgi import absent, refusal, text_of
 from documented import check_documented
-from page_text import absent, text_of
 from sqlalchemy import event, insert
 
 from sawmill_contracts import kinds

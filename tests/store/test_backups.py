@@ -15,8 +15,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from data_0_1_0 import ARCHIVE
-from databases import sqlite_alone
+from emptied_databases import ARCHIVE, sqlite_alone
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import text
 from system_calls import at_call, refusing

@@ -10,7 +10,7 @@ from operator import itemgetter
 from zoneinfo import ZoneInfo
 
 import pytest
-from databases import sqlite_alone
+from emptied_databases import sqlite_alone
 
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.tables import ClockRow

@@ -4,10 +4,10 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from databases import sqlite_alone
-from racing import race
+from emptied_databases import sqlite_alone
 from results import CONSTANTS
 from sqlalchemy import event, text
+from write_lock import race
 
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec

@@ -8,8 +8,7 @@ import tarfile
 from contextlib import closing, contextmanager
 
 import pytest
-from data_0_1_0 import ARCHIVE
-from databases import sqlite_alone
+from emptied_databases import ARCHIVE, sqlite_alone
 from sqlalchemy import text
 from system_calls import at_call, refusing
 

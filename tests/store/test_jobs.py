@@ -2,8 +2,8 @@
 
 import pytest
 from pydantic import ValidationError
-from racing import race
 from results import answer_of, reading
+from write_lock import race
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

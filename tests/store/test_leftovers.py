@@ -6,7 +6,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from databases import sqlite_alone
+from emptied_databases import sqlite_alone
 from results import RESULTS, answer_of
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError

@@ -7,7 +7,7 @@ import threading
 from datetime import timedelta
 
 import pytest
-from databases import postgresql_alone, sqlite_alone
+from emptied_databases import postgresql_alone, sqlite_alone
 from sqlalchemy import event
 from system_calls import at_call, refusing
 

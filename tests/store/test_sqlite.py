@@ -5,7 +5,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from databases import sqlite_alone
+from emptied_databases import sqlite_alone
 from live_service import wait_until
 from write_lock import write_lock
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from ports import free_port
+from missing_parts import free_port
 
 import sawmill_worker
 

@@ -5,10 +5,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
+import pytest
 from postgres_server import PostgresDatabases
 
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store
+
+ARCHIVE = Path(__file__).with_name("data_0_1_0.tar.xz")
+
+
+sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+postgresql_alone = pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+
 
 END_OTHERS = """
 SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from ports import free_port
+from missing_parts import free_port
 
 from sawmill_tomography.geometry.geometry import Scanner
 

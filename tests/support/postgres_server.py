@@ -16,8 +16,7 @@ from subprocess import CalledProcessError
 from typing import Any
 from uuid import uuid4
 
-from missing_parts import skip_without
-from ports import free_port
+from missing_parts import free_port, skip_without
 
 START_S = 120.0
 # Tests lose nothing that they would miss, and `file_copy` makes a database in 25 ms.

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scan_files import each_refusal
-from scan_writers import hdf5, mat, npy, npz
+from scan_files import each_refusal, hdf5, mat, npy, npz
 
 from sawmill_calibration.scans.averaged_rays import AveragedRays
 from sawmill_formats.errors import UnreadableScan

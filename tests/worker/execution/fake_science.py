@@ -35,7 +35,7 @@ from sawmill_vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[2] / "support"))
 import results
-from damaged_files import make_endless
+from results import make_endless
 
 Behaviour = Callable[[Attempt], dict[str, Any]]
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")

