@@ -1,4 +1,4 @@
-"""Requests to an application without a network, many in one event loop or message by message, and what its pages say."""
+"""Requests to an application without a network, in one event loop or message by message; what its pages say."""
 
 import json
 import re
