@@ -120,7 +120,7 @@ def _answer(path: Path) -> "tuple[CalibrationResult, CalibrationArrays]":
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
     from sawmill_calibration.pictures.images import bare_png
-    from sawmill_calibration.pictures.windows import LOG_WINDOW, window_of
+    from sawmill_calibration.pictures.pages import LOG_WINDOW, window_of
     from sawmill_formats.output.calibration_file import read_arrays
 
     arrays = read_arrays(path, "log_field_mm", "log_after", name)

@@ -14,7 +14,7 @@ from PIL import Image
 from results import THETA, written_by_its_job
 
 from sawmill_calibration.pictures.images import averaged
-from sawmill_calibration.pictures.windows import painted
+from sawmill_calibration.pictures.pages import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap

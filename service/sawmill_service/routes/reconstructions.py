@@ -149,7 +149,7 @@ def get_slice(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.images import image_png, image_png16
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         path = reconstructions.files.volume(reconstruction_id)
@@ -228,7 +228,7 @@ def get_side_view(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.log_pictures import side_view_png
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)

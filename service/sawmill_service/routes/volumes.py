@@ -263,6 +263,6 @@ def get_reconstruction_thumbnail(
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
     """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
-    from sawmill_calibration.pictures.windows import color_table
+    from sawmill_calibration.pictures.pages import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -8,10 +8,9 @@ import tifffile
 from tifffile import _imagecodecs
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.arrays import Bounds
+from sawmill_formats.input.arrays import PACKBITS, Bounds
 from sawmill_formats.input.reading import reading_contents
 from sawmill_formats.input.tiff.pages import open_pages
-from sawmill_formats.input.unpacking import PACKBITS
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 STACK = np.arange(12 * 4 * 16, dtype=np.uint16).reshape(12, 4, 16)

@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.chart.alternatives import steps_and_trends
 from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, History
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled
-from sawmill_tomography.drift.chart.spread import BELIEVED, LookSpread
+from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, BELIEVED, Baseline, DriftCheckPoint, LookSpread, pooled
+from sawmill_tomography.drift.chart.segments import steps_and_trends
 from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_vocabulary import DetectorEstimate
 

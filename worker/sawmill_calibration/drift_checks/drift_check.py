@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
-from sawmill_calibration.scans.averaged_rays import of_masked_rays
+from sawmill_calibration.scans.prepare import of_masked_rays
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
 from sawmill_contracts.choices import DriftMethod

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.pages import LOG_WINDOW, Window, window_of
 from sawmill_calibration.pictures.panels import (
     draw_frame_pairs,
     draw_log,
@@ -26,7 +27,6 @@ from sawmill_calibration.pictures.panels import (
     localise,
 )
 from sawmill_calibration.pictures.report_numbers import calibration_table
-from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, window_of
 from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry
 from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_vocabulary import ReconstructionMethod

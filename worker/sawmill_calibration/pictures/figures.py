@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.pages import Window, labelled_views, window_of
 from sawmill_calibration.pictures.panels import encoded, show_image
-from sawmill_calibration.pictures.windows import Window, labelled_views, window_of
 from sawmill_contracts.drifts import DriftResult
 
 # A change beyond this number of standard deviations is a move (contracts.drifts.DriftResult.moved).

@@ -12,8 +12,8 @@ from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_calibration.pictures import pages
+from sawmill_calibration.pictures.pages import Window, by_stripes, labelled_views, painted, shaded, to_unit, window_of
 from sawmill_calibration.pictures.round_numbers import round_length
-from sawmill_calibration.pictures.windows import Window, by_stripes, labelled_views, painted, shaded, to_unit, window_of
 from sawmill_vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512

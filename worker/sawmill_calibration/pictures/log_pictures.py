@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sawmill_calibration.pictures import pages
+from sawmill_calibration.pictures.pages import Window, shaded, window_of
 from sawmill_calibration.pictures.round_numbers import ticks
-from sawmill_calibration.pictures.windows import Window, shaded, window_of
 from sawmill_vocabulary import ColorMap
 
 TILE_PX = 256

@@ -18,8 +18,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import Formatter
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.pages import LOG_WINDOW, Window, labelled_views, window_of
 from sawmill_calibration.pictures.round_numbers import round_length
-from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, labelled_views, window_of
 from sawmill_contracts.calibrations import FoundGeometry
 from sawmill_vocabulary import Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader

@@ -28,10 +28,9 @@ from sawmill_contracts.scans import ScanShape
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.canonical import CanonicalScan
-from sawmill_formats.input.contents import FileContents, Projections
+from sawmill_formats.input.contents import FileContents, Projections, alike_together
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.own import OwnKind, own_kind
-from sawmill_formats.input.parts import alike_together
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
 from sawmill_formats.input.recognising import Format, recognise

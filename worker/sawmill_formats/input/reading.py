@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AngleList, AnglesGiven, AngleSteps
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds, as_fields
-from sawmill_formats.input.averaged import AveragedRows
-from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.canonical import AveragedRows, CanonicalScan
 from sawmill_formats.input.contents import (
     FieldKind,
     FileContents,

@@ -9,13 +9,12 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 from sawmill_formats.errors import UnreadableScan, check_regular, quoted
 from sawmill_formats.input.archives import is_npz, members, opened, read_zip
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.contents import FileContents, Wanted
+from sawmill_formats.input.contents import FileContents, Part, PartKind, Wanted
 from sawmill_formats.input.hdf5.any_layout import read_hdf5
 from sawmill_formats.input.hdf5.listing import hdf5_parts
 from sawmill_formats.input.image_names import natural_key
 from sawmill_formats.input.mat5 import list_variables, read_mat5
 from sawmill_formats.input.npy import read_header, read_npy
-from sawmill_formats.input.parts import Part, PartKind
 from sawmill_formats.input.tiff.pages import opened_tiff, page_type, read_tiff
 from sawmill_formats.input.tiff.several_files import folder_parts, read_folder
 

@@ -14,7 +14,7 @@ from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
-from sawmill_formats.input.parts import PartKind
+from sawmill_formats.input.contents import PartKind
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
 

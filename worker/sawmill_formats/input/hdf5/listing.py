@@ -9,10 +9,10 @@ import h5py
 from sawmill_formats.errors import quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
+from sawmill_formats.input.contents import Part, PartKind
 from sawmill_formats.input.hdf5 import guard
 from sawmill_formats.input.hdf5.links import located
 from sawmill_formats.input.hdf5.storage import filter_names
-from sawmill_formats.input.parts import Part, PartKind
 
 MOST_FILES_NAMED = 3
 

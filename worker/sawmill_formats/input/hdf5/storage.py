@@ -6,8 +6,14 @@ import sys
 import h5py
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds, check_number_type, check_size
-from sawmill_formats.input.unpacking import check_packed
+from sawmill_formats.input.arrays import (
+    HARMLESS_BYTES,
+    LARGEST_RATIO,
+    Bounds,
+    check_number_type,
+    check_packed,
+    check_size,
+)
 
 # Filters of the library itself and of h5py, but szip, which only the library unpacks and scanners do not use; for any
 # other the library would search for a plug-in on this machine.

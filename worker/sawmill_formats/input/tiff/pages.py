@@ -21,16 +21,20 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import (
+    DEFLATE,
     HARMLESS_BYTES,
     LARGEST_RATIO,
+    PACKBITS,
+    PACKBITS_MEMORY,
     Bounds,
     Scaling,
     as_float32,
     check_number_type,
+    check_packed,
     check_size,
+    check_unpacks,
 )
 from sawmill_formats.input.contents import FileContents, Projections, Wanted, held
-from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

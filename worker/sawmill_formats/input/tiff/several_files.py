@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
 from sawmill_formats.input.arrays import Bounds, Scaling, check_size
-from sawmill_formats.input.contents import FieldKind, FileContents, Projections, Wanted
+from sawmill_formats.input.contents import FieldKind, FileContents, Part, PartKind, Projections, Wanted
 from sawmill_formats.input.image_names import listed, natural_key, sorted_images
-from sawmill_formats.input.parts import Part, PartKind
 from sawmill_formats.input.tiff.pages import TiffPages, open_pages, opened_tiff, page_type, stated_scaling
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage

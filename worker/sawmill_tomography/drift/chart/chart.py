@@ -12,19 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.alternatives import StepAndTrendFits, steps_and_trends
 from sawmill_tomography.drift.chart.looks import (
     BASELINE_LOOKS,
     FEWEST_BASELINE_LOOKS,
     OUTLYING,
     Baseline,
     DriftCheckPoint,
+    LookSpread,
+    inverse,
     pooled,
     pooled_means,
+    scaled,
+    squared_length,
     stacked,
+    times,
 )
-from sawmill_tomography.drift.chart.segments import Segment, extended
-from sawmill_tomography.drift.chart.spread import LookSpread, inverse, scaled, squared_length, times
+from sawmill_tomography.drift.chart.segments import Segment, StepAndTrendFits, extended, steps_and_trends
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, DriftChart, History
-from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, PooledDriftCheckPoint
+from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, LookSpread, PooledDriftCheckPoint
 from sawmill_tomography.drift.chart.segments import Segment
-from sawmill_tomography.drift.chart.spread import LookSpread
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 
