@@ -163,7 +163,6 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
             "sawmill_calibration.pictures.log_pictures",
             "sawmill_calibration.pictures.pages",
             "sawmill_calibration.pictures.round_numbers",
-            "sawmill_calibration.pictures.pages",
         ]
     )
 
