@@ -97,6 +97,19 @@ class Route(APIRoute):
         )
 
 
+def _adding(method: str) -> Callable[..., Callable[[Endpoint], Endpoint]]:
+    """Make the decorator of a router that adds routes of a method."""
+
+    def at(router: "Router", path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        def add(endpoint: Endpoint) -> Endpoint:
+            router.add_api_route(path, endpoint, methods=[method], **options)
+            return endpoint
+
+        return add
+
+    return at
+
+
 class Router(APIRouter):
     """A router whose routes declare their rules: `@router.post("/scans", needs=Scope.SUBMIT)`."""
 
@@ -120,32 +133,11 @@ class Router(APIRouter):
         needs = needs or (self._reading if route.methods == {"GET"} else None)
         route.rule = None if needs is None else Rule(needs, max_body, max_form_bytes)
 
-    def get(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a GET route."""
-        return self._adding("GET", path, options)
-
-    def post(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a POST route."""
-        return self._adding("POST", path, options)
-
-    def put(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a PUT route."""
-        return self._adding("PUT", path, options)
-
-    def patch(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a PATCH route."""
-        return self._adding("PATCH", path, options)
-
-    def delete(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a DELETE route."""
-        return self._adding("DELETE", path, options)
-
-    def _adding(self, method: str, path: str, options: dict[str, Any]) -> Callable[[Endpoint], Endpoint]:
-        def add(endpoint: Endpoint) -> Endpoint:
-            self.add_api_route(path, endpoint, methods=[method], **options)
-            return endpoint
-
-        return add
+    get = _adding("GET")
+    post = _adding("POST")
+    put = _adding("PUT")
+    patch = _adding("PATCH")
+    delete = _adding("DELETE")
 
 
 class RouteRules:

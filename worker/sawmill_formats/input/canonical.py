@@ -11,20 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input import plausible
 from sawmill_formats.input.arrays import check_fields
 from sawmill_formats.input.contents import Projections
-from sawmill_formats.input.plausible import (
-    LARGEST_LOGARITHM,
-    LINE_INTEGRALS,
-    SampleRange,
-    SamplesOutside,
-    check_angles,
-    check_finite,
-    falls,
-    level_of_air,
-    profile_of,
-    range_of_counts,
-)
 from sawmill_vocabulary import DetectorModule
 from sawmill_vocabulary.messages import Reason, selected
 from sawmill_vocabulary.reading_messages import ReadingMessage
@@ -78,7 +67,7 @@ class AveragedRows:
                 f"infinite deviation; at most {MOST_MASKED:.0%} may be: leave the view out, with its angle",
             )
         for view, image in enumerate(samples, first_view):
-            check_finite("view", view, np.where(np.isnan(image), np.float32(0.0), image))
+            plausible.check_finite("view", view, np.where(np.isnan(image), np.float32(0.0), image))
         _check_logarithms(samples[:, 0])
 
 
@@ -102,15 +91,15 @@ def _check_logarithms(rays: NDArray[np.float32]) -> None:
         "mean is not the mean of -ln"
     )
     largest = float(np.nanmax(rays))
-    if largest > LARGEST_LOGARITHM:
+    if largest > plausible.LARGEST_LOGARITHM:
         raise UnreadableScan(
             "contradiction",
-            f"the values reach {largest:.3g} and no -ln of a transmission is above {LARGEST_LOGARITHM:.0f}, so they "
-            f"are counts or in another unit: {take}",
+            f"the values reach {largest:.3g} and no -ln of a transmission is above {plausible.LARGEST_LOGARITHM:.0f}, "
+            f"so they are counts or in another unit: {take}",
         )
-    profile = profile_of(rays)
-    level = level_of_air(profile)
-    if falls(profile):
+    profile = plausible.profile_of(rays)
+    level = plausible.level_of_air(profile)
+    if plausible.falls(profile):
         raise UnreadableScan(
             "contradiction",
             f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, as counts "
@@ -158,9 +147,9 @@ class CanonicalScan:
         check_scan(self)
 
     @cached_property
-    def sample_range(self) -> SampleRange:
+    def sample_range(self) -> plausible.SampleRange:
         """Range of the samples: of counts, with the flat fields, else of line integrals."""
-        return LINE_INTEGRALS if self.flats is None else range_of_counts(self.flats, self.darks)
+        return plausible.LINE_INTEGRALS if self.flats is None else plausible.range_of_counts(self.flats, self.darks)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -199,7 +188,7 @@ class CanonicalScan:
         views, rows, _ = self.shape
         step_views, step_rows = self.block_shape(window_bytes)
         missing = np.zeros((views, rows), bool)
-        outside = SamplesOutside(self.sample_range, math.prod(self.shape))
+        outside = plausible.SamplesOutside(self.sample_range, math.prod(self.shape))
         for first_view in range(0, views, step_views):
             for first_row in range(0, rows, step_rows):
                 at = slice(first_view, min(first_view + step_views, views))
@@ -211,7 +200,9 @@ class CanonicalScan:
         for view in np.flatnonzero(missing.any(axis=1)):
             _check_ends(int(view), missing[view])
 
-    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: SamplesOutside) -> "Block":
+    def _block(
+        self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: plausible.SamplesOutside
+    ) -> "Block":
         samples = self.projections.read(views, rows)
         if self.counts and self.rows_missing:
             samples[~samples.any(axis=2)] = np.nan
@@ -233,7 +224,7 @@ class CanonicalScan:
             if missing[view].any() and not self.rows_missing:
                 raise self._lacking(first_view + view, first_row, missing[view])
             present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
-            check_finite("view", first_view + view, present, first_row)
+            plausible.check_finite("view", first_view + view, present, first_row)
         return missing
 
     def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
@@ -267,7 +258,7 @@ def check_scan(scan: CanonicalScan) -> None:
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
             for index, image in enumerate(fields):
-                check_finite(name, index, image)
+                plausible.check_finite(name, index, image)
     if scan.counts:
         _ = scan.sample_range  # which the fields themselves must satisfy
 
@@ -294,7 +285,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
 
 
 def _check_angles(angles_rad: NDArray[np.float64]) -> None:
-    check_angles(np.rad2deg(angles_rad))
+    plausible.check_angles(np.rad2deg(angles_rad))
     standing = np.abs(np.remainder(np.diff(angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
     if standing.any():
         view = int(np.argmax(standing))

@@ -19,16 +19,7 @@ from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.phantoms import PhantomState
 from sawmill_contracts.scans import ScanState
 from sawmill_contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
-from sawmill_mill.schedules import (
-    FEWEST_VIEWS,
-    UNSEEN,
-    WHY_NOTHING_WAS_QUEUED,
-    LogScan,
-    PhantomScan,
-    log_scan_to_check,
-    missed_due_time,
-    phantom_scan_to_use,
-)
+from sawmill_mill import schedules
 from sawmill_platform.contracts.base import Page, placed_complaint
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import Priority
@@ -194,10 +185,10 @@ class Schedules:
                 return None
             run = ScheduleRun(due_at=due_at, **queue_due(session, self._calibrations, self._drifts, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
-            missed = missed_due_time(first_due_at, due_at, run.outcome, missed_before=row.missed)
+            missed = schedules.missed_due_time(first_due_at, due_at, run.outcome, missed_before=row.missed)
             if missed is not None:
                 _announce_missed(session, row, now, *missed)
-            row.missed = run.outcome in WHY_NOTHING_WAS_QUEUED
+            row.missed = run.outcome in schedules.WHY_NOTHING_WAS_QUEUED
             return run
 
     def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
@@ -328,7 +319,7 @@ def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
         select(ScanRow.created_at)
         .join(DriftRow, DriftRow.scan_id == ScanRow.id)
         .join(JobRow, JobRow.id == DriftRow.job_id)
-        .where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None), JobRow.state.not_in(UNSEEN))
+        .where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None), JobRow.state.not_in(schedules.UNSEEN))
         .order_by(ScanRow.created_at.desc())
         .limit(1)
     )
@@ -341,9 +332,9 @@ def next_log(session: Session, scanner_id: str) -> str | None:
     logs = logs.where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None))
     if (last := session.scalar(last_looked_at(scanner_id))) is not None:
         logs = logs.where(ScanRow.created_at > last)
-    narrowed = logs.where(ScanRow.state == ScanState.READY, ~is_checked, views >= FEWEST_VIEWS)
+    narrowed = logs.where(ScanRow.state == ScanState.READY, ~is_checked, views >= schedules.FEWEST_VIEWS)
     newest_first = narrowed.order_by(ScanRow.created_at.desc(), ScanRow.id.desc()).limit(_CANDIDATES)
-    return log_scan_to_check((LogScan(*row) for row in session.execute(newest_first)), last)
+    return schedules.log_scan_to_check((schedules.LogScan(*row) for row in session.execute(newest_first)), last)
 
 
 def _recalibrate(
@@ -353,7 +344,7 @@ def _recalibrate(
     is_used = exists().where(CalibrationRow.scan_id == ScanRow.id, CalibrationRow.schedule_id.is_not(None))
     columns = ScanRow.id, ScanRow.state, PhantomRow.state, is_used
     newest_first = newest_phantom_scan(row.scanner_id).with_only_columns(*columns).limit(_CANDIDATES)
-    scan_id = phantom_scan_to_use(PhantomScan(*each) for each in session.execute(newest_first))
+    scan_id = schedules.phantom_scan_to_use(schedules.PhantomScan(*each) for each in session.execute(newest_first))
     if scan_id is None:
         return Outcome("no-new-phantom-scan")
     ask = CalibrationRequest.model_validate({**row.options, "scan_id": scan_id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
