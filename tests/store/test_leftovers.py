@@ -18,7 +18,7 @@ from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_platform.errors import StorageFull, StorageUnavailable
-from sawmill_platform.files.leftovers import NAMES_A_ROUND
+from sawmill_platform.files.named_folders import NAMES_A_ROUND
 
 GRACE_S = 3600.0
 AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")

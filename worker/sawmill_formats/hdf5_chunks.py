@@ -93,17 +93,9 @@ def load_kernels() -> None:
 def read_chunked(
     dataset: h5py.Dataset, into: NDArray[Any], images: NDArray[np.intp], parts: tuple[slice, ...] = ()
 ) -> None:
-    """Read images of a checked dataset in chunks, each chunk once.
+    """Read images, rising indices, of a checked dataset in chunks, each once; values too large for `into` are infinite.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-    into : (images, parts of the other axes)
-        Destination, of any type; values that the type cannot hold become infinite.
-    images : (n,) integers
-        Rising indices along the first axis.
-    parts : tuple of slice
-        Slices of the second and later axes, each with its start and stop inside the shape; omitted axes are read whole.
+    `parts` are slices of the second and later axes, with start and stop inside the shape; omitted axes are read whole.
     """
     chunks = Chunks(dataset)
     length, *across = chunks.shape

@@ -17,8 +17,7 @@ from sawmill_platform.database.tables import Base
 from sawmill_platform.errors import FolderUnavailable
 from sawmill_platform.files.file_store import FileStore, refuse_half_restored, refuse_read_only
 from sawmill_platform.files.folder_identity import check_identity, settle_identity
-from sawmill_platform.files.leftovers import Leftovers
-from sawmill_platform.files.named_folders import lost_files, named_by
+from sawmill_platform.files.named_folders import Leftovers, lost_files, named_by
 from sawmill_platform.files.verified_results import VerifiedResults
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places

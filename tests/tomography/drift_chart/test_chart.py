@@ -6,10 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_tomography.drift.chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, History
+from sawmill_tomography.drift.chart.chart import (
+    GROUP_LOOKS,
+    LIMIT,
+    QUIET,
+    DriftChart,
+    DriftKind,
+    History,
+    chart_from_state,
+    chart_to_state,
+)
 from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, BELIEVED, Baseline, DriftCheckPoint, LookSpread, pooled
 from sawmill_tomography.drift.chart.segments import steps_and_trends
-from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_vocabulary import DetectorEstimate
 
 # Of one look, 20 views of 100 rows: 0.04 mm and 0.09 degrees with both free, 0.005 mm along what it sees.

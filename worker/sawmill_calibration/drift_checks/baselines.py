@@ -22,9 +22,8 @@ from sawmill_contracts.drifts import DriftResult, KnownBaseline
 from sawmill_contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
-from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart
+from sawmill_tomography.drift.chart.chart import ChartFinding, DriftChart, chart_from_state, chart_to_state
 from sawmill_tomography.drift.chart.looks import Baseline, DriftCheckPoint, inverse, pooled_means, stacked
-from sawmill_tomography.drift.chart.state import chart_from_state, chart_to_state
 from sawmill_vocabulary import DetectorEstimate
 
 # Answers written by the service or the command line have a few kilobytes.

@@ -24,7 +24,7 @@ from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.paging import Check, accept_any
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
-from sawmill_platform.files.leftovers import noted
+from sawmill_platform.files.named_folders import noted
 from sawmill_platform.ledger.audit import changed
 from sawmill_platform.ledger.events import actor, announce
 from sawmill_store.mill_tables import RetentionRow

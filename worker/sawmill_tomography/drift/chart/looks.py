@@ -84,22 +84,14 @@ def inverse(matrices: FloatArray) -> FloatArray:
 
 def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return the products (..., 2) of matrices (..., 2, 2) and vectors (..., 2)."""
-    first, second = vectors[..., 0], vectors[..., 1]
-    return np.stack([row[..., 0] * first + row[..., 1] * second for row in np.moveaxis(matrices, -2, 0)], axis=-1)
+    products: FloatArray = np.einsum("...ij,...j->...i", matrices, vectors)
+    return products
 
 
 def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
     """Return x^T P x (...), for vectors (..., 2), matrices (..., 2, 2): chi-squared if P is the inverse covariance."""
-    first, second = vectors[..., 0], vectors[..., 1]
-    return (
-        precision[..., 0, 0] * first**2 + 2.0 * precision[..., 0, 1] * first * second + precision[..., 1, 1] * second**2
-    )
-
-
-def sandwich(outer: FloatArray, inner: FloatArray) -> FloatArray:
-    """Return A B A, (..., 2, 2)."""
-    columns = (times(outer, times(inner, outer[..., :, k])) for k in range(2))
-    return np.stack(list(columns), axis=-1)
+    length: FloatArray = np.einsum("...i,...ij,...j->...", vectors, precision, vectors)
+    return length
 
 
 def whitened(vectors: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.looks import LookSpread, inverse, sandwich, scaled, squared_length, times
+from sawmill_tomography.drift.chart.looks import LookSpread, inverse, scaled, squared_length, times
 from sawmill_tomography.geometry.geometry import FloatArray
 
 # Segments of each size, in groups: 1, 2, 4 and so on. A change point is at most 1/16 of its age away from a segment's
@@ -138,7 +138,7 @@ def steps_and_trends(
     right = weighted_rest[..., 1, :] + span[..., None] * weighted_rest[..., 0, :]
     every = inverse(before[-1] + rest[-1, ..., 0, :, :])
     mean = times(every, weighted_before[-1] + weighted_rest[-1, ..., 0, :])
-    slope_covariance = inverse(square - sandwich(along, every))
+    slope_covariance = inverse(square - along @ every @ along)
     slope = times(slope_covariance, right - times(along, mean))
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     slope[np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1] < FEWEST_OF_A_TREND] = 0.0
