@@ -119,7 +119,7 @@ def draw_log(ax: Axes, image: Array, field_mm: float, window: Window) -> AxesIma
 
 
 def draw_residual(figure: FigureBase, residual: Array, angles_deg: Array, pitch_mm: float, reader: Reader) -> None:
-    """Draw measured minus model (views, detector), with the profile over the views at the side, over the cells below."""
+    """Draw measured minus model (views, detector), with the profile over the views and over the cells."""
     views, cells = residual.shape
     half_mm = cells * pitch_mm / 2
     grid = figure.add_gridspec(2, 2, width_ratios=(3.2, 1), height_ratios=(2.4, 1))

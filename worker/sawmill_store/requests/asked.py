@@ -1,6 +1,6 @@
 """Requests that a job answers, and the activation of calibrations: one store for every declared kind.
 
-`sawmill_platform/contracts/kind_declarations.py` declares kinds. The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
+The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
 stored row had to move: `mill_tables.OWN_TABLES` names them.
 """
 
