@@ -55,7 +55,6 @@ from sawmill_service.routes import (
 )
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
-from sawmill_service.webhooks import described_messages
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
@@ -130,7 +129,7 @@ def create_app(
         contact={"name": "The contributors to sawmill calibration"},
         license_info={"name": "Apache License 2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/"}],
-        webhooks=described_messages.router,
+        webhooks=webhooks.messages,
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

@@ -76,7 +76,7 @@ def reconstruct(
         with importing():
             from sawmill_calibration.reconstruction.reconstruct import run_reconstruction
             from sawmill_worker.commands.calibrated_scan import open_with_geometry
-            from sawmill_worker.commands.reconstruct import draw_volume
+            from sawmill_worker.commands.report import draw_volume
 
         with open_with_geometry(source, known_by, on_progress=progress, beside=output) as (rows, known):
             result = run_reconstruction(rows, known, options, output, rows.on_progress)

@@ -21,8 +21,7 @@ from sawmill_formats.output.scan_writer import RowsPresent, new_scan
 from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure
 from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_tomography.sinograms.air import DecidedAirCorrection
-from sawmill_tomography.sinograms.masked_rays import bridge_masked
-from sawmill_tomography.sinograms.present_rows import present_rows
+from sawmill_tomography.sinograms.present_rows import bridge_masked, present_rows
 from sawmill_tomography.sinograms.screening import usable_views
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 from sawmill_vocabulary.messages import Reason, numbered, selected
