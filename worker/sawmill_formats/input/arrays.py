@@ -233,7 +233,7 @@ def _deflated(packed: bytes, most: int) -> int:
 
 
 def _packbits(packed: bytes, most: int) -> int:
-    from sawmill_formats.input._unpacked_numba import packbits_bytes  # noqa: PLC0415 - Numba, for such data only
+    from sawmill_formats._chunks_numba import packbits_bytes  # noqa: PLC0415 - Numba, for such data only
 
     return int(packbits_bytes(_bytes(packed), most))
 
