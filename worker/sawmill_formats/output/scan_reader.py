@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats import errors
 from sawmill_formats.detector_modules import (
     MOST_MODULES,
     OFFSET,
@@ -20,13 +21,6 @@ from sawmill_formats.detector_modules import (
     PlacedModule,
     modules_after_first,
     translation,
-)
-from sawmill_formats.errors import (
-    NotAsWritten,
-    OutOfRange,
-    check_index,
-    damage_reported,
-    library_errors_translated,
 )
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.output import scan_layout
@@ -87,7 +81,7 @@ class OpenScan:
 
 def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.integer] | None) -> NDArray[np.float32]:
     # Chunks span the views, or many of them: reading all views of a row and choosing afterwards costs little.
-    with library_errors_translated("HDF5"):
+    with errors.library_errors_translated("HDF5"):
         stack: NDArray[np.float32] = dataset[:, slice(selected.start, selected.stop, selected.step), :]
     return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
@@ -120,7 +114,7 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
         The file is damaged, or another one.
     """
     with ExitStack() as files:
-        with damage_reported(path.name):
+        with errors.damage_reported(path.name):
             file = files.enter_context(open_hdf5(path))
             opened = _opened(file, needed(dataset_at(file, scan_layout.DATA, filters=CHECKED), scan_layout.DATA).shape)
             check_chunks(opened.data)
@@ -153,7 +147,7 @@ def _views_left_out(file: h5py.File, views: int) -> tuple[int, ...]:
     if numbers is None:
         return ()
     if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or not ((numbers >= 0) & (numbers < views)).all():
-        raise NotAsWritten(f"its views that are left out are no numbers of its {views} views")
+        raise errors.NotAsWritten(f"its views that are left out are no numbers of its {views} views")
     return tuple(numbers.tolist())
 
 
@@ -166,7 +160,7 @@ def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModu
             placed.append(PlacedModule(first, of_module, start_mm, step_mm))
         return modules_after_first(placed, cells, pitch_mm) if placed else ()
     except ModulesUnusable as error:
-        raise NotAsWritten(f"its modules cannot be used: {error}") from error
+        raise errors.NotAsWritten(f"its modules cannot be used: {error}") from error
 
 
 def _translation(file: h5py.File, path: str) -> NDArray[np.float64]:
@@ -182,7 +176,7 @@ def _rows_present(
         return None, None
     first, last = (int(row) for row in present.attrs[scan_layout.USABLE])
     if not 0 <= first < last <= shape[1]:
-        raise NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
+        raise errors.NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
     return present[()].astype(bool), (first, last)
 
 
@@ -211,7 +205,7 @@ def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
         The file is damaged, or another one.
     """
     views, rows, _ = shape
-    check_index("row", row, rows)
+    errors.check_index("row", row, rows)
     with reading_own(path) as file:
         scan = needed(dataset_at(file, scan_layout.DATA, shape, CHECKED), scan_layout.DATA)
         for first in range(0, views, scan.chunks[0]):
@@ -222,7 +216,7 @@ def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
         if present is not None:
             there = present[:, row].astype(bool)
             if not there.any():
-                raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
+                raise errors.OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
         there[list(_views_left_out(file, views))] = False
         return Sinogram(
             data=data[there], angles_deg=angles_deg[there], pitch_mm=float(values_of(file, scan_layout.CELL_PITCH, ()))
