@@ -1,4 +1,4 @@
-"""HDF5 files of any layout: its recognition, Data Exchange, and plain datasets (MATLAB 7.3 files among them)."""
+"""HDF5 files of any layout: its recognition, and plain datasets where there is none (MATLAB 7.3 files among them)."""
 
 from contextlib import ExitStack
 from functools import partial
@@ -12,49 +12,16 @@ from numpy.typing import NDArray
 from sawmill_formats import nxtomo
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
-from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions
+from sawmill_formats.input.arrays import Bounds, LinkedFiles
 from sawmill_formats.input.contents import FileAngles, FileContents, Projections, Wanted, in_order
 from sawmill_formats.input.hdf5 import fields
-from sawmill_formats.input.hdf5.guard import attribute, attribute_text, datasets, find, name_of, numbers, read_values
+from sawmill_formats.input.hdf5.exchange import EXCHANGE_DATA, read_exchange
+from sawmill_formats.input.hdf5.guard import attribute, attribute_text, datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
 from sawmill_formats.input.hdf5.storage import check_dataset
 from sawmill_formats.input.mat5 import MATLAB_NUMBERS, check_matlab_class
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_vocabulary.reading_messages import ReadingMessage
-
-# Data Exchange: data, data_white, data_dark and theta in one group.
-DATA = "exchange/data"
-DETECTOR = "measurement/instrument/detector"
-
-
-def read_exchange(file: h5py.File, bounds: Bounds, selection: Wanted) -> FileContents:
-    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it."""
-    dataset = numbers(file, DATA, bounds)
-    if dataset is None:
-        raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
-    check_scan_dimensions(DATA, dataset.shape)
-    axes, order = attribute_text(dataset, "axes"), selection.order(dataset.ndim) or fields.stated_order(dataset)
-    if axes is not None and not axes.startswith("theta") and order is None:
-        raise UnreadableScan(
-            "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
-        )
-    angles = fields.read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
-    pitch, row_pitch = (fields.read_pitch(file, f"{DETECTOR}/{axis}_pixel_size", bounds.whole) for axis in "xy")
-    white, dark, theta = (
-        numbers(file, f"exchange/{name}", bounds.whole) for name in ("data_white", "data_dark", "theta")
-    )
-    contents = FileContents(
-        format="hdf5-data-exchange",
-        projections=fields.all_views(dataset),
-        flats=None if white is None else fields.read_unpacked(white),
-        darks=None if dark is None else fields.read_unpacked(dark),
-        angles=angles,
-        pitch=pitch,
-        row_pitch=row_pitch,
-        order=order,
-        remarks=(*fields.packing_remarks(dataset, white, dark, theta), *pitch.remarks, *row_pitch.remarks),
-    )
-    return fields.with_fields_beside(contents, dataset, bounds.whole, selection)
 
 
 def read_hdf5(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
@@ -72,7 +39,10 @@ def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
     entry = _choose_entry(file, selection.dataset, bounds.linked)
     if entry is not None:
         return read_nxtomo(entry, bounds, selection)
-    if isinstance(find(file, DATA, bounds.linked), h5py.Dataset) and (selection.dataset or DATA).strip("/") == DATA:
+    if (
+        isinstance(find(file, EXCHANGE_DATA, bounds.linked), h5py.Dataset)
+        and (selection.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA
+    ):
         return read_exchange(file, bounds, selection)
     return _read_plain(file, selection, bounds)
 
