@@ -16,9 +16,9 @@ from types import SimpleNamespace
 
 import pytest
 from emptied_databases import ARCHIVE, sqlite_alone
+from machine_faults import at_call, refusing
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import text
-from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

@@ -5,9 +5,9 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from emptied_databases import sqlite_alone
+from live_service import race
 from results import CONSTANTS
 from sqlalchemy import event, text
-from write_lock import race
 
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec

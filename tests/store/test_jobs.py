@@ -1,9 +1,9 @@
 """How jobs are claimed, wait, are lost and end, and the checkpoints that the next attempt finds."""
 
 import pytest
+from live_service import race
 from pydantic import ValidationError
 from results import answer_of, reading
-from write_lock import race
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

@@ -10,10 +10,10 @@ from contextlib import closing, contextmanager
 
 import pytest
 from emptied_databases import ARCHIVE, sqlite_alone
+from machine_faults import at_call, refusing
 from results import RESULTS, answer_of
 from sqlalchemy import event, text
 from sqlalchemy.exc import OperationalError
-from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 
 import psycopg
 import pytest
-from emptied_databases import EmptiedDatabases
-from postgres_server import own_server
+from emptied_databases import EmptiedDatabases, own_server
 from sqlalchemy import text
 from structlog.testing import capture_logs
 

@@ -6,8 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from emptied_databases import sqlite_alone
-from live_service import wait_until
-from write_lock import write_lock
+from live_service import wait_until, write_lock
 
 from sawmill_platform.database.database import PIECE_BYTES, SPARE_BYTES
 from sawmill_platform.errors import StorageUnavailable

@@ -1,11 +1,12 @@
-"""Parts that a machine may lack, whose tests are skipped with a sentence and fail where CI=true, and free ports."""
+"""Parts a machine may lack (tests skip with a sentence, and fail where CI=true), free ports, tiers of the suite."""
 
 import os
 import secrets
 import socket
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -25,3 +26,20 @@ def free_port() -> int:
         with socket.socket() as free, suppress(OSError):
             free.bind(("127.0.0.1", port))
             return port
+
+
+def first_by_day(number: int, values: Iterable[Any]) -> list[Any]:
+    """Give parametrised values of which `make test` runs the first ones and `make nightly` the others."""
+    return [
+        value if index < number else pytest.param(value, marks=pytest.mark.nightly)
+        for index, value in enumerate(values)
+    ]
+
+
+# The worker's attempts as children of a template, and as fresh processes.
+both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
+fresh_by_night = pytest.mark.parametrize(
+    "settings",
+    [pytest.param(True, id="forked"), pytest.param(False, id="fresh", marks=pytest.mark.nightly)],
+    indirect=True,
+)

@@ -12,13 +12,11 @@ from dataclasses import replace
 
 import pytest
 import results
-from live_service import running, wait_until
-from machine_faults import database_away
+from live_service import running, wait_until, write_lock
+from machine_faults import at_call, database_away, refusing
+from missing_parts import both_ways, fresh_by_night
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
-from system_calls import at_call, refusing
-from tiers import both_ways, fresh_by_night
-from write_lock import write_lock
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest

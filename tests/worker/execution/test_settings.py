@@ -7,10 +7,10 @@ import signal
 from pathlib import Path
 
 import pytest
+from missing_parts import fresh_by_night
 from pydantic import ValidationError
 from results import SCANNER_SPEC
 from structlog.testing import capture_logs
-from tiers import fresh_by_night
 
 from sawmill_contracts import kinds
 from sawmill_contracts.phantoms import PhantomDrawing, PhantomPicture

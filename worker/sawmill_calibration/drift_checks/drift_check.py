@@ -12,15 +12,8 @@ from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
 from sawmill_calibration.scans.prepare import of_masked_rays
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
+from sawmill_contracts import drifts
 from sawmill_contracts.choices import DriftMethod
-from sawmill_contracts.drifts import (
-    DetectorDeviation,
-    DetectorGeometry,
-    DriftBaseline,
-    DriftResult,
-    KnownBaseline,
-    TurnDisturbance,
-)
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
@@ -63,8 +56,8 @@ def check_drift(
     log_radius_mm: float | None = None,
     tolerance_mm: float = 0.5,
     tolerance_scale_percent: float = 0.5,
-    baselines: tuple[KnownBaseline, ...] = (),
-) -> DriftResult:
+    baselines: tuple[drifts.KnownBaseline, ...] = (),
+) -> drifts.DriftResult:
     """Compare a scan of a log with a calibration, or find the COR from a given geometry.
 
     Parameters
@@ -122,7 +115,7 @@ def check_drift(
         if nominal is None
         else found_column(nominal, fit)
     )
-    return DriftResult(
+    return drifts.DriftResult(
         measured=_detector(change.seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
         covariance=fit.covariance.tolist(),
@@ -179,7 +172,7 @@ def mean_of_common_rows(
 
 
 def _within(
-    changed: change.DriftChange, reference: _Reference, zero: DriftBaseline | None, *, turned_over: bool
+    changed: change.DriftChange, reference: _Reference, zero: drifts.DriftBaseline | None, *, turned_over: bool
 ) -> bool | None:
     # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
     allowed = max(reference.tolerance_scale_percent / 100.0, change.SIGNIFICANT * changed.scale_deviation)
@@ -203,7 +196,7 @@ def _calibration_limit_mm(calibration: KnownGeometry) -> float:
     return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
 
 
-def _is_far(zero: DriftBaseline | None, reference: _Reference) -> bool:
+def _is_far(zero: drifts.DriftBaseline | None, reference: _Reference) -> bool:
     """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
     return zero is not None and zero.ray_offset_mm > reference.tolerance_mm
 
@@ -212,7 +205,7 @@ def _reason(
     reference: _Reference,
     fit: change.DetectorFit,
     changed: change.DriftChange,
-    zero: DriftBaseline | None,
+    zero: drifts.DriftBaseline | None,
     *,
     within: bool | None,
     turned_over: bool,
@@ -225,7 +218,7 @@ def _reason(
 def _of_the_detector(
     reference: _Reference,
     changed: change.DriftChange,
-    zero: DriftBaseline | None,
+    zero: drifts.DriftBaseline | None,
     *,
     within: bool | None,
     turned_over: bool,
@@ -258,14 +251,14 @@ def _method(fit: change.DetectorFit) -> DriftMethod:
 
 
 def _reported(
-    baseline: KnownBaseline,
+    baseline: drifts.KnownBaseline,
     scanner: Scanner,
     calibrated: SourceFrame,
     fit: change.DetectorFit,
     changed: change.DriftChange,
     radius_mm: float,
-) -> DriftBaseline:
-    return DriftBaseline(
+) -> drifts.DriftBaseline:
+    return drifts.DriftBaseline(
         **dict(baseline),
         ray_offset_mm=change.zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
         change=_detector(changed.change),
@@ -274,7 +267,7 @@ def _reported(
     )
 
 
-def _not_seen(fit: change.DetectorFit, zero: DriftBaseline | None) -> list[str]:
+def _not_seen(fit: change.DetectorFit, zero: drifts.DriftBaseline | None) -> list[str]:
     of_flat_field = change.FLAT_FIELD_NOT_SEEN if zero is None else change.FLAT_FIELD_CHANGE_NOT_SEEN
     of_distance = [change.DISTANCE_NOT_SEEN] if fit.distance_held else []
     return [
@@ -284,20 +277,20 @@ def _not_seen(fit: change.DetectorFit, zero: DriftBaseline | None) -> list[str]:
     ]
 
 
-def _disturbance(each: change.Disturbance, amplitude: float) -> TurnDisturbance:
+def _disturbance(each: change.Disturbance, amplitude: float) -> drifts.TurnDisturbance:
     if each.part == "encoder":
-        return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
-    return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
+        return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
+    return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
 
 
-def _detector(values: FloatArray) -> DetectorGeometry:
+def _detector(values: FloatArray) -> drifts.DetectorGeometry:
     column, tilt, distance = (float(value) for value in values)
-    return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
+    return drifts.DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
 
 
-def _deviation(fit: change.DetectorFit, values: FloatArray) -> DetectorDeviation:
+def _deviation(fit: change.DetectorFit, values: FloatArray) -> drifts.DetectorDeviation:
     column, tilt, distance = (float(value) for value in values)
-    return DetectorDeviation(
+    return drifts.DetectorDeviation(
         cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance
     )
 
