@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from page_text import absent
+from asgi import absent
 from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
