@@ -6,7 +6,7 @@ deviations are drawn for each log, up to the options. Each log is reconstructed 
 without poses and with those that `find_view_poses` finds. Errors are relative, after the best common shift and turn of
 the image. Prints a line for each log, and writes `results/log-poses.json`.
 
-    python benchmarks/log_poses.py [--logs 100] [--views 20] [--size 256] [--shift-mm 2] [--roll-deg 0.5]
+    python benchmarks/log_poses.py [--logs 100] [--views 20] [--size 192] [--shift-mm 2] [--roll-deg 0.5]
 """
 
 import argparse
@@ -37,8 +37,6 @@ CELLS_A_PIXEL = 3
 WAVES, WAVE = np.arange(2, 7), 0.03
 # Least standard deviations of the poses.
 LEAST_SHIFT_MM, LEAST_ROLL_RAD = 0.1, math.radians(0.05)
-# Steps to the best common shift and turn.
-STEPS = 2
 
 
 def waved(log: Phantom, radius_mm: float, rng: np.random.Generator) -> Phantom:
@@ -73,14 +71,13 @@ def simulated_views(
 
 def moved_error(image: Image, log: Phantom, grid: ImageGrid) -> float:
     """Compute an image's relative error after the best common shift and turn."""
-    x, y = grid.x_mm[:, None], grid.y_mm
-    for _ in range(STEPS):
-        truth = log.rasterise(grid.size, grid.field_mm, subsamples=3)
-        to_x, to_y = (-each for each in np.gradient(truth.astype(np.float64), grid.pixel_mm))
-        slopes = np.stack([to_x, to_y, x * to_y - y * to_x], -1).reshape(-1, 3)
-        shift_x, shift_y, turn = np.linalg.lstsq(slopes, (image - truth).ravel(), rcond=None)[0]
-        log = log.rotated(turn).moved(shift_x, shift_y)
-    return relative_error(image, log.rasterise(grid.size, grid.field_mm, subsamples=3))
+    truth = log.rasterise(grid.size, grid.field_mm, subsamples=3)
+    to_x, to_y = (-each for each in np.gradient(truth.astype(np.float64), grid.pixel_mm))
+    turn = grid.x_mm[:, None] * to_y - grid.y_mm * to_x
+    slopes = np.stack([to_x, to_y, turn], -1).reshape(-1, 3)
+    shift_x, shift_y, turn_rad = np.linalg.lstsq(slopes, (image - truth).ravel(), rcond=None)[0]
+    moved = log.rotated(turn_rad).moved(shift_x, shift_y)
+    return relative_error(image, moved.rasterise(grid.size, grid.field_mm, subsamples=3))
 
 
 def measure(index: int, options: argparse.Namespace) -> dict[str, float]:
@@ -120,7 +117,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--logs", type=int, default=100)
     parser.add_argument("--views", type=int, default=20)
-    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--size", type=int, default=192)
     parser.add_argument("--shift-mm", type=float, default=2.0)
     parser.add_argument("--roll-deg", type=float, default=0.5)
     options = parser.parse_args()
