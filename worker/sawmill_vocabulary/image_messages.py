@@ -64,6 +64,12 @@ class ImageMessage(Message):
         ),
         N_("For smaller knots take more views, or a longer exposure."),
     )
+    VIEWS_STAND_ELSEWHERE = (
+        "views-stand-elsewhere",
+        N_("Each view stands a little elsewhere: %(shift_mm).1f mm, %(roll_deg).1f degrees."),
+        "",
+        N_("The log itself shows these poses, and the image is made with them. Its own place and turn are their mean."),
+    )
     EDGES_DOUBLED = (
         "edges-doubled",
         N_("By the calibration's bound, edges may be doubled by up to %(pixels).1f pixels."),

@@ -26,6 +26,7 @@ from sawmill_calibration.reconstruction.method_findings import CurvePoints, gath
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, vectors_of
 from sawmill_contracts.calibrations import CalibrationResult
+from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
@@ -38,10 +39,18 @@ from sawmill_tomography.reconstruction.iterative.coarse_outside import fitted_si
 from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_tomography.reconstruction.stack import reconstruct_stack
+from sawmill_tomography.reconstruction.view_poses import find_view_poses
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
-from sawmill_vocabulary import HardeningHandling, Progress, ProgressCallback, ReconstructionMethod
+from sawmill_vocabulary import (
+    HardeningHandling,
+    ObjectTurns,
+    PoseHandling,
+    Progress,
+    ProgressCallback,
+    ReconstructionMethod,
+)
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection, BeamHardening
 from sawmill_vocabulary.version import VERSION
@@ -60,6 +69,8 @@ PACE_SHARE, PACE_SECONDS = 0.05, 2.0
 EXTENT_ROWS = 17
 # Number of slices around the middle from which the coupling of slices is chosen.
 SLICES_AROUND = 6
+# Number of rows along the log from which the poses of its views are found.
+POSE_ROWS = 3
 # Doubled edges below this are not worth a remark.
 LEAST_DOUBLED_PIXELS = 0.1
 # Number of values from which a volume's range is determined, and the percentiles of the range.
@@ -222,8 +233,23 @@ class _Run:
                 "move it nearer"
             )
         self.slices = len(range(*scan.rows, scan.row_step))
+        self._pose_remarks = list[str]()
+        if _finds_poses(geometry, self._scanner, options):
+            self._take_poses()
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _SliceProgress(self.slices, report)
+
+    def _take_poses(self) -> None:
+        """Use the views as rows of the log show that they stand; rows without wood show nothing."""
+        projector, last = self._projector, self.slices - 1
+        numbers = sorted({round(n) for n in np.linspace(0, last, POSE_ROWS + 2)[1:-1]})
+        rows = [filled(self._scan.read(n, n + 1), self._scan.angles_rad)[:, 0] for n in numbers]
+        with_wood = [row - _air_level(row) for row in rows if object_radius_mm(projector.geometry, row) > 0.0]
+        if with_wood:
+            poses = find_view_poses(projector.geometry, np.stack(with_wood))
+            self._projector = Projector(poses.of(projector.geometry), projector.grid)
+            shift_mm, roll_deg = poses.across_mm.std(), math.degrees(poses.roll_rad.std())
+            self._pose_remarks.append(ImageMessage.VIEWS_STAND_ELSEWHERE(shift_mm=shift_mm, roll_deg=roll_deg))
 
     @property
     def elapsed_s(self) -> float:
@@ -284,7 +310,9 @@ class _Run:
             unit=volume_unit(counts=scan.counts),
             geometry={
                 **{name: value for name, value in asdict(self._scanner).items() if value is not None and value != ()},
-                **(vectors_of(geometry.views) if geometry.theta is None else vars(geometry.theta)),
+                **({} if geometry.theta is None else vars(geometry.theta)),
+                **(vectors_of(self._projector.geometry) if geometry.theta is None or self._pose_remarks else {}),
+                "object_turns": self._scanner.object_turns.value,
                 "rotation": geometry.rotation.value,
                 "handedness": geometry.handedness.value,
             },
@@ -349,6 +377,8 @@ class _Run:
         for block in in_order:
             seen.add(block.sample)
         merged = gathered(block.findings for block in in_order)
+        for sentence in self._pose_remarks:
+            merged.remark(sentence)
         pixels = _doubled_pixels(geometry, self._projector.grid.pixel_mm)
         if pixels >= LEAST_DOUBLED_PIXELS:
             merged.remark(ImageMessage.EDGES_DOUBLED(pixels=pixels))
@@ -372,6 +402,13 @@ class _Run:
             method=solver.report(merged),
         )
         return result, merged.curve
+
+
+def _finds_poses(geometry: AnyGeometry, scanner: ScannerConstants, options: ReconstructionOptions) -> bool:
+    """Return whether the poses of the views are found from the log."""
+    if options.view_poses is PoseHandling.AUTO:
+        return ObjectTurns.BETWEEN_PASSAGES in {geometry.scanner.object_turns, scanner.object_turns}
+    return options.view_poses is PoseHandling.FROM_LOG
 
 
 def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:
