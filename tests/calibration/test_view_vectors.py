@@ -1,6 +1,7 @@
 """Vectors for each view, in and out: files, images and drift checks by them, and what is refused."""
 
 import json
+from dataclasses import replace
 
 import astra
 import numpy as np
@@ -14,6 +15,7 @@ from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
+from sawmill_vocabulary import ObjectTurns
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=288, detector_pitch_mm=4.0)
 ON_ARC = Scanner(859.46, 288, 4.0, detector_arc_radius_mm=1500.0)
@@ -138,3 +140,24 @@ def test_rows_that_are_no_geometry_are_refused(tmp_path, rows, why):
 def test_a_geometry_of_another_scan_is_refused(still):
     with pytest.raises(sawmill.InputError, match=r"\(views, cells\) = \(39, 288\), and the scan has \(40, 288\)"):
         sawmill.reconstruct(still, FAN.at(slice(1, None)), **SMALL)
+
+
+def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(still, moved):
+    declared = replace(MILL, object_turns=ObjectTurns.BETWEEN_PASSAGES)
+    scan = sawmill.Scan.from_arrays(seen_by(moved).line_integrals, ANGLES, declared)
+    options = {"method": "total_variation", "weight": 300.0, "coupling": "none", **SMALL}
+    found, blind, expected = (
+        sawmill.reconstruct(one, THETA, **options, **poses)
+        for one, poses in (
+            (scan, {}),
+            (scan, {"view_poses": "none"}),
+            (sawmill.Scan.from_arrays(still.line_integrals, ANGLES, MILL), {}),
+        )
+    )
+    (remark,) = [each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere"]
+    assert remark.values["shift_mm"] == pytest.approx(6.0 / 3.0**0.5, rel=0.15)
+    assert "views-stand-elsewhere" not in {each.code for each in blind.result.method.coded_remarks}
+    missed = [float(np.linalg.norm(each.image - expected.image)) for each in (found, blind)]
+    assert missed[0] < 0.4 * missed[1]
+    with pytest.raises(ValueError, match="reconstruct them by total_variation"):
+        sawmill.reconstruct(scan, THETA, method="fbp", **SMALL)
