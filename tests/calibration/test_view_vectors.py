@@ -142,22 +142,13 @@ def test_a_geometry_of_another_scan_is_refused(still):
         sawmill.reconstruct(still, FAN.at(slice(1, None)), **SMALL)
 
 
-def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(still, moved):
+def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(moved):
     declared = replace(MILL, object_turns=ObjectTurns.BETWEEN_PASSAGES)
     scan = sawmill.Scan.from_arrays(seen_by(moved).line_integrals, ANGLES, declared)
-    options = {"method": "total_variation", "weight": 300.0, "coupling": "none", **SMALL}
-    found, blind, expected = (
-        sawmill.reconstruct(one, THETA, **options, **poses)
-        for one, poses in (
-            (scan, {}),
-            (scan, {"view_poses": "none"}),
-            (sawmill.Scan.from_arrays(still.line_integrals, ANGLES, MILL), {}),
-        )
-    )
-    (remark,) = [each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere"]
+    settings = {"method": "total_variation", "weight": 300.0, "coupling": "none", **SMALL}
+    found, blind = (sawmill.reconstruct(scan, THETA, **settings, view_poses=how) for how in ("auto", "none"))
+    (remark,) = (each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere")
     assert remark.values["shift_mm"] == pytest.approx(6.0 / 3.0**0.5, rel=0.15)
-    assert "views-stand-elsewhere" not in {each.code for each in blind.result.method.coded_remarks}
-    missed = [float(np.linalg.norm(each.image - expected.image)) for each in (found, blind)]
-    assert missed[0] < 0.4 * missed[1]
+    assert found.result.method.data_misfit < 0.3 * blind.result.method.data_misfit
     with pytest.raises(ValueError, match="reconstruct them by total_variation"):
         sawmill.reconstruct(scan, THETA, method="fbp", **SMALL)

@@ -184,7 +184,7 @@ class ReconstructionMethod(StrEnum):
 
 
 class ObjectTurns(StrEnum):
-    """When the object turns: while the scanner scans it, or between passages, so that each view has its own pose."""
+    """When the object turns: in one scan, or between passages, one for each view, in which its pose differs."""
 
     IN_ONE_SCAN = "in-one-scan"
     BETWEEN_PASSAGES = "between-passages"

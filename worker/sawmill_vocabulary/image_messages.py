@@ -68,7 +68,7 @@ class ImageMessage(Message):
         "views-stand-elsewhere",
         N_("Each view stands a little elsewhere: %(shift_mm).1f mm, %(roll_deg).1f degrees."),
         "",
-        N_("The log itself shows these poses, and the image is made with them. Its own place and turn are their mean."),
+        N_("The log itself shows where it stands in each view, and the image is made with that."),
     )
     EDGES_DOUBLED = (
         "edges-doubled",

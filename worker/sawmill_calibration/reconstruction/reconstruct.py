@@ -26,7 +26,6 @@ from sawmill_calibration.reconstruction.method_findings import CurvePoints, gath
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry, vectors_of
 from sawmill_contracts.calibrations import CalibrationResult
-from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_formats.output.volume_writer import NewVolume, new_reconstruction
@@ -234,15 +233,16 @@ class _Run:
             )
         self.slices = len(range(*scan.rows, scan.row_step))
         self._pose_remarks = list[str]()
-        if _finds_poses(geometry, self._scanner, options):
+        declared = ObjectTurns.BETWEEN_PASSAGES in {geometry.scanner.object_turns, scan.scanner.object_turns}
+        if options.view_poses is PoseHandling.FROM_LOG or (options.view_poses is PoseHandling.AUTO and declared):
             self._take_poses()
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _SliceProgress(self.slices, report)
 
     def _take_poses(self) -> None:
-        """Use the views as rows of the log show that they stand; rows without wood show nothing."""
-        projector, last = self._projector, self.slices - 1
-        numbers = sorted({round(n) for n in np.linspace(0, last, POSE_ROWS + 2)[1:-1]})
+        """Use the poses of the views that rows of the log show; rows without wood show none."""
+        projector = self._projector
+        numbers = sorted({round(n) for n in np.linspace(0, self.slices - 1, POSE_ROWS + 2)[1:-1]})
         rows = [filled(self._scan.read(n, n + 1), self._scan.angles_rad)[:, 0] for n in numbers]
         with_wood = [row - _air_level(row) for row in rows if object_radius_mm(projector.geometry, row) > 0.0]
         if with_wood:
@@ -377,8 +377,7 @@ class _Run:
         for block in in_order:
             seen.add(block.sample)
         merged = gathered(block.findings for block in in_order)
-        for sentence in self._pose_remarks:
-            merged.remark(sentence)
+        merged.remarks.extend(self._pose_remarks)
         pixels = _doubled_pixels(geometry, self._projector.grid.pixel_mm)
         if pixels >= LEAST_DOUBLED_PIXELS:
             merged.remark(ImageMessage.EDGES_DOUBLED(pixels=pixels))
@@ -402,13 +401,6 @@ class _Run:
             method=solver.report(merged),
         )
         return result, merged.curve
-
-
-def _finds_poses(geometry: AnyGeometry, scanner: ScannerConstants, options: ReconstructionOptions) -> bool:
-    """Return whether the poses of the views are found from the log."""
-    if options.view_poses is PoseHandling.AUTO:
-        return ObjectTurns.BETWEEN_PASSAGES in {geometry.scanner.object_turns, scanner.object_turns}
-    return options.view_poses is PoseHandling.FROM_LOG
 
 
 def _doubled_pixels(geometry: AnyGeometry, pixel_mm: float) -> float:

@@ -155,7 +155,7 @@ class FanViews:
         return FanViews(self.angles_rad[views], source, middle, axis, self.borders_mm)
 
     def moved(self, shift_mm: FloatArray, roll_rad: FloatArray) -> "FanViews":
-        """Return the views as an object sees them that each view rolls (views,) about the COR, then shifts (views, 2).
+        """Return the views in the frame of an object that rolls (views,) about the COR and shifts (views, 2) in each.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""The poses of a log's views where the log is turned between passages: a shift and a roll of its own for each view.
+"""Poses of the views of a log that is turned between passages: a shift and a roll in each view.
 
-The phantom's poses do not transfer to a log, so they are found from the log itself: image and poses in turn. Each view
-is compared with an image made without it, which therefore has not adapted to that view's wrong pose. The mean shift and
+A phantom's poses do not transfer to a log, so they are found from the log: image and poses in turn. Each view is
+compared with an image that was made without it, and has not adapted to a wrong pose of that view. The mean shift and
 the mean roll move the whole image, and are removed.
 """
 
@@ -13,44 +13,42 @@ import numpy as np
 from sawmill_tomography.geometry.geometry import FanViews, FloatArray, GeometryError
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import Image, Projector
-from sawmill_tomography.reconstruction.iterative.progress import OnProgress
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_weight
 from sawmill_tomography.sinograms.noise import noise_of_each_ray
 
-# Pixels across the log, and its diameter with a margin for views that stand elsewhere.
+# Pixels across the log, and the field as a multiple of the diameter, so that shifted views fit.
 SIZE, MARGIN = 128, 1.04
-# Groups of views, each left out of an image of the others; and the least number of views that an image is made of.
+# Number of groups of views, one of which is left out of an image; the least number of views.
 FOLDS, LEAST_VIEWS = 5, 8
 # Rounds of image and poses end when shifts across the beam change by less; shifts to 2 mm take some five rounds.
 ROUNDS, SETTLED_MM = 16, 0.02
-# Share of a Gauss-Newton step: views on either side of the log correct the same error, and whole steps overshoot.
+# Share of a Gauss-Newton step: views on either side of the log correct the same error, so whole steps overshoot.
 STEP = 0.7
-# Standard deviation of the shift in mm and of the roll in rad that the first round expects; later ones take the scan's.
-# Concentric rings hardly tell a roll, so its size never exceeds the first one.
-EXPECTED_SHIFT_MM, EXPECTED_ROLL_RAD = 1.5, math.radians(0.3)
-# The least standard deviation, as a share of the expected one: a size of zero would never grow again.
-LEAST_SHARE = 0.01
+# Standard deviations of shifts across and along the beam, mm, and of rolls, rad, which the first round expects, and
+# their bounds in later rounds. Concentric rings hardly tell a roll; a size of zero would never grow again.
+EXPECTED = np.array([1.5, 1.5, math.radians(0.3)])
+BOUNDS = 0.01 * EXPECTED, np.array([np.inf, np.inf, EXPECTED[2]])
 # Cells that are summed to see residuals that neighbouring cells share.
 SUMMED_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class ViewPoses:
-    """Where the log stands in each view, relative to its mean place: turned about the COR, then shifted."""
+    """Pose of a log in each view, relative to the mean pose: turned about the COR, then shifted."""
 
     across_mm: FloatArray  # (views,): shift along the detector's axis
     along_mm: FloatArray  # (views,): shift from the source to the detector's line, across its axis
     roll_rad: FloatArray  # (views,): counter-clockwise
 
     def of(self, geometry: FanViews) -> FanViews:
-        """Return the views of a geometry as a log sees them that stands still."""
+        """Return the views of a geometry in the frame of the log."""
         shift = np.einsum("vij,vi->vj", _beam_axes(geometry), np.stack([self.across_mm, self.along_mm], -1))
         return geometry.moved(shift, self.roll_rad)
 
 
-def find_view_poses(geometry: FanViews, lines: Image, on_progress: OnProgress = lambda _: None) -> ViewPoses:
+def find_view_poses(geometry: FanViews, lines: Image) -> ViewPoses:
     """Find the pose of each view from some rows of a log (docs/understand/reconstruction.md#poses).
 
     Parameters
@@ -73,25 +71,23 @@ def find_view_poses(geometry: FanViews, lines: Image, on_progress: OnProgress = 
     while len(geometry.borders_mm) % 2 == 0 and 2.0 * geometry.cell_at_cor_mm <= grid.pixel_mm:
         geometry, lines = geometry.in_pairs(), 0.5 * (lines[..., ::2] + lines[..., 1::2])
     search = _Search(geometry, grid, lines)
-    poses, sizes = np.zeros((views, 3)), np.array([EXPECTED_SHIFT_MM, EXPECTED_SHIFT_MM, EXPECTED_ROLL_RAD])
-    for done in range(ROUNDS):
-        before = poses
-        poses, sizes = search.corrected(poses, sizes)
-        on_progress((done + 1) / ROUNDS)
+    poses, sizes, before = np.zeros((views, 3)), EXPECTED, np.full((views, 3), np.inf)
+    for _ in range(ROUNDS):
         if np.sqrt(np.mean((poses - before)[:, 0] ** 2)) < SETTLED_MM:
             break
+        before, (poses, sizes) = poses, search.corrected(poses, sizes)
     return ViewPoses(*poses.T)
 
 
 class _Search:
-    """The rows of a log, and the images and corrections of each round."""
+    """Search for the poses of the views in rows of a log."""
 
     def __init__(self, geometry: FanViews, grid: ImageGrid, lines: Image) -> None:
         self._geometry, self._grid, self._lines = geometry, grid, lines
         self._fold = np.arange(lines.shape[1]) % FOLDS
         self._axes = _beam_axes(geometry)
         self._weight = choose_weight(Projector(geometry, grid), lines[len(lines) // 2]).weight
-        # Each row once for each fold, with the fold's views left out.
+        # Copies of the rows for each fold, without the views of the fold.
         noise = np.broadcast_to(noise_of_each_ray(None, lines), lines.shape)
         left_out = self._fold == np.arange(FOLDS)[:, None]
         self._noise = np.where(left_out[:, None, :, None], np.inf, noise).reshape(-1, *lines.shape[1:])
@@ -108,11 +104,10 @@ class _Search:
         poses = poses + STEP * np.einsum("vab,vb->va", spread, pull)
         # Sizes by expectation maximisation: independent poses of unknown variance.
         grown = np.sqrt(np.mean(poses**2 + np.diagonal(spread, axis1=1, axis2=2), axis=0))
-        expected = np.array([EXPECTED_SHIFT_MM, EXPECTED_SHIFT_MM, EXPECTED_ROLL_RAD])
         shift = np.einsum("vij,vi->vj", self._axes, poses[:, :2])
         poses[:, :2] -= np.einsum("vij,j->vi", self._axes, shift.mean(axis=0))
         poses[:, 2] -= poses[:, 2].mean()
-        return poses, np.clip(grown, LEAST_SHARE * expected, [np.inf, np.inf, EXPECTED_ROLL_RAD])
+        return poses, np.clip(grown, *BOUNDS)
 
     def _compared(self, posed: FanViews) -> tuple[FloatArray, FloatArray]:
         """Return data less prediction (rows, views, cells), and the prediction's slopes by the pose (3, ...)."""
