@@ -163,7 +163,8 @@ class FanViews:
             A source then lies on the line of its detector.
         """
         places = (self.source_mm - shift_mm, self.middle_mm - shift_mm, self.axis)
-        return FanViews.of(*(np.stack(rotate(-roll_rad, *each.T), -1) for each in places), self.borders_mm)
+        source, middle, axis = (np.stack(rotate(-roll_rad, *each.T), -1) for each in places)
+        return FanViews.of(source, middle, axis, self.borders_mm)
 
     def in_pairs(self) -> "FanViews":
         """Return the geometry with the cells, whose number is even, in pairs."""
