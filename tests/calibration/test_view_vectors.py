@@ -152,3 +152,8 @@ def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(mov
     assert found.result.method.data_misfit < 0.3 * blind.result.method.data_misfit
     with pytest.raises(ValueError, match="reconstruct them by total_variation"):
         sawmill.reconstruct(scan, THETA, method="fbp", **SMALL)
+    few = sawmill.Scan.from_arrays(scan.line_integrals[::7], ANGLES[::7], declared)
+    cut = sawmill.Scan.from_arrays(scan.line_integrals[..., 120:168], ANGLES, replace(declared, num_detector_pixels=48))
+    for one in (few, cut):
+        result = sawmill.reconstruct(one, THETA, **settings).result
+        assert "poses-not-found" in {each.code for each in result.method.coded_remarks}

@@ -38,7 +38,7 @@ from sawmill_tomography.reconstruction.iterative.coarse_outside import fitted_si
 from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_tomography.reconstruction.stack import reconstruct_stack
-from sawmill_tomography.reconstruction.view_poses import find_view_poses
+from sawmill_tomography.reconstruction.view_poses import LEAST_VIEWS, find_view_poses, is_between_air
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
@@ -232,7 +232,7 @@ class _Run:
                 "move it nearer"
             )
         self.slices = len(range(*scan.rows, scan.row_step))
-        self._pose_remarks = list[str]()
+        self._pose_remarks, self._has_poses = list[str](), False
         declared = ObjectTurns.BETWEEN_PASSAGES in {geometry.scanner.object_turns, scan.scanner.object_turns}
         if options.view_poses is PoseHandling.FROM_LOG or (options.view_poses is PoseHandling.AUTO and declared):
             self._take_poses()
@@ -240,14 +240,17 @@ class _Run:
         self._reporting = _SliceProgress(self.slices, report)
 
     def _take_poses(self) -> None:
-        """Use the poses of the views that rows of the log show; rows without wood show none."""
+        """Use the poses of the views that rows of the log show, if there is air on both sides of it."""
         projector = self._projector
         numbers = sorted({round(n) for n in np.linspace(0, self.slices - 1, POSE_ROWS + 2)[1:-1]})
         rows = [filled(self._scan.read(n, n + 1), self._scan.angles_rad)[:, 0] for n in numbers]
-        with_wood = [row - _air_level(row) for row in rows if object_radius_mm(projector.geometry, row) > 0.0]
-        if with_wood:
-            poses = find_view_poses(projector.geometry, np.stack(with_wood))
+        whole = [row - _air_level(row) for row in rows if is_between_air(row)]
+        if self.views < LEAST_VIEWS or not whole:
+            self._pose_remarks.append(ImageMessage.POSES_NOT_FOUND(views=LEAST_VIEWS))
+        else:
+            poses = find_view_poses(projector.geometry, np.stack(whole))
             self._projector = Projector(poses.of(projector.geometry), projector.grid)
+            self._has_poses = True
             shift_mm, roll_deg = poses.across_mm.std(), math.degrees(poses.roll_rad.std())
             self._pose_remarks.append(ImageMessage.VIEWS_STAND_ELSEWHERE(shift_mm=shift_mm, roll_deg=roll_deg))
 
@@ -311,7 +314,7 @@ class _Run:
             geometry={
                 **{name: value for name, value in asdict(self._scanner).items() if value is not None and value != ()},
                 **({} if geometry.theta is None else vars(geometry.theta)),
-                **(vectors_of(self._projector.geometry) if geometry.theta is None or self._pose_remarks else {}),
+                **(vectors_of(self._projector.geometry) if geometry.theta is None or self._has_poses else {}),
                 "object_turns": self._scanner.object_turns.value,
                 "rotation": geometry.rotation.value,
                 "handedness": geometry.handedness.value,

@@ -16,6 +16,7 @@ from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm
 from sawmill_tomography.reconstruction.total_variation import total_variation
 from sawmill_tomography.reconstruction.total_variation_weights import choose_weight
+from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.noise import noise_of_each_ray
 
 # Pixels across the log, and the field as a multiple of the diameter, so that shifted views fit.
@@ -48,6 +49,12 @@ class ViewPoses:
         return geometry.moved(shift, self.roll_rad)
 
 
+def is_between_air(line: Image) -> bool:
+    """Return whether a row (views, detector) shows wood with air on both sides: a cut outline tells no shift."""
+    air = find_air(line)
+    return air is not None and bool(air.cells[0] and air.cells[-1] and not air.cells.all())
+
+
 def find_view_poses(geometry: FanViews, lines: Image) -> ViewPoses:
     """Find the pose of each view from some rows of a log (docs/understand/reconstruction.md#poses).
 
@@ -56,7 +63,7 @@ def find_view_poses(geometry: FanViews, lines: Image) -> ViewPoses:
     geometry : FanViews
         Views of a log that is turned about one axis.
     lines : (rows, views, detector) float32
-        Line integrals whose air is at 0; the log has the same pose in all rows.
+        Line integrals whose air is at 0, each `is_between_air`; the log has the same pose in all rows.
 
     Raises
     ------
