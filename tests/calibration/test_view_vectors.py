@@ -1,7 +1,7 @@
 """Vectors for each view, in and out: files, images and drift checks by them, and what is refused."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import astra
 import numpy as np
@@ -20,7 +20,7 @@ from sawmill_tomography.phantoms import built_in
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
-from sawmill_vocabulary import Disc, Polygon, Scanner, SourceFrame, Theta, ThetaBounds
+from sawmill_vocabulary import Disc, ObjectTurns, Polygon, Scanner, SourceFrame, Theta, ThetaBounds
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=288, detector_pitch_mm=4.0)
 ON_ARC = Scanner(859.46, 288, 4.0, detector_arc_radius_mm=1500.0)
@@ -218,3 +218,20 @@ def test_contracts_and_science_draw_the_same_built_in_phantoms():
         assert phantom.shapes == built_in.BUILT_IN[name].shapes
         assert phantom.size_tolerance == built_in.BUILT_IN[name].size_tolerance
         np.testing.assert_array_equal(phantom.edges, built_in.BUILT_IN[name].edges)
+
+
+def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(moved):
+    declared = replace(MILL, object_turns=ObjectTurns.BETWEEN_PASSAGES)
+    scan = sawmill.Scan.from_arrays(seen_by(moved).line_integrals, ANGLES, declared)
+    settings = {"method": "total_variation", "weight": 300.0, "coupling": "none", **SMALL}
+    found, blind = (sawmill.reconstruct(scan, THETA, **settings, view_poses=how) for how in ("auto", "none"))
+    (remark,) = (each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere")
+    assert remark.values["shift_mm"] == pytest.approx(6.0 / 3.0**0.5, rel=0.15)
+    assert found.result.method.data_misfit < 0.3 * blind.result.method.data_misfit
+    with pytest.raises(ValueError, match="reconstruct them by total_variation"):
+        sawmill.reconstruct(scan, THETA, method="fbp", **SMALL)
+    few = sawmill.Scan.from_arrays(scan.line_integrals[::7], ANGLES[::7], declared)
+    cut = sawmill.Scan.from_arrays(scan.line_integrals[..., 120:168], ANGLES, replace(declared, num_detector_pixels=48))
+    for one in (few, cut):
+        result = sawmill.reconstruct(one, THETA, **settings).result
+        assert "poses-not-found" in {each.code for each in result.method.coded_remarks}

@@ -169,7 +169,7 @@ def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: Progress
     with open_scan(source.path) as scan:
         yield rows_of(
             scan,
-            _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
+            _scanner(source_to_cor_mm, scan, source.options),
             rows=source.rows,
             views=source.views,
             counts=scan.air_level is not None,
@@ -217,7 +217,7 @@ def _prepared_rows(
         with open_scan(path) as scan:
             opened = rows_of(
                 scan,
-                _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
+                _scanner(source_to_cor_mm, scan, source.options),
                 rows=source.rows,
                 views=source.views,
                 counts=read.counts,
@@ -280,7 +280,7 @@ def rows_of(
     )
 
 
-def _scanner(r_s: float, scan: OpenScan, arc_radius_mm: float | None) -> ScannerConstants:
+def _scanner(r_s: float, scan: OpenScan, options: UnregisteredScanOptions) -> ScannerConstants:
     """Return the scanner's constants, as far as file and flags give them; refuse constants that no scanner has."""
     try:
         return ScannerConstants(
@@ -288,7 +288,8 @@ def _scanner(r_s: float, scan: OpenScan, arc_radius_mm: float | None) -> Scanner
             num_detector_pixels=scan.shape[2],
             detector_pitch_mm=scan.detector_pitch_mm,
             detector_modules=scan.detector_modules,
-            detector_arc_radius_mm=arc_radius_mm,
+            detector_arc_radius_mm=options.detector_arc_radius_mm,
+            object_turns=options.object_turns,
             row_pitch_mm=scan.row_pitch_mm,
         )
     except ValidationError as error:

@@ -132,6 +132,18 @@ class FanViews:
         source, middle, axis = (each[views] for each in self.vectors())
         return FanViews(self.angles_rad[views], source, middle, axis, self.borders_mm)
 
+    def moved(self, shift_mm: FloatArray, roll_rad: FloatArray) -> "FanViews":
+        """Return the views in the frame of an object that rolls (views,) about the COR and shifts (views, 2) in each.
+
+        Raises
+        ------
+        GeometryError
+            A source then lies on the line of its detector.
+        """
+        places = (self.source_mm - shift_mm, self.middle_mm - shift_mm, self.axis)
+        source, middle, axis = (np.stack(rotate(-roll_rad, *each.T), -1) for each in places)
+        return FanViews.of(source, middle, axis, self.borders_mm)
+
     def in_pairs(self) -> "FanViews":
         """Return the geometry with the cells, whose number is even, in pairs."""
         pairs = np.stack([self.borders_mm[::2, 0], self.borders_mm[1::2, 1]], -1)
