@@ -15,12 +15,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from ringed_logs import RingedLog
 from scanners import SCANNER
 from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
@@ -49,7 +49,7 @@ SEED = 9600
 def simulated_log(index: int) -> Phantom:
     """Draw a log's slice: through a whorl, in clear wood, ..."""
     rng = np.random.default_rng(SEED + index)
-    log = RingedLog.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0)))
+    log = LogModel.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0)))
     return log.slice_at(120.0 if index % 2 else 180.0)
 
 
