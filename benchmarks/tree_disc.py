@@ -90,15 +90,20 @@ def halved(image: FloatImage) -> FloatImage:
     return mean
 
 
-def images_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> Mapping[str, FloatImage]:
-    """Return the image by each method, from computed projections with noise."""
+def scan_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> tuple[Projector, FloatImage]:
+    """Return the projector, and computed projections with noise, (views, cells)."""
     angles, field_mm = (np.arange(views) + 0.5) * TAU / views, SIZE * pixel_mm
     fine = Scanner(SCANNER.source_to_cor_mm, 2 * SCANNER.num_detector_pixels, SCANNER.detector_pitch_mm / 2.0)
     rays = Projector(FanBeamGeometry(fine, TRUE_THETA, angles), ImageGrid(SIZE, field_mm)).forward(disc)
     lines = rays.reshape(views, -1, 2).mean(axis=2, dtype=np.float64)
     deviation = noise * math.sqrt(np.mean(lines**2))
     lines += deviation * np.random.default_rng((SEED, views)).standard_normal(lines.shape)
-    projector = Projector(FanBeamGeometry(SCANNER, TRUE_THETA, angles), ImageGrid(SIZE // 2, field_mm))
+    return Projector(FanBeamGeometry(SCANNER, TRUE_THETA, angles), ImageGrid(SIZE // 2, field_mm)), lines
+
+
+def images_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> Mapping[str, FloatImage]:
+    """Return the image by each method, from computed projections with noise."""
+    projector, lines = scan_of(disc, pixel_mm, views, noise)
     return {name: np.asarray(method(projector, lines).image, np.float64) for name, method in METHODS.items()}
 
 

@@ -91,14 +91,16 @@ def expected_error(method: ReconstructionMethod, views: int, noise: float) -> fl
     return float(np.exp(np.interp(np.log(views), np.log(VIEWS[: len(rows)]), by_views)))
 
 
-def comparable_noise(geometry: FanViews, grid: ImageGrid, share: float) -> float:
+def comparable_noise(geometry: FanViews, grid: ImageGrid, share: float, *, fitted: bool) -> float:
     """Convert a share of noise to the pixels and cells of the table.
 
-    A ray's noise counts relative to the attenuation of one pixel, and is averaged over the cells that a pixel covers.
+    By a direct method a ray's noise counts relative to the attenuation of one pixel, and is averaged over the cells
+    that a pixel covers. A fitted method smooths to what the data show: its error with pixels of half the size is the
+    same (benchmarks/expected_error.py --check, the CT slice).
     """
-    cell_mm = geometry.cell_at_cor_mm
-    pixel = grid.pixel_mm / MEASURED_PIXEL_MM
-    return share / pixel * float(np.sqrt(cell_mm / MEASURED_CELL_MM / pixel))
+    averaged = float(np.sqrt(geometry.cell_at_cor_mm / MEASURED_CELL_MM))
+    pixel = 1.0 if fitted else grid.pixel_mm / MEASURED_PIXEL_MM
+    return share / pixel * averaged / float(np.sqrt(pixel))
 
 
 def seconds_a_slice(method: ReconstructionMethod, views: int, cells: int, size: int) -> float:
@@ -127,7 +129,7 @@ def recommend(
         Side of a square with the number of pixels that fitted methods need to hold all of the log.
     """
     share = noise_share(sinogram)
-    candidates = list(_candidates(geometry, comparable_noise(geometry, grid, share), grid.size, fitted_size))
+    candidates = list(_candidates(geometry, share, grid, fitted_size))
     direct = next((one for one in candidates if one.method is ReconstructionMethod.FBP), None)
     if prefer is Preference.SPEED and direct is not None and direct.views >= SPEED_VIEWS:
         return Recommendation(direct.method, 1, direct.error, f"speed was preferred: {_words(direct, geometry)}")
@@ -152,13 +154,14 @@ def views_of_step(angles_rad: FloatArray, step: int) -> np.ndarray[tuple[int], n
     return np.sort(np.argsort(np.mod(angles_rad, TAU), kind="stable")[::step])
 
 
-def _candidates(geometry: FanViews, noise: float, size: int, fitted_size: int) -> Iterator[_Candidate]:
+def _candidates(geometry: FanViews, share: float, grid: ImageGrid, fitted_size: int) -> Iterator[_Candidate]:
     views, cells = geometry.sinogram_shape
     for method in EXPECTED_ERRORS:
         fitted = issubclass(METHODS[method], FittedMethod)
         if not (fitted or turns_all_round(geometry)):
             continue
-        pixels = fitted_size if fitted else size
+        pixels = fitted_size if fitted else grid.size
+        noise = comparable_noise(geometry, grid, share, fitted=fitted)
         for step in range(1, max(views // LEAST_VIEWS, 1) + 1) if fitted else (1,):
             used = -(-views // step)
             seconds = seconds_a_slice(method, used, cells, pixels)
