@@ -135,7 +135,7 @@ def test_equal_seeds_give_equal_logs_and_the_rows_change_slowly():
 
 
 @pytest.mark.parametrize("seed", [4000, 4001, 4002])
-def test_each_kind_of_log_is_wood_in_air_and_its_data_are_its_integrals(geometry, seed):
+def test_each_log_is_wood_in_air_and_its_data_are_its_integrals(geometry, seed):
     log = WholeLog.random(seed, rows=1)
     truth, data = log.truth(FINE_GRID), log.sinograms(geometry, noise=0.0)
     assert truth.min() >= 0.0
