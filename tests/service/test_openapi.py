@@ -213,6 +213,8 @@ FOLLOWED_BY = {
     "inspect_file": ("queued", "inspection"),
     "measure_phantom": ("phantom-created", "phantom"),
     "rename_reconstruction": ("reconstruction-renamed", "reconstruction"),
+    "mark_reconstruction": ("reconstruction-marked", "reconstruction"),
+    "unmark_reconstruction": ("reconstruction-marked", "reconstruction"),
     "send_part": ("upload-complete", "upload"),
 }
 DONE = {"create": "created", "delete": "deleted", "discard": "discarded", "replace": "changed", "revoke": "revoked"}

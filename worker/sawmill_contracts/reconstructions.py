@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
@@ -506,6 +507,39 @@ class ReconstructionName(Given):
     name: Name | None = Field(description="The name. Null: none.", examples=["spruce with a nail"])
 
 
+class MarkKind(StrEnum):
+    """What a mark in a slice measures."""
+
+    RULER = "ruler"
+    REGION = "region"
+
+
+# Of one reconstruction: more than a person reads.
+MOST_MARKS = 100
+Place = tuple[CoordinateMm, CoordinateMm]
+
+
+class MarkRequest(Given):
+    """A ruler or a region in a slice; what it measures follows from its ends."""
+
+    kind: MarkKind = Field(
+        description="`ruler`: the length between the ends. `region`: the values in the ellipse between two corners.",
+        examples=["ruler"],
+    )
+    slice: int = Field(ge=0, description="Number of the slice, from 0.", examples=[0])
+    ends_mm: tuple[Place, Place] = Field(
+        description="(x, y) of both ends or corners, mm; a picture's row is +x, a column +y.",
+        examples=[[[-20.0, 0.0], [20.0, 15.0]]],
+    )
+    note: Name | None = Field(None, description="Words about it, for people. Null: none.", examples=["dead knot"])
+
+
+class Mark(MarkRequest):
+    """A mark that is kept with a reconstruction."""
+
+    id: Identifier = Field(description="Id of the mark, which its client chose.", examples=["knot-1"])
+
+
 class ReconstructionLinks(Contract):
     """Links to a reconstruction's files."""
 
@@ -550,6 +584,9 @@ class Reconstruction(Stamped):
     number: int = Field(
         description="Number of the log among the scanner's logs, from 1; the reconstructions of one scan share it.",
         examples=[14],
+    )
+    marks: list[Mark] = Field(
+        [], description="Rulers and regions that people keep with it, the oldest first.", examples=[[]]
     )
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
