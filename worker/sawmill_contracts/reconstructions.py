@@ -14,7 +14,7 @@ from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import Contract, Identifier, Name, OutOfUse, Stamped
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
@@ -526,7 +526,7 @@ class MarkRequest(Given):
         description="`ruler`: the length between the ends. `region`: the values in the ellipse between two corners.",
         examples=["ruler"],
     )
-    slice: int = Field(ge=0, description="Number of the slice, from 0.", examples=[0])
+    slice: int = Field(ge=0, le=LARGEST_NUMBER, description="Number of the slice, from 0.", examples=[0])
     ends_mm: tuple[Place, Place] = Field(
         description="(x, y) of both ends or corners, mm; a picture's row is +x, a column +y.",
         examples=[[[-20.0, 0.0], [20.0, 15.0]]],

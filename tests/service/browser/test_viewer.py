@@ -336,6 +336,7 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     shows(page, 10)
     expect(measured).to_contain_text("Pituus 80")
     assert page.locator(".pane canvas").bounding_box()["width"] == pytest.approx(4 * before, rel=0.01)
+    page.evaluate("scrollTo(0, 0)")
     for _ in range(2):
         page.touchscreen.tap(*middle)
     page.wait_for_function("width => document.querySelector('.pane canvas').clientWidth <= width", arg=before + 1)
