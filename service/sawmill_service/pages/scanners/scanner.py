@@ -26,6 +26,8 @@ from sawmill_service.dependencies import (
 )
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.edits import edit_tag, precondition
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress, WizardAddress
 from sawmill_service.pages.charts import DEVIATIONS, Span, drift_chart, is_calibration
@@ -96,10 +98,12 @@ def change_settings(
     if spec is None:
         return _answer(page, store, stored, form=form)
     try:
-        store.scanners.update(scanner_id, spec)
+        store.scanners.update(scanner_id, spec, check=precondition(typed.get("tag")))
     except Invalid as refusal:
         form.errors[FOLDER] = str(refusal)
         return _answer(page, store, stored, form=form)
+    except Refused:
+        return _answer(page, store, stored, form=_forms(page).outdated(form, stored))
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
 
@@ -160,10 +164,12 @@ def _answer(
     together = store.drift_charts.of_scanner(stored.id).charts
     active = condition.active
     radius_mm = stored.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
+    status = 422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200
     return page.answer(
         "scanner.html",
-        status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
+        status=412 if form and form.is_outdated else status,
         scanner=stored,
+        tag=edit_tag(stored),
         number=number,
         condition=condition,
         alarms=ALARMS,

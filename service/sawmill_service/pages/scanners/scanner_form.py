@@ -161,6 +161,7 @@ class ScannerForm:
     errors: dict[str, str] = field(default_factory=dict)
     further: list[str] = field(default_factory=list)
     read_from_file: set[str] = field(default_factory=set)
+    is_outdated: bool = False  # somebody else changed the scanner since the form was opened
 
     @property
     def is_wrong(self) -> bool:
@@ -209,6 +210,14 @@ class ScannerForms:
         values = spec.model_dump(mode="json")
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
         return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
+
+    def outdated(self, form: ScannerForm, stored: ScannerSpec) -> ScannerForm:
+        """Mark the fields of a form that differ from what is stored now."""
+        sentence = self._text.gettext("“%(value)s” is stored now.")
+        now = self.of(stored).values
+        form.errors = {name: sentence % {"value": text} for name, text in now.items() if text != form.values[name]}
+        form.is_outdated = True
+        return form
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
