@@ -508,7 +508,7 @@ class ReconstructionName(Given):
 
 
 class MarkKind(StrEnum):
-    """What a mark in a slice measures."""
+    """Kind of a mark in a slice."""
 
     RULER = "ruler"
     REGION = "region"
