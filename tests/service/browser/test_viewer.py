@@ -35,9 +35,6 @@ WATCH = """() => {
   new MutationObserver(see).observe(pane, {attributeFilter: ["data-shown", "data-values"]});
 }"""
 HERE = """name => performance.getEntriesByType("resource").some(entry => entry.name.includes(`/slices/${name}`))"""
-# Nothing is transferred of what the browser has kept.
-TRANSFERRED = """() => performance.getEntriesByType("resource")
-  .filter(entry => entry.name.includes("/slices/") && entry.transferSize > 0).map(entry => entry.name)"""
 LOCAL = """time => new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "short"}).format(new Date(time))"""
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
@@ -192,48 +189,6 @@ def test_a_picture_comes_first_and_the_values_when_the_slider_rests(site, logs):
         assert np.abs(np.reshape(seen["grey"], (SIDE, SIDE)) - expected).max() <= within
     assert picture["value"] == "…"
     assert float(exact["value"].removesuffix(" 1/mm")) == pytest.approx(logs["example"][20, 3, 28], rel=1e-3)
-
-
-@pytest.mark.nightly
-def test_the_window_holds_for_the_picture_while_the_values_are_on_their_way(site, logs):
-    page = site.open("/logs/example?slice=10")
-    shows(page, 10)
-    page.route("**/*.npy?*", lambda _: None)  # they never come
-    page.keyboard.press("ArrowRight")
-    expect(page.locator(".pane")).to_have_attribute("data-shown", "11")
-    with page.expect_response("**/11.jpg?*window_high=2*"):
-        page.locator("#high").fill("2")
-    expected = 255 * np.clip(logs["example"][11] / 2, 0, 1)
-    # JPEG is not exact, least of all where the window cuts the values off.
-    page.wait_for_function(
-        f"""expected => {{
-      const {{data}} = ({PIXELS})();
-      return expected.every((grey, n) => Math.abs(data[4 * n] - grey) < 12);
-    }}""",
-        arg=expected.ravel().tolist(),
-    )
-
-
-@pytest.mark.nightly
-@pytest.mark.usefixtures("logs")
-def test_a_slice_that_was_seen_is_not_fetched_again(site):
-    page = site.open("/logs/example?slice=10")
-    shows(page, 10)
-    page.wait_for_function(HERE, arg="11.jpg")  # the last one that is fetched ahead
-    page.keyboard.press("ArrowRight")
-    shows(page, 11)
-    page.wait_for_function(HERE, arg="13.jpg")
-    assert {name.rpartition("/")[2].partition("?")[0] for name in page.evaluate(TRANSFERRED)} == {
-        *("10.npy", "11.npy"),
-        *(f"{index}.jpg" for index in range(8, 14)),
-    }
-    page.evaluate("performance.clearResourceTimings()")
-    page.keyboard.press("ArrowLeft")
-    shows(page, 10)
-    assert page.evaluate(TRANSFERRED) == []
-    page.reload()
-    shows(page, 10)
-    assert page.evaluate(TRANSFERRED) == []
 
 
 @pytest.mark.nightly
