@@ -19,6 +19,7 @@ from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
+from sawmill_store.store import Store
 
 router = Router(tags=["scanners"], reading=Scope.READ)
 
@@ -39,10 +40,13 @@ def list_alarms(
 
 
 class AcknowledgementRequest(Given):
-    """Until when and why a person takes notice of an alarm."""
+    """Until when and why a person takes notice of an alarm or of a red scanner."""
 
-    until: AwareDatetime = Field(
-        description="End, RFC 3339 with an offset, in the future.", examples=["2036-03-16T14:00:00+02:00"]
+    until: AwareDatetime | None = Field(
+        None,
+        description="End, RFC 3339 with an offset, in the future; of a red scanner within 31 days. Null: the end of "
+        "the shift, at 6, 14 or 22 o'clock of the mill's time zone.",
+        examples=["2036-03-16T14:00:00+02:00"],
     )
     reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["maintenance"])
 
@@ -56,22 +60,10 @@ class AcknowledgementRequest(Given):
 )
 @repeatable
 def acknowledge_alarm(
-    scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, acknowledge: Sent[AcknowledgementRequest]
+    scanner_id: Identifier, kind: AlarmKind, store: TheStore, acknowledge: Sent[AcknowledgementRequest]
 ) -> Alarm:
     """Take notice of an alarm until a time: it stays open and is shown, and asks nobody for anything until then."""
-    return alarms.acknowledge(scanner_id, kind, acknowledge.until, acknowledge.reason)
-
-
-class RedAcknowledgementRequest(Given):
-    """Until when and why a person takes notice of a red scanner."""
-
-    until: AwareDatetime | None = Field(
-        None,
-        description="End, RFC 3339 with an offset, within 31 days. Null: the end of the shift, at 6, 14 or 22 o'clock "
-        "of the mill's time zone.",
-        examples=["2036-03-16T14:00:00+02:00"],
-    )
-    reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["maintenance"])
+    return store.alarms.acknowledge(scanner_id, kind, _end_of(acknowledge, store), acknowledge.reason)
 
 
 @router.post(
@@ -82,12 +74,16 @@ class RedAcknowledgementRequest(Given):
     responses=refuses("scanner-not-found", "scanner-not-red", "acknowledgement-ended"),
 )
 @repeatable
-def acknowledge_red(scanner_id: Identifier, store: TheStore, acknowledge: Sent[RedAcknowledgementRequest]) -> KnownRed:
+def acknowledge_red(scanner_id: Identifier, store: TheStore, acknowledge: Sent[AcknowledgementRequest]) -> KnownRed:
     """Take notice of all results that show a scanner red: it stays red, and asks nobody for anything until a time.
 
     A newer red result is not covered, and the acceptance of a calibration ends the notice. The scanner's next step has
     it as `known`.
     """
-    until = acknowledge.until or shift_end(datetime.now(ZoneInfo(store.mill_zone.get() or "UTC")))
     red = condition_of(store, store.scanners.get(scanner_id)).red_results
-    return store.alarms.acknowledge_red(scanner_id, red, until, acknowledge.reason)
+    return store.alarms.acknowledge_red(scanner_id, red, _end_of(acknowledge, store), acknowledge.reason)
+
+
+def _end_of(acknowledge: AcknowledgementRequest, store: Store) -> datetime:
+    """Return the end that a person gave, or that of the shift."""
+    return acknowledge.until or shift_end(datetime.now(ZoneInfo(store.mill_zone.get() or "UTC")))

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.calibrations import CalibrationHeader, Provenance
+from sawmill_contracts.calibrations import Provenance
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
@@ -16,15 +16,8 @@ from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Invalid, NotFound
-from sawmill_service.dependencies import (
-    TheCalibrations,
-    TheFiles,
-    TheInspections,
-    TheScanners,
-    TheSchedules,
-    TheStore,
-)
-from sawmill_service.drawing import ShownLog, shown_log
+from sawmill_service.dependencies import TheCalibrations, TheInspections, TheScanners, TheSchedules, TheStore
+from sawmill_service.drawing import shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.edits import edit_tag, precondition
@@ -101,9 +94,10 @@ def change_settings(
         store.scanners.update(scanner_id, spec, check=precondition(typed.get("tag")))
     except Invalid as refusal:
         form.errors[FOLDER] = str(refusal)
-        return _answer(page, store, stored, form=form)
     except Refused:
-        return _answer(page, store, stored, form=_forms(page).outdated(form, stored))
+        _forms(page).mark_outdated(form, stored)
+    if form.is_wrong:
+        return _answer(page, store, stored, form=form)
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
 
@@ -174,7 +168,7 @@ def _answer(
         condition=condition,
         alarms=ALARMS,
         active=active,
-        log=_log(store.files, condition.newest),
+        log=None if condition.newest is None else shown_log(store.files, condition.newest.id),
         chart=drift_chart(
             movements,
             activations,
@@ -210,10 +204,6 @@ def _made_with(active: Provenance | None, now: ScannerConstants) -> ScannerConst
     if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
         return None
     return active.scanner
-
-
-def _log(files: TheFiles, newest: CalibrationHeader | None) -> ShownLog | None:
-    return None if newest is None else shown_log(files, newest.id)
 
 
 def _schedules(

@@ -166,7 +166,7 @@ class ScannerForm:
     @property
     def is_wrong(self) -> bool:
         """True if anything has to be changed."""
-        return bool(self.errors or self.further)
+        return bool(self.errors or self.further or self.is_outdated)
 
     @property
     def opens_rest(self) -> bool:
@@ -211,13 +211,11 @@ class ScannerForms:
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
         return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
 
-    def outdated(self, form: ScannerForm, stored: ScannerSpec) -> ScannerForm:
+    def mark_outdated(self, form: ScannerForm, stored: ScannerSpec) -> None:
         """Mark the fields of a form that differ from what is stored now."""
+        form.is_outdated, now = True, self.of(stored).values
         sentence = self._text.gettext("“%(value)s” is stored now.")
-        now = self.of(stored).values
         form.errors = {name: sentence % {"value": text} for name, text in now.items() if text != form.values[name]}
-        form.is_outdated = True
-        return form
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
