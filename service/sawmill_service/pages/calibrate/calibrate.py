@@ -56,7 +56,7 @@ OFFERED_FOR = timedelta(hours=12)
 ENOUGH_VIEWS = 120
 # Phantoms were seen with up to 0.19 % of the samples without signal, and not with 1.6 % or more: built-in phantoms
 # simulated with 100 to 30 000 photons.
-DARK_PERCENT = 0.5
+MOST_DARK_PERCENT = 0.5
 # The form with an angle for each view: as many characters as a scan may have there, its commas as %2C.
 FORM_BYTES = 400_000
 
@@ -295,9 +295,10 @@ def _of_calibration(
         failure=failure,
         scan=scan,
         likelier=_likelier(store, failure),
-        few_views=_few_views(shape) if shape else 0,
+        views=shape.views if shape else ENOUGH_VIEWS,
         enough_views=ENOUGH_VIEWS,
         dark_percent=_dark_percent(scan, shape) if scan and shape else 0.0,
+        most_dark_percent=MOST_DARK_PERCENT,
         again=_again(store.files, where, scan),
     )
 
@@ -308,16 +309,10 @@ def _likelier(store: Store, failure: Failure | None) -> StoredPhantom | None:
     return store.phantoms.get(named[1]) if named and named[1] in BUILT_IN_PHANTOMS else None
 
 
-def _few_views(shape: ScanShape) -> int:
-    """Return the number of views of a scan in which no phantom was seen, if they may be too few; else 0."""
-    return 0 if shape.views >= ENOUGH_VIEWS else shape.views
-
-
 def _dark_percent(scan: Scan, shape: ScanShape) -> float:
-    """Return the percentage of a scan's samples without signal, if no phantom may be seen for that; else 0."""
+    """Return the percentage of a scan's samples without signal."""
     dark = sum(float(each.values["samples"]) for each in scan.coded_remarks if each.code == PreparingMessage.NO_SIGNAL)
-    percent = 100.0 * dark / (shape.views * shape.rows * shape.detector)
-    return percent if percent > DARK_PERCENT else 0.0
+    return 100.0 * dark / (shape.views * shape.rows * shape.detector)
 
 
 def _earlier(scans: TheScans, scan_id: str) -> dict[str, str]:
