@@ -323,6 +323,8 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     header, line = download.value.path().read_text("utf-8-sig").splitlines()
     kept = dict(zip(header.split(","), line.split(","), strict=True))
     assert (kept['"kind"'], kept['"note"'], kept['"height_mm"']) == ('"ruler"', '"oksa"', '"100"')
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")  # it is looked at again
+    expect(page.locator("#marks li")).to_have_count(1)
 
 
 def test_two_logs_move_together_by_height(site, logs):

@@ -9,7 +9,7 @@ export class MarkList {
   constructor(root, volume, { go, changed }) {
     Object.assign(this, { root, volume, go, changed, chosen: null });
     this.keeps = "keeps" in root.dataset;
-    this.all = JSON.parse(root.dataset.marks);
+    this.all = JSON.parse(root.dataset.marks).map((mark) => ({ ...mark, isKept: true }));
     this.rows = new Map();
     this.sent = Promise.resolve();
     root.querySelector('[data-slot="save"]').addEventListener("click", () => this.#save());
@@ -54,8 +54,26 @@ export class MarkList {
       const path = `${this.volume.path}/marks/${mark.id}`;
       const { kind, slice, ends_mm, note, removed } = mark;
       this.sent = this.sent.then(() => (removed ? api("DELETE", path) : api("PUT", path, { kind, slice, ends_mm, note })))
-        .then(() => this.#tell(mark, ""), (problem) => this.#tell(mark, problem.message));
+        .then(() => {
+          mark.isKept = !removed;
+          this.#tell(mark, "");
+        }, (problem) => this.#tell(mark, problem.message));
     }
+  }
+
+  // Show what others have kept, changed and removed since.
+  async refresh() {
+    await this.sent;
+    const { marks } = await api("GET", this.volume.path);
+    const [known, ids] = [new Map(this.all.map((mark) => [mark.id, mark])), marks.map(({ id }) => id)];
+    const others = this.all.filter((mark) => !mark.isKept && !ids.includes(mark.id));
+    const kept = marks.map((mark) => Object.assign(known.get(mark.id) ?? {}, mark, { isKept: true, measured: null }));
+    this.all = [...kept, ...others];
+    kept.forEach((mark) => {
+      const note = this.#row(mark).querySelector('[data-slot="note"]:not(:focus)');
+      note && (note.value = mark.note ?? "");
+    });
+    this.choose(this.byId(this.chosen?.id));
   }
 
   #tell(mark, sentence) {

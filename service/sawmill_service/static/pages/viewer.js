@@ -285,6 +285,8 @@ root.querySelectorAll(".common").forEach((button) => {
 [low, high].forEach((field) => field.addEventListener("input", lookByFields));
 colors.addEventListener("change", () => color(colors.value));
 find("#reset").addEventListener("click", () => { usual(); color("grey"); marks.choose(null); viewer.view.fit(); });
+// Another window may have changed the list.
+document.addEventListener("visibilitychange", () => document.hidden || marks.refresh().catch(() => {}));
 // Another log beside this one, which stays as it is shown.
 const beside = find(".beside");
 beside?.addEventListener("change", () => beside.requestSubmit());
