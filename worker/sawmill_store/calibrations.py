@@ -87,7 +87,7 @@ class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
             There is no such reconstruction.
         """
         with self._database.write() as session:
-            row = self._held(session, identifier)
+            row = found(session, ReconstructionRow, "reconstruction", identifier, lock=True)
             if difference := changed({"name": row.name}, {"name": name}):
                 row.name = name
                 self._announce(session, row, mill_events.RECONSTRUCTION_RENAMED, difference)
@@ -102,7 +102,7 @@ class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
             There is no such reconstruction, or it has the largest number of marks.
         """
         with self._database.write() as session:
-            row = self._held(session, identifier)
+            row = found(session, ReconstructionRow, "reconstruction", identifier, lock=True)
             before = {each["id"]: each for each in row.marks}
             after = before | {mark_id: {"id": mark_id, **mark.model_dump(mode="json")} if mark else None}
             if difference := changed(before, after):
@@ -117,11 +117,6 @@ class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
         with self._database.read() as session:
             row = found(session, ReconstructionRow, "reconstruction", identifier)
             return row.name or f"{found(session, ScannerRow, 'scanner', row.scanner_id).spec['name']}-{row.number}"
-
-    def _held(self, session: Session, identifier: str) -> ReconstructionRow:
-        """Return a row that nobody else changes or removes until the transaction ends."""
-        hold(session, ReconstructionRow, "reconstruction", identifier)  # the rules may remove it at any time
-        return found(session, ReconstructionRow, "reconstruction", identifier)
 
     def _announce(self, session: Session, row: ReconstructionRow, kind: EventType, decided: Json) -> None:
         """Add an event of a person's change."""
