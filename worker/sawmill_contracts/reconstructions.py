@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
@@ -507,13 +506,6 @@ class ReconstructionName(Given):
     name: Name | None = Field(description="The name. Null: none.", examples=["spruce with a nail"])
 
 
-class MarkKind(StrEnum):
-    """Kind of a mark in a slice."""
-
-    RULER = "ruler"
-    REGION = "region"
-
-
 # Of one reconstruction: more than a person reads.
 MOST_MARKS = 100
 Place = tuple[CoordinateMm, CoordinateMm]
@@ -522,7 +514,7 @@ Place = tuple[CoordinateMm, CoordinateMm]
 class MarkRequest(Given):
     """A ruler or a region in a slice; what it measures follows from its ends."""
 
-    kind: MarkKind = Field(
+    kind: Literal["ruler", "region"] = Field(
         description="`ruler`: the length between the ends. `region`: the values in the ellipse between two corners.",
         examples=["ruler"],
     )

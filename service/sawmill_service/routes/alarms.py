@@ -75,11 +75,7 @@ def acknowledge_alarm(
 )
 @repeatable
 def acknowledge_red(scanner_id: Identifier, store: TheStore, acknowledge: Sent[AcknowledgementRequest]) -> KnownRed:
-    """Take notice of all results that show a scanner red: it stays red, and asks nobody for anything until a time.
-
-    A newer red result is not covered, and the acceptance of a calibration ends the notice. The scanner's next step has
-    it as `known`.
-    """
+    """Take notice of all that shows a scanner red: it stays red, asks for nothing, and its next step has `known`."""
     red = condition_of(store, store.scanners.get(scanner_id)).red_results
     return store.alarms.acknowledge_red(scanner_id, red, _end_of(acknowledge, store), acknowledge.reason)
 
