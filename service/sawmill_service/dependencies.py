@@ -23,10 +23,10 @@ from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
+from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift.drift_charts import DriftCharts
 from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.requests.asked import Calibrations, Reconstructions
 from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories

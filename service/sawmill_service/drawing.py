@@ -20,8 +20,8 @@ from sawmill_formats.errors import damage_reported
 from sawmill_mill.next_step import NextStep
 from sawmill_platform.errors import NotFound
 from sawmill_service.http.problems import Refused
+from sawmill_store.calibrations import Reconstructions
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.requests.asked import Reconstructions
 from sawmill_store.scans.scans import Scans
 from sawmill_vocabulary.messages import Reader
 

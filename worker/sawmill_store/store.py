@@ -17,10 +17,11 @@ from sawmill_platform.database.tables import EventRow
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.ledger.events import announce
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift.drift_charts import DriftCharts
 from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.requests.asked import Asked, Calibrations, Reconstructions
+from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
 from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories

@@ -7,7 +7,8 @@ from zoneinfo import ZoneInfo
 from fastapi import Query
 from pydantic import AwareDatetime, Field
 
-from sawmill_contracts.alarms import Alarm, AlarmKind, KnownRed
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.next_steps import KnownRed
 from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier, Name, Page
 from sawmill_platform.contracts.given import Given

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sawmill_platform.attempts.protocol import Begun
+from sawmill_platform.contracts.attempts import checkpoints_of
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_platform.errors import StorageFull, disk_outage_reported
-from sawmill_platform.files.file_store import checkpoints_of
 
 # Private memory of any job. Jobs that read files of strangers have no more; other jobs have what their sizes need.
 DATA_BYTES = 2 * 2**30

@@ -17,10 +17,9 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 
 from pydantic import Field, TypeAdapter
 
-from sawmill_platform.contracts.attempts import AttemptInput
+from sawmill_platform.contracts.attempts import AttemptInput, checkpoints_of
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, Job
-from sawmill_platform.files.file_store import checkpoints_of
 from sawmill_vocabulary import Progress, ProgressCallback
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"

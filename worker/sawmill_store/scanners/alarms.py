@@ -11,7 +11,8 @@ from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, 
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import kinds, mill_events
-from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind, KnownRed
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.next_steps import Acknowledgement, KnownRed
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
