@@ -20,7 +20,7 @@ from sawmill_service.dependencies import TheCalibrations, TheInspections, TheSca
 from sawmill_service.drawing import shown_log
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.problems import Refused
-from sawmill_service.http.responses.edits import edit_tag, precondition
+from sawmill_service.http.responses.conditional import edit_tag, precondition
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress, WizardAddress
 from sawmill_service.pages.charts import DEVIATIONS, Span, drift_chart, is_calibration
