@@ -113,7 +113,7 @@ class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
             return self._read(row)
 
     def file_name(self, identifier: str) -> str:
-        """Return the name of a reconstruction's files: its own, or that of its scanner and its number there."""
+        """Return the name of a reconstruction's files: its own, or its scanner's name and its number there."""
         with self._database.read() as session:
             row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier)
             scanner = found(session, mill_tables.ScannerRow, "scanner", row.scanner_id)

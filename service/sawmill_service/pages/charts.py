@@ -343,7 +343,7 @@ def _panel(
 def _pooled(
     together: PooledValue, samples: Sequence[tuple[float, float, Movement]], y: Callable[[float], float]
 ) -> Iterator[tuple[str, str]]:
-    """Yield for each calibration and method a line and the outline of its band."""
+    """Yield for each calibration and method a line and the band around it."""
     by_chart: dict[tuple[str | None, str | None], list[tuple[float, float, float]]] = {}
     for x, _, one in samples:
         value, deviation = together.value(one), together.deviation(one)

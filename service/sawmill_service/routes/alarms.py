@@ -82,5 +82,5 @@ def acknowledge_red(scanner_id: Identifier, store: TheStore, acknowledge: Sent[A
 
 
 def _end_of(acknowledge: AcknowledgementRequest, store: Store) -> datetime:
-    """Return the end that a person gave, or that of the shift."""
+    """Return the end that a person gave, or the end of the shift."""
     return acknowledge.until or shift_end(datetime.now(ZoneInfo(store.mill_zone.get() or "UTC")))

@@ -147,7 +147,7 @@ def replace_webhook(
     responses=refuses("webhook-not-found"),
 )
 def delete_webhook(webhook_id: Identifier, webhooks: TheWebhooks) -> None:
-    """Delete a webhook and the list of its deliveries; nothing more is sent to it."""
+    """Delete a webhook and its list of deliveries; nothing more is sent to it."""
     webhooks.delete(webhook_id)
 
 

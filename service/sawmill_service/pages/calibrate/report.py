@@ -91,7 +91,7 @@ def _about(store: Store, calibration: CalibrationSucceeded, language: str) -> "A
 
 
 def _zone(store: Store, scanner_id: str) -> str | None:
-    """Return the time zone of the mill, until it is set that of the scanner's newest schedule; None: this machine's."""
+    """Return the mill's time zone, or until it is set the newest schedule's; None: this machine's."""
     newest = store.schedules.page(scanner_id=scanner_id, limit=1).items
     named = store.mill_zone.get() or (newest[0].time_zone if newest else None)
     return None if named is None else known_zone(named)

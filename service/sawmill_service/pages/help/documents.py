@@ -68,7 +68,7 @@ def find_file(path: str) -> Path | None:
 
 
 def all_documents(language: str, folder: str | None = None) -> Iterator[Document]:
-    """Yield every document, or those of a folder, once, in a language where it is in several; no lists of folders."""
+    """Yield every document, or all of a folder, once, in a language where it is in several; no lists of folders."""
     for path, versions in _documents().items():
         name = versions.get(language) or next(iter(versions.values()))
         wanted = name.endswith(".md") and not path.endswith(tuple(f".{each}" for each in LANGUAGES))
