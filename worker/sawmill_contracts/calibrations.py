@@ -87,7 +87,7 @@ class CalibrationOptions(Contract):
     )
     log_rows: Rows | None = Field(
         None,
-        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. "
+        description="Detector rows A:B that show a log beside the phantom, which gives u_c and tilt too. "
         "Default: the rows in which a log is found.",
         examples=["20:28"],
     )
@@ -575,7 +575,7 @@ class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, F
     )
     log_check: LogCheck | None = Field(
         None,
-        description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        description="u_c and tilt from the log next to the phantom; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
 
