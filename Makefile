@@ -66,13 +66,15 @@ nightly: install-dev
 	@$(BIN)/python -m tests.faults.inject_faults
 	@$(BIN)/python tests/faults/planted.py
 
-# The quick tests with the lowest versions that pyproject.toml allows. Ten minutes.
+# The quick tests with the lowest versions that pyproject.toml allows. Ten minutes. HDF5 1.14 writes no file that is as
+# hostile as two of the tests need.
 lowest:
 	@rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
-	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --constraint .venv-lowest/lowest.txt \
-		--editable '.[dev]'
-	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
+	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --requirement .venv-lowest/lowest.txt \
+		--editable '.[all]'
+	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" \
+		-k "not chunk_inflates_to_2_gib and not chunk_that_unpacks_to_more" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel
