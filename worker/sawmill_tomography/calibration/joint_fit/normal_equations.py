@@ -296,8 +296,10 @@ class ViewGrams:
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""
         count, precision = len(self._patches), self._density_precision
-        normal = whole.normal[-count:, -count:] + precision * np.eye(count)
-        return scaled_inverse(normal), whole.score[-count:] - precision * self._densities
+        normal = whole.normal[-count:, -count:]
+        # The mean density is 1: the gain is what it would be.
+        precisions = precision * np.eye(count) + float(np.trace(normal)) * np.ones((count, count))
+        return scaled_inverse(normal + precisions), whole.score[-count:] - precisions @ self._densities
 
     def system(self, columns: Sequence[Column]) -> "System":
         """Compute the normal equations of these columns, the densities of patches eliminated (`vary_densities`)."""
@@ -315,7 +317,7 @@ class ViewGrams:
             max(whole.power - explained, 0.0),
             max(whole.structured - explained, UNTRUSTED * whole.structured),
             whole.samples,
-            Patches(self._patches, densities, taken),
+            Patches(whole, densities, taken),
         )
 
     def _system(self, columns: Sequence[Column]) -> "System":
@@ -397,7 +399,7 @@ class CellProducts:
 class Patches:
     """The patches of the wood, which are eliminated from a system."""
 
-    columns: tuple[Column, ...]
+    whole: "System"  # the system before they are eliminated, whose last columns they are
     change: FloatArray  # (patches,): the best change of the densities where nothing else changes
     taken: FloatArray  # (patches, n): how much less it is for each unit of change of the system's columns
 
@@ -426,7 +428,8 @@ class System:
         gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed).tolist() if n not in places]
         every = [*places, *gone]
         columns, patches = [self.columns[place] for place in every], self.patches
-        grams, scores = self.source.of_columns([*columns, *(() if patches is None else patches.columns)])
+        densities = () if patches is None else patches.whole.columns[len(self.columns) :]
+        grams, scores = self.source.of_columns([*columns, *densities])
         if patches is not None:
             # The columns without what the densities take up of them, and the residual at the best densities.
             left = np.concatenate([np.eye(len(every)), -patches.taken[:, every]])
@@ -437,12 +440,16 @@ class System:
         count = len(places)
         return grams[:, :count, :count], scores[:, :count]
 
-    def with_patches(self, change: FloatArray) -> tuple[tuple[Column, ...], FloatArray]:
-        """Return all columns and their change, those of the patches with their best change next to this one."""
+    def with_patches(self, change: FloatArray) -> "tuple[System, FloatArray]":
+        """Return the system with the patches' columns, and the change of all: of patches the best next to this one."""
         patches = self.patches
         if patches is None:
-            return self.columns, change
-        return (*self.columns, *patches.columns), np.concatenate([change, patches.change - patches.taken @ change])
+            return self, change
+        return patches.whole, np.concatenate([change, patches.change - patches.taken @ change])
+
+    def rise(self, change: FloatArray) -> float:
+        """Return by how much a step raises the power of the residual, to second order."""
+        return float(change @ self.normal @ change - 2.0 * change @ self.score)
 
     def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
         """Return, to first order, the system of a model without the columns in these places, which have these sizes."""

@@ -69,21 +69,23 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
 
 
 def stepped(
-    model: ScanModel, columns: Sequence[Column], change: FloatArray, grams: ViewGrams, *, may_rise: float
+    model: ScanModel, system: System, change: FloatArray, grams: ViewGrams, *, may_rise: float
 ) -> tuple[ScanModel, float]:
     """Take the largest share of the step that does not raise the residual; return the model and the share.
 
-    The residual may rise by the share `may_rise`. The returned share is 0 where no share is possible.
+    The residual may rise by the share `may_rise`, and by what the system expects: where a group leaves the fit, or its
+    prior is narrower, the residual rises. The returned share is 0 where no share is possible.
     """
     share = 1.0
     while share >= SHORTEST:
-        then = moved(model, columns, share * change)
+        then = moved(model, system.columns, share * change)
         if then.view_gain and then.clears:
             then = then.with_view_gains(grams.weights)
         # A step that is far too long has no finite residual: it is halved as one that raises the residual is.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             exists = then.clears and bool((then.gain > 0.0).all())
-            if exists and grams.objective(then.residual) <= grams.objective_at_model * (1.0 + may_rise):
+            highest = grams.objective_at_model * (1.0 + may_rise) + max(system.rise(share * change), 0.0)
+            if exists and grams.objective(then.residual) <= highest:
                 return then, share
         share *= 0.5
     return model, 0.0
