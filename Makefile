@@ -73,7 +73,9 @@ lowest:
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
 	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --requirement .venv-lowest/lowest.txt \
 		--editable '.[all]'
-	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" \
+	@# Versions of Numba overwrite each other's kernels: these have a folder of their own.
+	@export NUMBA_CACHE_DIR=$(CURDIR)/.venv-lowest/kernels && .venv-lowest/bin/sawmill compile && \
+		.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" \
 		-k "not chunk_inflates_to_2_gib and not chunk_that_unpacks_to_more" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
