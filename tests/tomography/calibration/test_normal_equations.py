@@ -138,7 +138,7 @@ def test_inner_products_are_those_of_whole_arrays(counts, effects, phantom):
 
 
 def test_the_densities_of_patches_are_eliminated_with_their_prior():
-    """As one large system of equations with all densities, whose prior adds to the diagonal."""
+    """As one large system of equations with all densities, whose prior adds to the diagonal, and whose mean is 1."""
     model = scan(counts=False, effects=True)
     columns = [Column.of(term) for term in (Term.R, Term.U_C, Term.T_X, Term.GAIN)]
     grams, rows = ViewGrams(model, of_patches=True), derivatives(model)
@@ -151,14 +151,16 @@ def test_the_densities_of_patches_are_eliminated_with_their_prior():
     noise = grams.power - score @ np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ score
     precision = noise / (grams.samples - len(own)) / (WIDER * variation.deviation) ** 2
     densities = np.array([model.size(term) for term in model.patch_terms])
-    normal[range(number, len(own)), range(number, len(own))] += precision
-    score[number:] -= precision * densities
+    prior = precision * np.eye(len(densities)) + np.trace(normal[number:, number:])
+    normal[number:, number:] += prior
+    score[number:] -= prior @ densities
     system, best = grams.system(columns), np.linalg.solve(normal, score)
     change = system.inverse(range(number)) @ system.score
     _, found = system.with_patches(change)
     assert np.abs(found - best).max() < 1e-6 * np.abs(best).max()
+    assert abs((densities + found[number:]).mean()) < 1e-3 * np.abs(densities + found[number:]).max()
     assert np.allclose(system.inverse(range(number)), np.linalg.inv(normal)[:number, :number], rtol=1e-6)
-    power = grams.power + precision * densities @ densities
+    power = grams.power + densities @ prior @ densities
     assert system.remaining(range(number)) == pytest.approx(power - score @ best, rel=1e-6)
 
 

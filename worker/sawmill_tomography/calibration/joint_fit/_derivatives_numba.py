@@ -85,31 +85,38 @@ def _log_cosh(x):
 
 
 @njit(fastmath=_FAST)
-def _soften(line, taps, padded):
-    """Blur a line (cells,) in place, with reflection at both ends."""
+def _soften(line, first, last, taps, padded):
+    """Blur a line (cells,) that is 0 outside a window in place, with reflection at both ends; return the wider window.
+
+    Values outside the window are not read.
+    """
     cells, reach = line.size, taps.size // 2
-    for m in range(cells + 2 * reach):
-        at = (m - reach) % (2 * cells)
-        padded[m] = line[min(at, 2 * cells - 1 - at)]
-    for m in range(cells):
+    start, stop = max(first - reach, 0), min(last + reach, cells)
+    for m in range(start - reach, stop + reach):
+        at = m % (2 * cells)
+        at = min(at, 2 * cells - 1 - at)
+        padded[m - start + reach] = line[at] if first <= at < last else 0.0
+    for m in range(start, stop):
         line[m] = 0.0
     for j in range(taps.size):
-        for m in range(cells):
-            line[m] += taps[j] * padded[m + j]
+        for m in range(start, stop):
+            line[m] += taps[j] * padded[m - start + j]
+    return start, stop
 
 
 @njit(fastmath=_FAST)
-def _blur_row(line, intensity, soft, taps, padded):
-    """Blur the change of intensity that a line (cells,) makes, where the blur leaves `soft` of an intensity."""
-    for m in range(line.size):
+def _blur_row(line, first, last, intensity, soft, taps, padded):
+    """Blur the change of intensity that a line makes, where the blur leaves `soft` of an intensity, as `_soften`."""
+    for m in range(first, last):
         line[m] *= intensity[m]
-    _soften(line, taps, padded)
-    for m in range(line.size):
+    start, stop = _soften(line, first, last, taps, padded)
+    for m in range(start, stop):
         line[m] /= soft[m]
+    return start, stop
 
 
 @njit(fastmath=_FAST)
-def _blur_rows(exposed, taps, from_counts, row, of_patches):
+def _blur_rows(exposed, taps, from_counts, row, of_patches, windows):
     """Blur the rows, and those of patches; where there are counts, blur the changes of intensity that they make."""
     cells = exposed.size
     padded, intensity = np.empty(cells + taps.size), np.ones(cells)
@@ -117,12 +124,12 @@ def _blur_rows(exposed, taps, from_counts, row, of_patches):
         for m in range(cells):
             intensity[m] = math.exp(-exposed[m])
     soft = intensity.copy()
-    _soften(soft, taps, padded)
+    _soften(soft, 0, cells, taps, padded)
     for p in range(_EXPOSURE + 1):
         if p not in (_OFFSET, _BLUR):
-            _blur_row(row[p], intensity, soft, taps, padded)
-    for n in range(of_patches.shape[0]):
-        _blur_row(of_patches[n], intensity, soft, taps, padded)
+            _blur_row(row[p], 0, cells, intensity, soft, taps, padded)
+    for n in range(windows.shape[0]):
+        windows[n] = _blur_row(of_patches[n], windows[n, 0], windows[n, 1], intensity, soft, taps, padded)
 
 
 @njit(fastmath=_FAST)
@@ -250,15 +257,19 @@ def inner_products(
                 _view(k, edges, discs, lines, t_x, t_y, turned[end], u_first, pitch, cells, rays, at, 0, left, right)
             _exposure(lengths[0, PARAMETERS], lengths[1, PARAMETERS], raw, gain[k, 0], sizes, from_counts, row)
             at = lengths[2]
+            at[PARAMETERS] = 0.0
             for n in range(-1, number):
-                at[PARAMETERS] = 0.0
                 some = patch_edges[patches[n] : patches[n + 1]] if n >= 0 else corner_edges
                 _view(k, some, discs[:0], lines, t_x, t_y, angles, u_first, pitch, cells, rays, at, 0, left, right)
-                line = of_patches[n] if n >= 0 else row[_CORNERS]
-                for m in range(cells):
+                line, first, last = row[_CORNERS], 0, cells
+                if n >= 0:
+                    line = of_patches[n]
+                    first, last = windows[n] = _window(at[PARAMETERS])
+                for m in range(first, last):
                     line[m] = at[PARAMETERS, m] * chain[m]
+                    at[PARAMETERS, m] = 0.0
             if taps.size > 0:
-                _blur_rows(exposed[k], taps, from_counts, row, of_patches)
+                _blur_rows(exposed[k], taps, from_counts, row, of_patches, windows)
             _by_blur(blurred[k], from_counts, row)
             for m in range(cells):
                 across = (m + 0.5) / cells - 0.5
@@ -273,11 +284,9 @@ def inner_products(
                 for m in range(cells):
                     row[TERMS + n, m] = by_wood[n - of_modules, k, m]
             for n in range(number):
-                line = of_patches[n]
-                windows[n] = _window(line)
                 if from_counts:
                     for m in range(windows[n, 0], windows[n, 1]):
-                        line[m] /= 1.0 + added[k, m]
+                        of_patches[n, m] /= 1.0 + added[k, m]
             for m in range(cells):
                 chain[m] = math.sqrt(weights[k, m])
                 row[count, m] = chain[m] * (residual[k, m] - stripes[m])

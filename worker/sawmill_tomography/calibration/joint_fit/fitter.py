@@ -67,6 +67,9 @@ VIEW_ROUNDS = 3
 JOINING, MOST_JOINING = 6, 3
 # A fit goes over to another set of motions at most this often, and once where the patches of the wood are fitted.
 OTHER_SETS = 2
+# A group that leaves the fit after this number of rounds does not join it again: what it would explain is much alike
+# at the points with and without it, and the fit would go to and fro.
+EARLY = 2
 # In fewer views modules are only hidden ones: what few views leave looks like one.
 FEWEST_VIEWS = 12
 # A fit that ends before a step is small is good enough where the next step would move the geometry by no more than
@@ -182,7 +185,7 @@ class JointFitter:
         self.angle_variance, self.variance, self.converged = 0.0, 0.0, False
         self.correlation = 0.0
         self.sets: MotionSets | None = None
-        self.rounds = 0
+        self.rounds, self.gone = 0, set[Fitted]()
 
     def _of_effects(self, effects: Sequence[Effect]) -> list[Fitted]:
         return [
@@ -245,7 +248,7 @@ class JointFitter:
             self.waiting += self._of_effects(OF_WOOD)
             self.of_wood = True
         self.of_patches = self.of_patches or patches
-        self.rounds = 0
+        self.rounds, self.gone = 0, set[Fitted]()
 
     def go_over(self, on_step: OnStep, most: int) -> None:
         """Go on from a set of motions that is likelier than the fitted one, at most this often."""
@@ -284,6 +287,7 @@ class JointFitter:
         change = posterior.change() - sizes
         self._adopt(posterior, tried)
         dropped = [one for one in before if one not in self.fitted]
+        self.gone |= set(dropped) if self.rounds > EARLY else set()
         self.unneeded |= first_cells_of(dropped) - self.known_modules
         left = max(system.power - 2.0 * float(change @ system.score) + float(change @ system.normal @ change), 0.0)
         degrees = len(posterior.used) - float(posterior.precision @ np.diag(posterior.covariance))
@@ -329,7 +333,8 @@ class JointFitter:
         self.scatter = {each.one: scatter_of(posterior.resized(each, 0.0), each) for each in posterior.sizes}
         self.climb = climb = Climb(self.model, structured, self.scatter)
         most = MOST_JOINING if self.rounds <= JOINING else 0
-        best = climb.to(posterior, groups, most)
+        out = [group for group in groups if group.one in self.gone]
+        best = climb.to(posterior, groups, most, out)
         # What is found first replaces others: modules, an arc and waves are each tried first.
         of_cells = [group for group in groups if is_on_detector(group.one)]
         modules = [group for group in of_cells if is_module(group.one)]
@@ -341,9 +346,9 @@ class JointFitter:
             if all(group in best.sizes for group in some):
                 continue
             other = climb.to(bare, some, len(some))
-            other = climb.to(other, groups, most) if set(other.sizes) != set(bare.sizes) else other
+            other = climb.to(other, groups, most, out) if set(other.sizes) != set(bare.sizes) else other
             # As many groups may join both, before they are compared.
-            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells))) + BETTER:
+            if climb.weighed(other) > climb.weighed(climb.to(best, groups, len(of_cells), out)) + BETTER:
                 best = other
         return best, groups
 

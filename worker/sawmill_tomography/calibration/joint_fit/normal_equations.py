@@ -308,7 +308,8 @@ class ViewGrams:
         number, whole = len(columns), self._system([*columns, *self._patches])
         inverse, score = self._densities_alone(whole)
         taken, densities = inverse @ whole.normal[number:, :number], inverse @ score
-        explained = float(score @ densities) - self._density_precision * float(self._densities @ self._densities)
+        # The prior's part of the power, which is the score's change by the prior, is none of the residual.
+        explained = float(score @ densities) - float(self._densities @ (whole.score[number:] - score))
         return System(
             tuple(columns),
             self,
