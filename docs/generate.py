@@ -177,8 +177,9 @@ def reasons() -> str:
 
 
 def without_values(template: str) -> str:
-    """Return the template of a sentence with the names of its values in their places."""
-    named = re.sub(r"%\((\w+)\)\+?(?:\.\d)?[sdfg]", lambda place: place[1].replace("_", " ").upper(), template)
+    """Return the template of a sentence with the names of its values in their places, without units."""
+    names = r"%\((\w+?)(?:_mm|_deg|_rad|_percent)?\)\+?(?:\.\d)?[sdfg]"
+    named = re.sub(names, lambda place: place[1].replace("_", " ").upper(), template)
     return named.replace("%%", "%")
 
 
