@@ -41,6 +41,10 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt $(VENV)/.installed
 pins:
 	@$(PYTHON) installation/newer_pins.py
 
+# The digests of the wheels of bundle and image, after `make pins`. Some minutes.
+hashes: install-dev
+	@$(BIN)/python installation/wheel_hashes.py
+
 demo: install
 	@$(BIN)/sawmill demo --output demo-output
 

@@ -1,4 +1,4 @@
-"""Print requirements of pip for `make lowest`: the lowest versions that pyproject.toml allows, and pinned test tools."""
+"""Print what `make lowest` installs: the lowest versions that pyproject.toml allows, and pinned test tools."""
 
 import re
 import tomllib

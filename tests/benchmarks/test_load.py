@@ -15,11 +15,10 @@ def test_the_table_of_machines_follows_from_what_the_results_hold():
 
 
 @pytest.mark.nightly
-def test_the_quick_study_measures_everything(tmp_path, capsys):
+def test_the_quick_study_measures_everything(tmp_path):
     load.main(["--quick", "--results", str(tmp_path)], reference=lambda: 1.0)
-    load_values, values = (
-        json.loads((tmp_path / f"{name}.json").read_text())["values"] for name in ("load", "log-price")
-    )
+    files = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("load", "log-price"))
+    load_values, values = (file["values"] for file in files)
     (cell,), log = load_values["cells"], values["log"]
     assert (cell["database"], cell["workers"], cell["queued"]) == ("sqlite", 1, 10)
     assert all(cell[name] > 0.0 for name in cell.keys() - {"database"})
@@ -28,4 +27,3 @@ def test_the_quick_study_measures_everything(tmp_path, capsys):
     assert "| samples of a day | 2000 logs x 76.8 MB | 154 GB |" in values["day"]
     assert load_values.keys() == {"cells", "sqlite", "claim_growth", "first_page_growth"}
     assert values.keys() == {"log", "day", "sizing", "stay", "ends"}
-    assert "sqlite           1      10" in capsys.readouterr().out

@@ -354,8 +354,8 @@ def area(x: int, y: int, w: int, h: int) -> Iterator[tuple[int, int]]:
 def test_prometheus_evaluates_every_rule_on_a_service_and_notices_its_end(tmp_path):
     program = shutil.which("prometheus") or skip_without("prometheus is not installed")
     environment, address, file = dict(os.environ), f"127.0.0.1:{free_port()}", tmp_path / "prometheus.yml"
-    flags = {"config.file": file, "web.listen-address": address, "storage.tsdb.path": tmp_path / "series"}
-    command = [program, *(f"--{name}={value}" for name, value in flags.items())]
+    options = {"config.file": file, "web.listen-address": address, "storage.tsdb.path": tmp_path / "db"}
+    command = [program, *(f"--{name}={value}" for name, value in options.items())]
     client = httpx.Client(base_url=f"http://{address}", trust_env=False, transport=httpx.HTTPTransport(retries=9))
 
     def rules(what: str) -> dict[str, str]:
@@ -369,10 +369,8 @@ def test_prometheus_evaluates_every_rule_on_a_service_and_notices_its_end(tmp_pa
         with process(command, environment, tmp_path / "prometheus.log"):
             wait_until(lambda: client.get("/-/ready").is_success)
             wait_until(lambda: {*rules("health").values()} == {"ok"} and rules("state")["SawmillDown"] == "inactive")
-            lint = [str(Path(program).with_name("promtool")), "check", "metrics"]
-            found = subprocess.run(
-                lint, input=service.get("/metrics").text, capture_output=True, text=True, check=False
-            )
+            scrape, lint = service.get("/metrics").text, ["promtool", "check", "metrics"]
+            found = subprocess.run(lint, input=scrape, capture_output=True, text=True, check=False)
             # Its one complaint is about style: lengths are in millimetres, as everywhere in the product.
             assert [line for line in found.stderr.splitlines() if 'use base unit "meters"' not in line] == []
             os.kill(service.process_id, signal.SIGTERM)
