@@ -153,6 +153,10 @@ study-mill: install-dev
 study-production-logs: install-dev
 	@$(BIN)/python benchmarks/production_logs.py $(OPTIONS)
 
+# Images of logs that are turned between passages; half an hour. OPTIONS: --logs N, --views N, --size N, --shift-mm S.
+study-poses: install-dev
+	@$(BIN)/python benchmarks/log_poses.py $(OPTIONS)
+
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
@@ -180,6 +184,10 @@ measured: install-dev
 # The tables of docs/understand/wood.md, where the CT slice is; five minutes.
 wood: install-dev
 	@$(BIN)/python benchmarks/tree_disc.py
+
+# The errors that `auto` expects, and the real ones of ten logs and of the CT slice; eight minutes of a core.
+study-auto: install-dev
+	@$(BIN)/python benchmarks/expected_error.py --check
 
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 import results
 from asgi import asynchronous, scope_of
+from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
-from postgres_server import PostgresDatabases
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

@@ -6,8 +6,7 @@ from dataclasses import replace
 from html import unescape
 
 import pytest
-from asgi import refusal
-from page_text import absent
+from asgi import absent, refusal
 from results import FRAME, SCANNER_FORM, calibration_result, comparison
 
 from sawmill_contracts import kinds

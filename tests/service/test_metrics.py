@@ -22,8 +22,7 @@ import yaml
 from asgi import refusal
 from live_service import process, serving, wait_until
 from machine_faults import database_away
-from missing_parts import skip_without
-from ports import free_port
+from missing_parts import free_port, skip_without
 from prometheus_client.parser import text_string_to_metric_families
 
 from sawmill_contracts.calibrations import CalibrationRequest

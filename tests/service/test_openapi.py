@@ -10,8 +10,7 @@ from urllib.parse import unquote
 
 import pytest
 from contract_changes import version_tuple
-from documented import check_documented
-from example_requests import add_what_is_decided, with_file
+from documented import add_what_is_decided, check_documented, with_file
 from jsonschema import Draft202012Validator
 
 from sawmill_contracts.calibrations import CalibrationRequest

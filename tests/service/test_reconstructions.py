@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import tifffile
 from asgi import refusal
-from damaged_files import written_by_its_job
 from PIL import Image
-from results import THETA
+from results import THETA, written_by_its_job
 
-from sawmill_calibration.pictures.arrays import averaged
-from sawmill_calibration.pictures.windows import painted
+from sawmill_calibration.pictures.images import averaged
+from sawmill_calibration.pictures.pages import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap

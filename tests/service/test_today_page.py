@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
-from page_text import absent
+from asgi import absent
 from results import SCANNER_FORM, comparison
 from sqlalchemy import event
 

@@ -25,6 +25,7 @@ from sawmill_vocabulary import (
     Handedness,
     HardeningHandling,
     MetalHandling,
+    PoseHandling,
     Preference,
     ReconstructionMethod,
     Rotation,
@@ -164,6 +165,13 @@ class ReconstructionOptions(Contract):
         HardeningHandling.AUTO,
         description="Treatment of beam hardening and scattered radiation that the calibration found. `auto`: both "
         "are taken out of the line integrals before reconstruction. `none`: neither is taken out.",
+        examples=["auto"],
+    )
+    view_poses: PoseHandling = Field(
+        PoseHandling.AUTO,
+        description="Shift and roll of the log in each view. `auto`: found from the log where the scanner's object "
+        "turns between passages. `from-log`: found from the log. `none`: the log stands still in all views, as `fbp` "
+        "needs it.",
         examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(

@@ -11,8 +11,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheAlarms
 from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
 

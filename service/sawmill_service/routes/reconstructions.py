@@ -23,9 +23,8 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, check_slice, drawn_alpha_curve, result_of
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.described_answers import OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.responses.drawn import picture
@@ -150,7 +149,7 @@ def get_slice(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.images import image_png, image_png16
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         path = reconstructions.files.volume(reconstruction_id)
@@ -229,7 +228,7 @@ def get_side_view(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.log_pictures import side_view_png
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)

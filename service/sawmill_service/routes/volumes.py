@@ -19,9 +19,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import BYTES_PER_VALUE, check_slice, result_of, volume_thumbnail
-from sawmill_service.http.document.described_answers import NAMED, drawn, stored
+from sawmill_service.http.document.described_answers import NAMED, OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
 from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router
@@ -99,7 +98,7 @@ def get_slice_array(
     factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import averaged, npy
+        from sawmill_calibration.pictures.images import averaged, npy
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -139,8 +138,7 @@ def get_slice_jpeg(
     window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import averaged
-        from sawmill_calibration.pictures.images import jpeg
+        from sawmill_calibration.pictures.images import averaged, jpeg
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -179,7 +177,7 @@ def get_side_array(
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import npy
+        from sawmill_calibration.pictures.images import npy
         from sawmill_calibration.pictures.log_pictures import densest_of
         from sawmill_formats.output import volume_reader
 
@@ -265,6 +263,6 @@ def get_reconstruction_thumbnail(
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
     """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
-    from sawmill_calibration.pictures.windows import color_table
+    from sawmill_calibration.pictures.pages import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

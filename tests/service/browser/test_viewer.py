@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from damaged_files import written_by_its_job
 from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
+from results import written_by_its_job
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest

@@ -15,7 +15,7 @@ from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.files.verified_results import compute_digest, regular_status
-from sawmill_platform.keys import sessions
+from sawmill_platform.keys.key_store import SESSION_LASTS
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
@@ -66,7 +66,7 @@ class Paging(Given):
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
     fields: str | None = Field(
         None,
-        exclude=True,  # `short_items.py` reads it
+        exclude=True,  # `route_rules.py` reads it
         max_length=1000,
         pattern=r"^[a-z0-9_]+(,[a-z0-9_]+)*$",
         description="Fields of the items, with commas between, as `id,state`. Items then lack all others, also those "
@@ -121,7 +121,7 @@ def unchanging(answer: Response) -> Response:
 
     With another session or key, and after the logout, the browser requests it again.
     """
-    answer.headers["Cache-Control"] = f"private, max-age={int(sessions.LASTS.total_seconds())}, immutable"
+    answer.headers["Cache-Control"] = f"private, max-age={int(SESSION_LASTS.total_seconds())}, immutable"
     answer.headers["Vary"] = "Authorization, Cookie"
     return answer
 

@@ -80,7 +80,7 @@ def calibrate(page: ThePage, store: TheStore, settings: TheSettings, where: TheW
 @router.get(CALIBRATE + "/{inspection_id}/{name}")
 def scan_picture(inspection_id: Identifier, name: ScanPicture, request: Request, files: TheFiles) -> Response:
     """Return the picture of the scan in a file that was inspected."""
-    from sawmill_calibration.pictures.arrays import grey_png  # noqa: PLC0415 - no other step needs it
+    from sawmill_calibration.pictures.images import grey_png  # noqa: PLC0415 - no other step needs it
 
     grey = files.result(kinds.INSPECT, inspection_id, name).read_bytes()
     return picture(request, grey, lambda: grey_png(grey, PICTURE_PX))
