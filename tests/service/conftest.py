@@ -235,10 +235,10 @@ class FakeWorker:
         assert claim is not None
         return claim
 
-    def finish_scan(self, lines: np.ndarray | None = None) -> None:
+    def finish_scan(self, lines: np.ndarray | None = None, **changes: Any) -> None:
         lines = projections() if lines is None else lines
         shape = dict(zip(("views", "rows", "detector"), lines.shape, strict=True))
-        result = {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)}
+        result = {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)} | changes
         self._finish(partial(write_scan, lines=lines), result)
 
     def finish_tracing(self) -> None:

@@ -192,7 +192,7 @@ def addresses(html: str) -> list[str]:
 
 
 def test_every_link_and_picture_of_every_page_leads_somewhere(client):
-    seen, waiting, broken = {}, ["/help"], []
+    seen, waiting, broken = {}, ["/help", "/help/.fi"], []
     while waiting:
         address = waiting.pop()
         answer = client.get(address, headers=BROWSER)
@@ -244,6 +244,7 @@ def test_a_page_is_rendered_in_the_reader_s_language_as_the_repository_s_host_re
     assert "<td><code>queue-full</code></td>" in page
     everything = "".join(document.html for document in all_documents("en"))
     assert not re.search("(?<!<code>)&lt;!--", re.sub("<pre.*?</pre>", "", everything, flags=re.DOTALL)), "a comment"
+    assert '<h1 id="ohjeet">' in client.get("/help", headers=BROWSER | {"Accept-Language": "fi"}).text
     finnish = client.get("/help/do/technician", headers=BROWSER | {"Accept-Language": "fi"}).text
     assert '<article class="card" lang="fi">' in finnish
     assert 'href="/help/do/technician.en" lang="en" hreflang="en"' in finnish

@@ -208,7 +208,8 @@ def list_measurements(
 )
 def get_scanner_step(scanner_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next, by the newest calibration, movement, failures, alarms and what is in use."""
-    return condition_of(store, store.scanners.get(scanner_id)).step.answer
+    condition = condition_of(store, store.scanners.get(scanner_id))
+    return condition.step.answer.model_copy(update={"known": condition.known})
 
 
 @router.get(

@@ -113,7 +113,7 @@ def get_slice_array(
             headers["X-Height-Mm"] = repr(image.height_mm)
         return npy(averaged(image.data, factor)), headers
 
-    name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
+    name = f"{reconstructions.file_name(reconstruction_id)}, slice {index}.npy"
     made_of, size_bytes = (reconstruction_id, index, factor, "npy"), _slice_bytes(result)
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
@@ -185,7 +185,7 @@ def get_side_array(
         most = (query.max_size or slices, query.max_size or max(size))
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
-    name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
+    name = f"{reconstructions.file_name(reconstruction_id)}, side along {query.along}.npy"
     size_bytes = BYTES_PER_VALUE * slices * max(size)
     made_of = (reconstruction_id, "side", query, "npy")
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
@@ -240,7 +240,7 @@ def _export(
             yield image.data.astype("<f4", copy=False).reshape(-1).data.cast("B")
 
     length = len(header) + _FLOAT32_BYTES * math.prod(shape)
-    name = f"reconstruction-{reconstruction_id}.{suffix}"
+    name = f"{reconstructions.file_name(reconstruction_id)}.{suffix}"
     return exported(request, answer, length, _slice_bytes(result) + len(header), pieces(), save_as=name)
 
 

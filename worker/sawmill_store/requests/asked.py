@@ -15,15 +15,16 @@ from sqlalchemy.orm import Session
 from sawmill_contracts import calibrations, mill_events
 from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
-from sawmill_contracts.reconstructions import Reconstruction, ReconstructionRequest
+from sawmill_contracts.reconstructions import MOST_MARKS, MarkRequest, Reconstruction, ReconstructionRequest
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import ScanShape
 from sawmill_platform.contracts.base import Contract, Page
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import created_between, found, hold, narrowed, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import JobRow
+from sawmill_platform.database.tables import JobRow, Json
 from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.jobs.queue_limits import Places, queue_job
 from sawmill_platform.ledger.audit import changed
@@ -263,13 +264,39 @@ class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
             There is no such reconstruction.
         """
         with self._database.write() as session:
-            hold(
-                session, mill_tables.ReconstructionRow, "reconstruction", identifier
-            )  # the rules may remove it at any time
-            row = found_asked(session, self._declared, identifier)
-            assert isinstance(row, mill_tables.ReconstructionRow)  # noqa: S101 - the table of the kind
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier, lock=True)
             if difference := changed({"name": row.name}, {"name": name}):
-                row.name, now = name, self._database.now()
-                kind, group_id = mill_events.RECONSTRUCTION_RENAMED, row.scanner_id
-                announce(session, now, kind, "reconstruction", identifier, group_id=group_id, decided=difference)
+                row.name = name
+                self._announce(session, row, mill_events.RECONSTRUCTION_RENAMED, difference)
             return self._read(row)
+
+    def mark(self, identifier: str, mark_id: str, mark: MarkRequest | None) -> Reconstruction:
+        """Keep a mark with a reconstruction, in place of the one of the same id; None removes it, if it is there.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such reconstruction, or it has the largest number of marks.
+        """
+        with self._database.write() as session:
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier, lock=True)
+            before = {each["id"]: each for each in row.marks}
+            after = before | {mark_id: {"id": mark_id, **mark.model_dump(mode="json")} if mark else None}
+            if difference := changed(before, after):
+                row.marks = [each for each in after.values() if each]
+                if len(row.marks) > MOST_MARKS:
+                    raise Conflict("too-many-marks", f"{identifier!r} has {MOST_MARKS} marks already: remove one")
+                self._announce(session, row, mill_events.RECONSTRUCTION_MARKED, difference)
+            return self._read(row)
+
+    def file_name(self, identifier: str) -> str:
+        """Return the name of a reconstruction's files: its own, or that of its scanner and its number there."""
+        with self._database.read() as session:
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier)
+            scanner = found(session, mill_tables.ScannerRow, "scanner", row.scanner_id)
+            return row.name or f"{scanner.spec['name']}-{row.number}"
+
+    def _announce(self, session: Session, row: mill_tables.ReconstructionRow, kind: EventType, decided: Json) -> None:
+        """Add an event of a person's change."""
+        now, group_id = self._database.now(), row.scanner_id
+        announce(session, now, kind, "reconstruction", row.id, group_id=group_id, decided=decided)

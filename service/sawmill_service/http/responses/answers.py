@@ -1,9 +1,12 @@
 """Answers that several routes share: accepted work and files, with 304."""
 
 import os
+import re
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, cast
+from urllib.parse import quote
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
@@ -108,9 +111,17 @@ def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
     return {"ETag": tag_of(digest), "Repr-Digest": repr_digest(digest), **_saved(disposition, name)}
 
 
+def disposed(disposition: str, name: str) -> str:
+    """Return a `Content-Disposition` with a file's name: in ASCII, and where letters are lost, in full (RFC 6266)."""
+    safe = re.sub(r'[\\/:*?"<>|;%\x00-\x1f]', "-", name)
+    plain = unicodedata.normalize("NFKD", safe).encode("ascii", "ignore").decode()
+    in_full = "" if plain == safe else f"; filename*=UTF-8''{quote(safe, safe='')}"
+    return f'{disposition}; filename="{plain}"{in_full}'
+
+
 def _saved(disposition: str, name: str) -> dict[str, str]:
     return {
-        "Content-Disposition": f'{disposition}; filename="{name}"',
+        "Content-Disposition": disposed(disposition, name),
         "Accept-Ranges": "bytes",
         "Cache-Control": CACHING,
     }

@@ -243,7 +243,7 @@ def precondition(
     headers = Headers({} if if_match is None else {"If-Match": if_match})
 
     def check(resource: Contract) -> None:
-        check_conditions(headers, _tag_of(resource))
+        check_conditions(headers, edit_tag(resource))
 
     return check
 
@@ -253,10 +253,11 @@ ThePrecondition = Annotated[Check[Contract], Depends(precondition)]
 
 def tagged(response: Response, resource: Resource) -> Resource:
     """Set the tag of an answer with a resource that can be replaced, and return the resource."""
-    response.headers["ETag"] = _tag_of(resource)
+    response.headers["ETag"] = edit_tag(resource)
     return resource
 
 
-def _tag_of(resource: Contract) -> str:
+def edit_tag(resource: Contract) -> str:
+    """Return the tag of the fields of a resource that an editor replaces."""
     replaced = resource.model_dump_json(include=set(_REPLACED[type(resource)]))
     return f'"{hashlib.sha256(replaced.encode()).hexdigest()[:32]}"'

@@ -20,7 +20,7 @@ from starlette.requests import ClientDisconnect
 from starlette.types import Message, Receive, Scope, Send
 
 from sawmill_service.http.limits.rates import who
-from sawmill_service.http.responses.answers import Png, describing, file, name_of, one_part
+from sawmill_service.http.responses.answers import Png, describing, disposed, file, name_of, one_part
 from sawmill_service.http.responses.conditional import Digests, check_conditions, key_of, tag_of
 from sawmill_service.http.responses.waiting import until_gone
 
@@ -235,7 +235,7 @@ def exported(
 ) -> Response:
     """Return a file of `length` bytes that is written while it is sent, in `size_bytes` of memory."""
     headers = {
-        "Content-Disposition": f'attachment; filename="{save_as}"',
+        "Content-Disposition": disposed("attachment", save_as),
         "Content-Length": str(length),
         "Cache-Control": "no-store",
     }

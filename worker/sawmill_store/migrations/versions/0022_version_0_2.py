@@ -164,6 +164,7 @@ def _number_logs() -> None:
     """Number each scanner's logs from the first on; the reconstructions of one scan show the same log."""
     op.add_column("reconstructions", sa.Column("number", INTEGER, nullable=False, server_default="0"))
     op.add_column("reconstructions", sa.Column("name", NAME, nullable=True))
+    op.add_column("reconstructions", sa.Column("marks", JSON, nullable=False, server_default="[]"))
     numbers: dict[str, dict[str, int]] = {}
     ordered = "SELECT id, scanner_id, scan_id FROM reconstructions ORDER BY created_at, id"
     for identifier, scanner_id, scan_id in op.get_bind().execute(sa.text(ordered)).all():
