@@ -180,7 +180,7 @@ class CalibrationLimits(Contract):
 
     @classmethod
     def of(cls, tolerances: Tolerances, log_radius_mm: float | None = None) -> Self:
-        """Return the limits by the tolerances of a scanner, inside the disc of its largest log."""
+        """Return the limits by the tolerances of a scanner, inside the disc of the largest log."""
         of_rays, of_scale = tolerances.predicted_ray_error_mm, tolerances.scale_percent
         return cls(tolerance_mm=of_rays, scale_tolerance_percent=of_scale, log_radius_mm=log_radius_mm)
 
@@ -581,7 +581,7 @@ class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, F
 
     @property
     def other_explanations(self) -> list[CodedReason]:
-        """The explanations without that of the scanner's movement, which the comparison has."""
+        """The explanations but the scanner's movement, which the comparison has."""
         moved = None if self.comparison is None else self.comparison.reason
         return [each for each in self.explanations if each.sentence != moved]
 
