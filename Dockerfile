@@ -4,15 +4,11 @@ ARG BASE=python:3.11-slim-bookworm
 FROM ${BASE} AS build
 RUN python -m venv /opt/sawmill
 # The dependencies are a layer of their own, which a change of the sources leaves as it is.
-COPY pyproject.toml constraints.txt /src/
-RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml', 'rb'))['project']; \
-               extras = [project['optional-dependencies'][name] for name in ('service', 'celery', 'postgresql')]; \
-               needed = [*project['dependencies'], *sum(extras, [])]; \
-               print(*(each for each in needed if not each.startswith(project['name'])), sep='\n')" > /src/needed.txt \
- && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt --requirement /src/needed.txt \
+COPY installation/hashes.txt /src/
+RUN /opt/sawmill/bin/pip install --no-cache-dir --no-deps --only-binary=:all: --require-hashes --requirement /src/hashes.txt \
 # A service runs no library's tests.
  && find /opt/sawmill/lib -depth -type d \( -name tests -o -name test \) -path '*/site-packages/*' -exec rm -r {} +
-COPY README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE docker-compose.yml /src/
+COPY pyproject.toml README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE docker-compose.yml /src/
 COPY docs /src/docs
 COPY examples /src/examples
 COPY service /src/service

@@ -41,6 +41,10 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt $(VENV)/.installed
 pins:
 	@$(PYTHON) installation/newer_pins.py
 
+# The digests of the wheels of bundle and image, after `make pins`. Some minutes.
+hashes: install-dev
+	@$(BIN)/python installation/wheel_hashes.py
+
 demo: install
 	@$(BIN)/sawmill demo --output demo-output
 
@@ -66,13 +70,17 @@ nightly: install-dev
 	@$(BIN)/python -m tests.faults.inject_faults
 	@$(BIN)/python tests/faults/planted.py
 
-# The quick tests with the lowest versions that pyproject.toml allows. Ten minutes.
+# The quick tests with the lowest versions that pyproject.toml allows. Ten minutes. HDF5 1.14 writes no file that is as
+# hostile as two of the tests need.
 lowest:
 	@rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
-	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --constraint .venv-lowest/lowest.txt \
-		--editable '.[dev]'
-	@.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" tests/tomography tests/formats tests/mill tests/store
+	@.venv-lowest/bin/python -m pip --disable-pip-version-check install --quiet --requirement .venv-lowest/lowest.txt \
+		--editable '.[all]'
+	@# Versions of Numba overwrite each other's kernels: these have a folder of their own.
+	@export NUMBA_CACHE_DIR=$(CURDIR)/.venv-lowest/kernels && .venv-lowest/bin/sawmill compile && \
+		.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" \
+		-k "not chunk_inflates_to_2_gib and not chunk_that_unpacks_to_more" tests/tomography tests/formats tests/mill tests/store
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel

@@ -127,15 +127,15 @@ def sizing_table(log: Figures, rest_mib: float) -> list[list[str]]:
     return rows
 
 
-def ends_table(figures: Figures, cores: int) -> list[list[str]]:
+def ends_table(log: Figures, cells: Sequence[Figures], cores: int) -> list[list[str]]:
     """Tabulate a day's needs of one machine, what the measured one has, and the number of lines that it serves."""
-    read_h, fbp_h, few_h = hours_of(figures["log"])
+    read_h, fbp_h, few_h = hours_of(log)
     per_s = 2 * LOGS / (3600.0 * SHIFT_H)
     network = day_bytes() / (3600.0 * SHIFT_H) / MBIT
-    working = [cell for cell in figures["cells"] if cell["finished_per_s"] is not None]
+    working = [cell for cell in cells if cell["finished_per_s"] is not None]
     needs = [
         ("a network of 1 Gbit/s", network, 1000.0, "Mbit/s"),
-        ("accepting, the slowest measured", per_s, min(cell["accepted_per_s"] for cell in figures["cells"]), "jobs/s"),
+        ("accepting, the slowest measured", per_s, min(cell["accepted_per_s"] for cell in cells), "jobs/s"),
         (
             "the life of a job, the slowest measured",
             per_s,
@@ -144,7 +144,7 @@ def ends_table(figures: Figures, cores: int) -> list[list[str]]:
         ),
         ("processors, reading and `fbp`", (read_h + fbp_h) / SHIFT_H, cores, "cores"),
         (
-            f"processors, reading and `{figures['log']['few_method']}`",
+            f"processors, reading and `{log['few_method']}`",
             (read_h + few_h) / SHIFT_H,
             cores,
             "cores",
@@ -171,24 +171,26 @@ def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
     ]
 
 
-def derived(figures: Figures, cores: int) -> Figures:
-    """Derive the tables and ratios of the page from what was measured, by the names that its marks have."""
-    log, cells = figures.get("log"), figures["cells"]
-    made: Figures = {}
-    if log is not None:
-        made["day"] = _markdown(["what", "computed", "amount"], day_table(log))
-        rest_mib = max((cell["api_mib"] + cell["worker_mib"] for cell in cells if cell["workers"] == 1), default=0.0)
-        made["sizing"] = _markdown(
-            ["lines", "logs a day", "method", "cores", "memory", "disk: 14 days of scans", "and of all volumes"],
-            sizing_table(log, rest_mib),
-        )
-        made["stay"] = _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(log))
-    if log is not None and any(cell["workers"] for cell in cells):
-        made["ends"] = _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures, cores))
+def log_tables(log: Figures, cells: Sequence[Figures], cores: int) -> Figures:
+    """Derive what a day of such logs needs, by the names that the pages' marks have.
+
+    `cells` are what the load of a line was measured to be, for the memory at rest and the jobs a second.
+    """
+    rest_mib = max(cell["api_mib"] + cell["worker_mib"] for cell in cells if cell["workers"] == 1)
+    sizing = ["lines", "logs a day", "method", "cores", "memory", "disk: 14 days of scans", "and of all volumes"]
+    return {
+        "day": _markdown(["what", "computed", "amount"], day_table(log)),
+        "sizing": _markdown(sizing, sizing_table(log, rest_mib)),
+        "stay": _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(log)),
+        "ends": _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(log, cells, cores)),
+    }
+
+
+def load_tables(cells: Sequence[Figures]) -> Figures:
+    """Derive the tables of both databases and the ratios, by the names that the pages' marks have."""
     heads = ["workers", "queued", "accepted/s", "finished/s", "claim, ms", "first page, ms", "deep page, ms"]
     heads += ["API, MiB", "workers, MiB"]
-    for name in ("claim_ms", "first_page_ms"):
-        made[f"{name.removesuffix('_ms')}_growth"] = _growth(cells, name)
+    made: Figures = {f"{name}_growth": _growth(cells, f"{name}_ms") for name in ("claim", "first_page")}
     for database in dict.fromkeys(cell["database"] for cell in cells):
         made[database] = _markdown(heads, load_table(cells, database), numbers=True)
     return made

@@ -7,12 +7,13 @@
 filled to a length with plans of a calibration, which are short jobs. Measured are finished jobs a second, by the
 events; then, while the workers go on, asks a second by four clients over HTTP, the first and a deep page of
 `GET /v1/jobs` (50 jobs), a claim in addition to the workers', and the proportional set size of the API and of all
-other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. A run of both parts on
-both databases writes `benchmarks/results/load.json`, from which the pages have their tables. A smaller one only
-prints, unless `--results` names a folder.
+other processes: `load.json` in `benchmarks/results`, from which the pages have their tables. `log` is the price of one
+log of a line, which is sent, read and reconstructed: `log-price.json`, in two minutes. A run with `--quick`, or on one
+database, only prints, unless `--results` names a folder.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 from collections import defaultdict
@@ -25,7 +26,7 @@ from typing import Any
 import httpx
 from filled_line import Line
 from job_price import name_of, processes, pss_mib
-from line_day import ROWS, derived
+from line_day import ROWS, load_tables, log_tables
 from log_price import FEW, FEW_ROWS, price_of_a_log
 from measurement import RESULTS, Measurement, reference_s
 
@@ -130,7 +131,7 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
     if chosen.quick:
         chosen.databases, chosen.workers, chosen.queued, chosen.jobs, chosen.asks = ("sqlite",), (1,), (10,), 3, 2
     log = (8, (2, 4), ReconstructionMethod.FBP) if chosen.quick else (ROWS, FEW_ROWS, FEW)
-    complete = not chosen.quick and len({*chosen.parts}) == len({*chosen.databases}) == 2
+    complete = not chosen.quick and len({*chosen.databases}) == 2
     folder = chosen.results or (RESULTS if complete else None)
     measurement = Measurement.begin(
         "worker/sawmill_platform",
@@ -138,9 +139,8 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
         "worker/sawmill_tomography/reconstruction",
         reference=reference,
     )
-    values: Figures = {"cells": []}
-    if "log" in chosen.parts:
-        values["log"] = price_of_a_log(*log)
+    price = price_of_a_log(*log) if "log" in chosen.parts else None
+    cells: list[Figures] = []
     print("database   workers  queued accepted/s finished/s claim, ms page, ms  deep, ms  API MiB workers MiB")
     with ExitStack() as stack:
         temporary = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-load-")))
@@ -150,9 +150,14 @@ def main(arguments: list[str] | None = None, reference: Callable[[], float] = re
             for workers in chosen.workers:
                 for cell in measured_cells(new_url(), database, workers, chosen.queued, chosen.jobs, chosen.asks):
                     print_cell(cell)
-                    values["cells"].append(cell)
+                    cells.append(cell)
+    results = {"load": {"cells": cells} | load_tables(cells)} if cells else {}
+    if price is not None:
+        stored = json.loads((RESULTS / "load.json").read_text())["values"]["cells"]
+        known = cells if cells and 1 in chosen.workers else stored
+        results["log-price"] = {"log": price} | log_tables(price, known, measurement.conditions["cores"])
     if folder is not None:
-        measurement.write({"load": values | derived(values, measurement.conditions["cores"])}, folder)
+        measurement.write(results, folder)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import re
 import sys
 import tempfile
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from http import HTTPStatus
 from pathlib import Path
@@ -39,7 +39,13 @@ from sawmill_service.routes.scanners import COLUMNS
 from sawmill_service.serving import no_wake
 from sawmill_service.settings import ServiceSettings
 from sawmill_store.store import Store
+from sawmill_vocabulary.calibration_messages import CalibrationMessage, ResidualMessage
+from sawmill_vocabulary.image_messages import ImageMessage
+from sawmill_vocabulary.messages import Message
+from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
 from sawmill_vocabulary.physics import Physics
+from sawmill_vocabulary.reading_messages import PreparingMessage, ReadingMessage
+from sawmill_vocabulary.scan_messages import AdjustmentMessage, EffectMessage
 
 DOCUMENTS = Path(__file__).resolve().parent
 SHELVES = {
@@ -147,6 +153,34 @@ def codes() -> str:
 def code_rows(kinds: Iterable[ProblemType]) -> Iterator[tuple[str, str, str]]:
     """Yield a row for each kind of problem."""
     yield from ((code(kind.code), f"**{kind.title}**: {kind.when}", kind.what_to_do) for kind in kinds)
+
+
+MESSAGES: Mapping[str, Sequence[type[Message]]] = {
+    "Verdict": (CalibrationMessage, ResidualMessage),
+    "Adjustments: effects that are fitted": (EffectMessage,),
+    "Adjustments: samples, cells, views": (AdjustmentMessage,),
+    "Movements": (MovementMessage, LogMessage),
+    "Remarks on a file": (ReadingMessage, PreparingMessage),
+    "Remarks on an image": (ImageMessage,),
+}
+
+
+def reasons() -> str:
+    """Return the page of the messages with codes: what results and scans say, and what to do."""
+    page = "# Reasons and remarks\n\nEvery code of `coded_reasons`, `coded_adjustments`, `coded_reason` and remarks, "
+    page += "with its sentences.\n\nNames in capitals stand for the values that come with the code.\n"
+    for heading, kinds in MESSAGES.items():
+        members = [member for kind in kinds for member in kind if member.headline or member.action]
+        rows = ((code(member), *map(without_values, (member.headline, member.action))) for member in members)
+        page += f"\n## {heading}\n\n" + table(("code", "what is said", "what to do"), rows)
+    return page
+
+
+def without_values(template: str) -> str:
+    """Return the template of a sentence with the names of its values in their places, without units."""
+    names = r"%\((\w+?)(?:_mm|_deg|_rad|_percent)?\)\+?(?:\.\d)?[sdfg]"
+    named = re.sub(names, lambda place: place[1].replace("_", " ").upper(), template)
+    return named.replace("%%", "%")
 
 
 def settings() -> str:
@@ -275,6 +309,7 @@ def title_and_sentence(text: str) -> tuple[str, str]:
 PAGES: dict[str, Callable[[], str]] = {
     "look-up/routes.md": routes,
     "look-up/codes.md": codes,
+    "look-up/reasons.md": reasons,
     "look-up/settings.md": settings,
     "look-up/metrics.md": metrics,
     "look-up/commands.md": commands,

@@ -43,6 +43,7 @@ DOCUMENTS = (
     ),
     *("docs", "examples", "openapi", "installation/install.sh"),
 )
+HASHES = Path("installation/hashes.txt")
 # The generated client needs them (openapi/clients/templates/pyproject.toml.jinja).
 CLIENT_NEEDS = ("attrs", "httpx")
 # Size of an installation as a multiple of its unpacked wheels: bytecode, compiled kernels and pip are added.
@@ -77,7 +78,7 @@ def build(root: Path, target: Path, kept: Path) -> Path:
     Raises
     ------
     BundleError
-        A package is not pinned or not installed.
+        A package is not pinned or not installed, or its wheel has another digest.
     subprocess.CalledProcessError
         git or pip failed, and has printed why.
     """
@@ -91,7 +92,8 @@ def build(root: Path, target: Path, kept: Path) -> Path:
         for name in DOCUMENTS:
             copy = shutil.copytree if (source / name).is_dir() else shutil.copy
             copy(source / name, content / Path(name).name)
-        fetch(pinned(source), kept, content / "wheels")
+        fetch(pinned(source), hashed(source), kept, content / "wheels")
+        check(content / "wheels", hashed(source))
         make_wheels(source, content / "wheels", committed_at)
         wheels = sorted((content / "wheels").glob("*.whl"))
         facts = described(wheels)
@@ -169,15 +171,35 @@ def export(root: Path, folder: Path) -> None:
         tar.extractall(folder, filter="data")
 
 
-def fetch(packages: Mapping[str, str], kept: Path, folder: Path) -> None:
-    """Collect the wheels of these versions; wheels that an earlier bundle fetched are reused."""
+def fetch(packages: Mapping[str, str], lines: Mapping[str, str], kept: Path, folder: Path) -> None:
+    """Collect the wheels of these versions and digests; wheels that an earlier bundle fetched are reused."""
     kept.mkdir(parents=True, exist_ok=True)
     asked = {name: Version(version) for name, version in packages.items()}
-    missing = [f"{name}=={version}" for name, version in asked.items() if name not in held(asked, kept)]
+    missing = [lines.get(name, name) for name in asked if name not in held(asked, kept)]
     if missing:
-        pip("download", "--no-deps", "--only-binary=:all:", "--dest", kept, *missing)
+        (needed := kept / "missing.txt").write_text("\n".join(missing))
+        pip("download", "--no-deps", "--only-binary=:all:", "--require-hashes", "--dest", kept, "--requirement", needed)
     for wheel in held(asked, kept).values():
         shutil.copy(wheel, folder)
+
+
+def hashed(root: Path) -> dict[str, str]:
+    """Return the lines of hashes.txt by package: requirements of pip, with the digest of each wheel."""
+    return {line.split("==")[0]: line for line in (root / HASHES).read_text().splitlines()}
+
+
+def check(folder: Path, lines: Mapping[str, str]) -> None:
+    """Compare the wheels in a folder with their digests.
+
+    Raises
+    ------
+    BundleError
+        A wheel has another digest, or its package is not among the lines.
+    """
+    for wheel in sorted(folder.glob("*.whl")):
+        if f"--hash=sha256:{digest(wheel)}" not in lines.get(parse_wheel_filename(wheel.name)[0], "").split():
+            msg = f"{wheel.name} is not a wheel of {HASHES}: remove it from build/wheels. After make pins: make hashes"
+            raise BundleError(msg)
 
 
 def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:

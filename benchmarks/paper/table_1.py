@@ -1,15 +1,16 @@
 """The paper's Table 1: both phantoms, five runs each, the paper's printed results next to the product's two methods."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scans import TRUE_THETA, sources
+from scans import GRID, TRUE_THETA, log_image, sources
 
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.printed import TABLE_1, PrintedRun, judge
 from paper.searches import MadeOf, default_unit, odl_unit, paper_unit
-from sawmill_tomography.geometry.geometry import to_vector
+from sawmill_tomography.geometry.geometry import Theta, to_vector
 
 # Rays that are off by more are of no run whose log came out with a relative error of a tenth.
 MOST_CREDIBLE_MM = 5.0
@@ -114,8 +115,22 @@ HEADER = (
 )
 
 
-def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG001 - a table alone has no pictures
-    """Format one table for each scan, and sentences about its contents."""
+def draw_gallery(thetas: Sequence[Sequence[float]], path: Path) -> None:
+    """Draw the log's FBP with the true theta, and with each theta of a method's runs."""
+    given = [("true theta", TRUE_THETA)]
+    given += [(f"paper, run {number}", Theta.from_vector(np.array(theta))) for number, theta in enumerate(thetas, 1)]
+    images = [(words, log_image(sources()[0], theta)) for words, theta in given]
+    limits = (float(np.percentile(images[0][1], 5.0)), float(np.percentile(images[0][1], 99.8)))
+    drawn = pictures.figure(8.4, 5.8)
+    for axes, (words, image) in zip(drawn.subplots(2, 3).ravel(), images, strict=False):
+        pictures.show_image(axes, image, GRID.field_mm, limits, words)
+    pictures.save_greys(drawn, path)
+
+
+def section(plan: Plan, results: Results, folder: Path) -> Values:
+    """Draw the log with the thetas of the first scan; format one table for each scan, and sentences about it."""
+    of_the_first = runs(plan, *scans()[0])["paper"]
+    draw_gallery([results[unit.name]["theta"] for unit in of_the_first], folder / "table-1.png")
     parts = []
     for number, (phantom, made_of) in enumerate(scans()):
         methods = runs(plan, phantom, made_of)

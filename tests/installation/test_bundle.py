@@ -33,6 +33,7 @@ def test_the_packages_are_those_of_product_and_client_and_of_all_that_they_need(
     of_the_client = {Requirement(text).name for text in tomllib.loads(template)["project"]["dependencies"]}
     needed = of_the_product - {"tbb"} | {"llvmlite", "starlette", "psycopg-binary"} | of_the_client
     assert needed <= packed.keys()
+    assert {line.split()[0] for line in bundle.hashed(ROOT).values()} == {"==".join(item) for item in packed.items()}
     of_tests = {canonicalize_name(Requirement(text).name) for text in project["optional-dependencies"]["dev"]}
     assert packed.keys() & of_tests <= of_the_product | {"packaging"}  # which a package of the product needs too
     # Needed before Python 3.11.3, whatever this one is.
@@ -43,12 +44,15 @@ def test_the_packages_are_those_of_product_and_client_and_of_all_that_they_need(
     assert needed <= packed.keys()
 
 
-def test_a_package_without_a_pin_is_refused(tmp_path):
+def test_a_package_without_a_pin_and_a_wheel_of_another_digest_are_refused(tmp_path):
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
     pins = (ROOT / "constraints.txt").read_text()
     (tmp_path / "constraints.txt").write_text(re.sub(r"^llvmlite==.*\n", "", pins, flags=re.MULTILINE))
     with pytest.raises(bundle.BundleError, match=r"llvmlite is not in constraints\.txt: pin it there"):
         bundle.pinned(tmp_path)
+    (tmp_path / "attrs-1.0-py3-none-any.whl").write_bytes(b"another")
+    with pytest.raises(bundle.BundleError, match=r"attrs-1\.0-py3-none-any\.whl is not a wheel of installation/hashes"):
+        bundle.check(tmp_path, bundle.hashed(ROOT))
 
 
 def test_an_archive_depends_on_its_content_alone(tmp_path):

@@ -191,7 +191,7 @@ def test_pins_are_renewed_in_place_and_new_packages_are_added():
 def test_all_requirements_but_the_product_s_own_are_resolved():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     wanted = requirements(project)
-    assert {"numpy>=2.1", "psycopg[binary]>=3.3.9", "pytest"} <= {text.split(";")[0].strip() for text in wanted}
+    assert {"numpy>=2.2", "psycopg[binary]>=3.3.9", "pytest"} <= {text.split(";")[0].strip() for text in wanted}
     assert not [text for text in wanted if text.startswith(project["name"])]
     # The client's generator without typer.
     needed = ["attrs>=22.2.0", "typer<0.20,>0.16", "ruff>=0.2", 'pytest; extra == "dev"']

@@ -87,7 +87,7 @@ class CalibrationOptions(Contract):
     )
     log_rows: Rows | None = Field(
         None,
-        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. "
+        description="Detector rows A:B that show a log beside the phantom, which gives u_c and tilt too. "
         "Default: the rows in which a log is found.",
         examples=["20:28"],
     )
@@ -180,7 +180,7 @@ class CalibrationLimits(Contract):
 
     @classmethod
     def of(cls, tolerances: Tolerances, log_radius_mm: float | None = None) -> Self:
-        """Return the limits by the tolerances of a scanner, inside the disc of its largest log."""
+        """Return the limits by the tolerances of a scanner, inside the disc of the largest log."""
         of_rays, of_scale = tolerances.predicted_ray_error_mm, tolerances.scale_percent
         return cls(tolerance_mm=of_rays, scale_tolerance_percent=of_scale, log_radius_mm=log_radius_mm)
 
@@ -575,13 +575,13 @@ class CalibrationResult(Provenance, Judged, PhantomFit, PhantomPose, Accuracy, F
     )
     log_check: LogCheck | None = Field(
         None,
-        description="The log next to the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        description="u_c and tilt from the log next to the phantom; null where the scan shows none, "
         "or has fewer than 8 views.",
     )
 
     @property
     def other_explanations(self) -> list[CodedReason]:
-        """The explanations without that of the scanner's movement, which the comparison has."""
+        """The explanations but the scanner's movement, which the comparison has."""
         moved = None if self.comparison is None else self.comparison.reason
         return [each for each in self.explanations if each.sentence != moved]
 

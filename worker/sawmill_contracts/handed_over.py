@@ -14,7 +14,7 @@ from sawmill_platform.contracts.attempts import AttemptInput
 class HandedOver(AttemptInput):
     """Rows that the job's own row refers to; null where it refers to none."""
 
-    asked_json: str | None = None  # the job's row, of its kind's contract; null: the job reads an upload
+    asked_json: str | None = None  # the job's row, by the contract of the kind; null: the job reads an upload
     scan: Scan | None = None
     scanner: StoredScanner | None = None
     phantom: StoredPhantom | None = None

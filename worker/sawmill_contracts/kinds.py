@@ -1,4 +1,4 @@
-"""Kinds of jobs that somebody asks for: each declares requests, answers and references.
+"""Kinds of jobs that clients request: each declares requests, answers and references.
 
 A kind has a name and the plural of what it works on, by which everything else is found:
 
@@ -74,7 +74,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     # Maps the request to the scope that a key needs for it: `submit` for work alone.
     needed_scope: Callable[[Ask], Scope] = lambda _: Scope.SUBMIT
     asked_at: str | None = None  # path of the request, if not /v1/<plural>; the path may contain a reference's id
-    tag: str | None = None  # the group of its routes, if not <plural>
+    tag: str | None = None  # the group of the routes, if not <plural>
     about: str | None = None  # description of the group <plural> in the public document; None with `tag`
     processor_s: int = 24 * 3600
     time_limit_s: int = 24 * 3600

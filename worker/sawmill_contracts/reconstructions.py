@@ -591,7 +591,7 @@ class Reconstruction(Stamped):
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
     calibration_id: Identifier | None = Field(
-        description="Id of the calibration. Null: a theta was given, or a new scanner's first one is awaited.",
+        description="Id of the calibration. Null: a theta was given, or a new scanner has none yet.",
         examples=["example"],
     )
     job_id: Identifier = Field(description="Id of the job that computes the result.", examples=["example"])

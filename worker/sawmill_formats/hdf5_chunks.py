@@ -1,6 +1,6 @@
 """Values of HDF5 datasets that are stored in chunks, unpacked here and not by the library.
 
-The library leaves the part of its buffer that a chunk does not fill as it was, so it reads a chunk that is stored
+The library leaves the part of the buffer that a chunk does not fill as it was, so it reads a chunk that is stored
 shorter than it declares as memory of this process. Here a chunk has exactly the bytes that it declares, or is refused.
 """
 

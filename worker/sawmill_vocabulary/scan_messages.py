@@ -196,4 +196,4 @@ class AdjustmentMessage(Message):
         N_("Some of the rows %(rows)s, which were named, show another body than the other rows: %(odd)s."),
         N_("Leave out those rows."),
     )
-    LOG_NOT_USED = "log-not-used", N_("The log in rows %(rows)s is no second witness."), "", "%(why)s."
+    LOG_NOT_USED = "log-not-used", N_("The log in rows %(rows)s was not used."), "", "%(why)s."

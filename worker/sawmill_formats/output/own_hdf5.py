@@ -118,7 +118,7 @@ def _unpack(dataset: h5py.Dataset, stored: h5py.h5d.StoreInfo, chunk: NDArray[An
     end, inflater, packed = place + stored.size - CHECKSUM_BYTES, zlib.decompressobj(), b""
 
     def read(most: int) -> bytes:
-        """Unpack at most `most` bytes; none at the end of the chunk, or of its stream, which has a checksum."""
+        """Unpack at most `most` bytes; none at the end of the chunk, or of the stream, which has a checksum."""
         nonlocal place, packed
         part, has_more = b"", True
         while has_more and not (part or inflater.eof):

@@ -61,7 +61,7 @@ def placed_complaint(error: ValidationError) -> str:
 
 
 def placed_complaints(error: ValidationError) -> list[str]:
-    """Return all of a contract's complaints, each after the place of its value."""
+    """Return all of a contract's complaints, each after the place of the value."""
     placed = ((".".join(map(str, detail["loc"])), _message(detail)) for detail in error.errors())
     return [f"{place}: {message}" if place else message for place, message in placed]
 

@@ -122,7 +122,7 @@ class Priority(StrEnum):
 
 
 class FailureKind(StrEnum):
-    """Cause of a failure: the client's input (no retry), something passing (retried), or the service (alert)."""
+    """Cause of a failure: the client's input (no retry), a temporary fault (retried), or the service (alert)."""
 
     INPUT = "input"
     PASSING = "passing"
@@ -186,7 +186,7 @@ class Job(Stamped):
     )
     waiting_for: Failure | None = Field(
         None,
-        description="Passing failure because of which the job waits to be tried again. Null: the job is not waiting "
+        description="Temporary failure because of which the job waits to be tried again. Null: the job is not waiting "
         "to be tried again.",
     )
     progress: Progress | None = Field(None, description="Progress. Null: the job does not run.")

@@ -1,4 +1,4 @@
-"""The log next to the phantom as a second witness for u_c and tau (docs/understand/verdict.md#a-second-witness).
+"""u_c and tau from the log next to the phantom (docs/understand/verdict.md#a-log-beside-the-phantom).
 
 The phantom's rows and, by opposite rays or pairs of views, the log's rows give u_c and tau independently. Answers that
 agree are combined by their covariances. Where the answers disagree, the body that moved during the scan decides which

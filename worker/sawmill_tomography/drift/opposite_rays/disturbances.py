@@ -7,7 +7,7 @@ first and second harmonic of phi. If they are not fitted, they look like a chang
 Detection of a log that moved while it was scanned, from its pairs of opposite rays. A log that shifts by t between
 two views shifts the rays after it by -(dP/ds) t . n(chi), s the distance of a ray from the COR and n its normal; a
 pair of rays shows this only where one was measured before and the other after. Each view is tried as the first after
-the shift (docs/understand/verdict.md#a-second-witness).
+the shift (docs/understand/verdict.md#a-log-beside-the-phantom).
 
 Gain and offset of each view drift with the source or the flat field.
 """
