@@ -145,6 +145,10 @@ study-mill: install-dev
 study-production-logs: install-dev
 	@$(BIN)/python benchmarks/production_logs.py $(OPTIONS)
 
+# Images of logs that are turned between passages; half an hour. OPTIONS: --logs N, --views N, --size N, --shift-mm S.
+study-poses: install-dev
+	@$(BIN)/python benchmarks/log_poses.py $(OPTIONS)
+
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)

@@ -11,8 +11,8 @@ from astra_rivals import STOPS, tuned
 from inclusions import NAIL_MM, Inclusion
 from log_methods import METHODS
 from log_scans import LogScan, whole_scan
+from missing_parts import first_by_day
 from scanners import SCANNER
-from tiers import first_by_day
 from whole_logs import WholeLog
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta

@@ -8,8 +8,7 @@ import pytest
 
 import sawmill_calibration as sawmill
 from sawmill_calibration.drift_checks.drift_check import mean_of_common_rows
-from sawmill_calibration.known_geometry import to_phantom
-from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel

@@ -1,8 +1,8 @@
 """How jobs are claimed, wait, are lost and end, and the checkpoints that the next attempt finds."""
 
 import pytest
+from live_service import race
 from pydantic import ValidationError
-from racing import race
 from results import answer_of, reading
 
 from sawmill_contracts import kinds

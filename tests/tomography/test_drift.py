@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tiers import first_by_day
+from missing_parts import first_by_day
 
 from sawmill_tomography.drift.change import (
     DetectorFit,

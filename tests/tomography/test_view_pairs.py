@@ -15,7 +15,7 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom
 from sawmill_tomography.preparing.line_integrals import line_integrals
 from sawmill_tomography.projection.analytic import DetectorCells, project
 from sawmill_tomography.projection.simulate import simulate_stack
-from sawmill_tomography.sinograms.masked_rays import bridge_masked
+from sawmill_tomography.sinograms.present_rows import bridge_masked
 from sawmill_vocabulary import Rotation
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]

@@ -21,6 +21,7 @@ MetalHandling = Literal["auto", "interpolate", "none"]
 PaperCorrelation = Literal["unnormalised", "normalised"]
 PaperObjective = Literal["image", "projection"]
 PaperStop = Literal["published", "tight"]
+PoseHandling = Literal["auto", "from-log", "none"]
 Preference = Literal["quality", "speed"]
 ReconstructionMethod = Literal["fbp", "tikhonov", "cauchy_map", "total_variation", "ring_tv", "auto"]
 Rotation = Literal["as-given", "reversed"]
@@ -49,8 +50,8 @@ ReconstructionOptions = TypedDict(
         "rows": str | None, "views": int | None, "method": ReconstructionMethod, "prefer": Preference,
         "filter": FilterName, "frequency_scaling": float, "weighting": Weighting, "size": int, "field_mm": float,
         "field_centre_mm": tuple[float, float], "metal": MetalHandling, "hardening": HardeningHandling,
-        "alpha": float | None, "alpha_rule": AlphaRule, "sigma": float | None, "beta": float | None,
-        "preset": Literal["paper"] | None, "weight": float | None, "ring_weight": float | None,
+        "view_poses": PoseHandling, "alpha": float | None, "alpha_rule": AlphaRule, "sigma": float | None,
+        "beta": float | None, "preset": Literal["paper"] | None, "weight": float | None, "ring_weight": float | None,
         "coupling": str | float, "non_negative": bool, "uncertainty": bool,
     },
     total=False,

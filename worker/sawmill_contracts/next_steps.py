@@ -2,6 +2,7 @@
 
 from pydantic import Field
 
+from sawmill_contracts.alarms import KnownRed
 from sawmill_contracts.reasons import CodedReason
 from sawmill_platform.contracts.base import Contract
 
@@ -27,5 +28,11 @@ class NextStepAnswer(Contract):
     english: str | None = Field(
         None,
         description="Sentence of an answer that an earlier version stored without a code. Null: there is none.",
+        examples=[None],
+    )
+    known: KnownRed | None = Field(
+        None,
+        description="Notice that a person took of all that shows the scanner red. Null: nobody did, it has ended, or "
+        "the step is that of a calibration.",
         examples=[None],
     )

@@ -13,7 +13,7 @@ from sawmill_contracts.row_ranges import Rows
 from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.base import Contract, Identifier, Name, Stamped
 from sawmill_platform.contracts.kind_declarations import UploadedKind
-from sawmill_vocabulary import AirCorrection, DataKind, FaultyCells, RingRemoval, RowAlignment
+from sawmill_vocabulary import AirCorrection, DataKind, FaultyCells, ObjectTurns, RingRemoval, RowAlignment
 from sawmill_vocabulary.messages import N_
 
 
@@ -144,6 +144,10 @@ class UnregisteredScanOptions(ScanFileOptions):
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
     detector_arc_radius_mm: PositiveMm | None = Field(
         None, description="Radius of the detector, where its cells lie on an arc; the distance of cells is along it."
+    )
+    object_turns: ObjectTurns = Field(
+        ObjectTurns.IN_ONE_SCAN,
+        description="When the object turns: in one scan, on a turntable, or between passages, one for each view.",
     )
     follow_links: bool = Field(
         default=False,

@@ -183,6 +183,25 @@ class ReconstructionMethod(StrEnum):
         return method
 
 
+class ObjectTurns(StrEnum):
+    """When the object turns: in one scan, or between passages, one for each view, in which its pose differs."""
+
+    IN_ONE_SCAN = "in-one-scan"
+    BETWEEN_PASSAGES = "between-passages"
+
+
+class PoseHandling(StrEnum):
+    """Treatment of the poses of a log's views.
+
+    `auto` finds them where the scanner's object turns between passages. `from-log` finds them. `none` takes the log to
+    stand still.
+    """
+
+    AUTO = "auto"
+    FROM_LOG = "from-log"
+    NONE = "none"
+
+
 class HardeningHandling(StrEnum):
     """Treatment of hardening and scatter that a calibration found: `auto` takes both out, `none` neither."""
 

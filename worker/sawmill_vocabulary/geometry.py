@@ -17,6 +17,7 @@ from typing import Annotated, Self
 
 from annotated_types import Interval
 
+from sawmill_vocabulary.choices import ObjectTurns
 from sawmill_vocabulary.outlines import AsContract
 
 TAU = 2.0 * math.pi
@@ -138,6 +139,14 @@ class Scanner(AsContract):
             "cos(pi k (m + 1/2) / num_detector_pixels), cells m counting from 0, and k from 2 for the first number.",
             "max_length": MOST_WAVES,
             "examples": [[0.12, -0.05]],
+        },
+    )
+    object_turns: ObjectTurns = field(
+        default=ObjectTurns.IN_ONE_SCAN,
+        metadata={
+            "description": "When the object turns: in one scan, on a turntable, or between passages through the "
+            "scanner, one for each view, so that it stands a little elsewhere in each view.",
+            "examples": ["in-one-scan"],
         },
     )
 

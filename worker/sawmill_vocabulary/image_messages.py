@@ -64,6 +64,16 @@ class ImageMessage(Message):
         ),
         N_("For smaller knots take more views, or a longer exposure."),
     )
+    VIEWS_STAND_ELSEWHERE = (
+        "views-stand-elsewhere",
+        N_("Each view stands a little elsewhere: %(shift_mm).1f mm, %(roll_deg).1f degrees."),
+        "",
+        N_("The log itself shows where it stands in each view, and the image is made with that."),
+    )
+    POSES_NOT_FOUND = (
+        "poses-not-found",
+        N_("How the log stands in each view was not found: this needs %(views)d views, and air on both sides of it."),
+    )
     EDGES_DOUBLED = (
         "edges-doubled",
         N_("By the calibration's bound, edges may be doubled by up to %(pixels).1f pixels."),

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.capacity import check_disk, memory_available
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
+from sawmill_calibration.failures import check_disk, memory_available
 from sawmill_calibration.reconstruction.block_solvers import (
     BlockSolver,
     Images,
@@ -38,10 +38,18 @@ from sawmill_tomography.reconstruction.iterative.coarse_outside import fitted_si
 from sawmill_tomography.reconstruction.method import DirectMethod
 from sawmill_tomography.reconstruction.object_extent import object_radius_mm, seen_radius_mm
 from sawmill_tomography.reconstruction.stack import reconstruct_stack
+from sawmill_tomography.reconstruction.view_poses import LEAST_VIEWS, find_view_poses, is_between_air
 from sawmill_tomography.sinograms.air import find_air
 from sawmill_tomography.sinograms.present_rows import filled, present_rows
 from sawmill_tomography.sinograms.scattered_radiation import STEEPEST, straightened, without_scatter
-from sawmill_vocabulary import HardeningHandling, Progress, ProgressCallback, ReconstructionMethod
+from sawmill_vocabulary import (
+    HardeningHandling,
+    ObjectTurns,
+    PoseHandling,
+    Progress,
+    ProgressCallback,
+    ReconstructionMethod,
+)
 from sawmill_vocabulary.image_messages import ImageMessage
 from sawmill_vocabulary.scattered_radiation import NOTHING_FOUND, BeamCorrection, BeamHardening
 from sawmill_vocabulary.version import VERSION
@@ -60,6 +68,8 @@ PACE_SHARE, PACE_SECONDS = 0.05, 2.0
 EXTENT_ROWS = 17
 # Number of slices around the middle from which the coupling of slices is chosen.
 SLICES_AROUND = 6
+# Number of rows along the log from which the poses of its views are found.
+POSE_ROWS = 3
 # Doubled edges below this are not worth a remark.
 LEAST_DOUBLED_PIXELS = 0.1
 # Number of values from which a volume's range is determined, and the percentiles of the range.
@@ -222,8 +232,27 @@ class _Run:
                 "move it nearer"
             )
         self.slices = len(range(*scan.rows, scan.row_step))
+        self._pose_remarks, self._has_poses = list[str](), False
+        declared = ObjectTurns.BETWEEN_PASSAGES in {geometry.scanner.object_turns, scan.scanner.object_turns}
+        if options.view_poses is PoseHandling.FROM_LOG or (options.view_poses is PoseHandling.AUTO and declared):
+            self._take_poses()
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _SliceProgress(self.slices, report)
+
+    def _take_poses(self) -> None:
+        """Use the poses of the views that rows of the log show, if there is air on both sides of it."""
+        projector = self._projector
+        numbers = sorted({round(n) for n in np.linspace(0, self.slices - 1, POSE_ROWS + 2)[1:-1]})
+        rows = [filled(self._scan.read(n, n + 1), self._scan.angles_rad)[:, 0] for n in numbers]
+        whole = [row - _air_level(row) for row in rows if is_between_air(row)]
+        if self.views < LEAST_VIEWS or not whole:
+            self._pose_remarks.append(ImageMessage.POSES_NOT_FOUND(views=LEAST_VIEWS))
+        else:
+            poses = find_view_poses(projector.geometry, np.stack(whole))
+            self._projector = Projector(poses.of(projector.geometry), projector.grid)
+            self._has_poses = True
+            shift_mm, roll_deg = poses.across_mm.std(), math.degrees(poses.roll_rad.std())
+            self._pose_remarks.append(ImageMessage.VIEWS_STAND_ELSEWHERE(shift_mm=shift_mm, roll_deg=roll_deg))
 
     @property
     def elapsed_s(self) -> float:
@@ -284,7 +313,9 @@ class _Run:
             unit=volume_unit(counts=scan.counts),
             geometry={
                 **{name: value for name, value in asdict(self._scanner).items() if value is not None and value != ()},
-                **(vectors_of(geometry.views) if geometry.theta is None else vars(geometry.theta)),
+                **({} if geometry.theta is None else vars(geometry.theta)),
+                **(vectors_of(self._projector.geometry) if geometry.theta is None or self._has_poses else {}),
+                "object_turns": self._scanner.object_turns.value,
                 "rotation": geometry.rotation.value,
                 "handedness": geometry.handedness.value,
             },
@@ -349,6 +380,7 @@ class _Run:
         for block in in_order:
             seen.add(block.sample)
         merged = gathered(block.findings for block in in_order)
+        merged.remarks.extend(self._pose_remarks)
         pixels = _doubled_pixels(geometry, self._projector.grid.pixel_mm)
         if pixels >= LEAST_DOUBLED_PIXELS:
             merged.remark(ImageMessage.EDGES_DOUBLED(pixels=pixels))

@@ -22,6 +22,7 @@ from sawmill_vocabulary import (
     DataKind,
     DetectorModule,
     FaultyCells,
+    ObjectTurns,
     ProgressCallback,
     RingRemoval,
     RowAlignment,
@@ -251,6 +252,7 @@ def read_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     detector_arc_radius_mm: float | None = None,
+    object_turns: ObjectTurns | str = ObjectTurns.IN_ONE_SCAN,
     dataset: str | None = None,
     follow_links: bool = False,
     flats: str | Path | None = None,
@@ -284,6 +286,8 @@ def read_scan(
         Distance between two rows of the detector, mm; for a file that does not carry it.
     detector_arc_radius_mm : float, optional
         Radius of the detector, mm, where its cells lie on an arc.
+    object_turns : str
+        When the object turns: `in-one-scan`, or `between-passages`, one for each view.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
     follow_links : bool
@@ -326,6 +330,7 @@ def read_scan(
             "detector_pitch_mm": detector_pitch_mm,
             "row_pitch_mm": row_pitch_mm,
             "detector_arc_radius_mm": detector_arc_radius_mm,
+            "object_turns": object_turns,
             "follow_links": follow_links,
             "flats": None if flats is None else Path(flats),
             "darks": None if darks is None else Path(darks),

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import memory_available, refused
 from sawmill_calibration.scans.prepare import Stack, prepare_scan
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import PrepareOptions, UnregisteredScanOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AnglesGiven
-from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.own import is_own_scan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_formats.reading_apart import read_apart
@@ -170,7 +169,7 @@ def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: Progress
     with open_scan(source.path) as scan:
         yield rows_of(
             scan,
-            _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
+            _scanner(source_to_cor_mm, scan, source.options),
             rows=source.rows,
             views=source.views,
             counts=scan.air_level is not None,
@@ -218,7 +217,7 @@ def _prepared_rows(
         with open_scan(path) as scan:
             opened = rows_of(
                 scan,
-                _scanner(source_to_cor_mm, scan, source.options.detector_arc_radius_mm),
+                _scanner(source_to_cor_mm, scan, source.options),
                 rows=source.rows,
                 views=source.views,
                 counts=read.counts,
@@ -281,7 +280,7 @@ def rows_of(
     )
 
 
-def _scanner(r_s: float, scan: OpenScan, arc_radius_mm: float | None) -> ScannerConstants:
+def _scanner(r_s: float, scan: OpenScan, options: UnregisteredScanOptions) -> ScannerConstants:
     """Return the scanner's constants, as far as file and flags give them; refuse constants that no scanner has."""
     try:
         return ScannerConstants(
@@ -289,7 +288,8 @@ def _scanner(r_s: float, scan: OpenScan, arc_radius_mm: float | None) -> Scanner
             num_detector_pixels=scan.shape[2],
             detector_pitch_mm=scan.detector_pitch_mm,
             detector_modules=scan.detector_modules,
-            detector_arc_radius_mm=arc_radius_mm,
+            detector_arc_radius_mm=options.detector_arc_radius_mm,
+            object_turns=options.object_turns,
             row_pitch_mm=scan.row_pitch_mm,
         )
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kind_declarations.py`).
+"""Requests that a job answers, and the activation of calibrations: one store for every declared kind.
 
 The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
 stored row had to move: `mill_tables.OWN_TABLES` names them.
@@ -12,19 +12,28 @@ from typing import Any, Generic
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from sawmill_contracts import calibrations, mill_events
+from sawmill_contracts.calibrations import CalibrationRequest, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
+from sawmill_contracts.reconstructions import MOST_MARKS, MarkRequest, Reconstruction, ReconstructionRequest
 from sawmill_contracts.row_ranges import parse_rows
+from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import ScanShape
 from sawmill_platform.contracts.base import Contract, Page
+from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.database.database import Database
-from sawmill_platform.database.paging import created_between, narrowed, new_id, read_page, refuse_taken
-from sawmill_platform.database.tables import JobRow
-from sawmill_platform.errors import Invalid
+from sawmill_platform.database.paging import created_between, found, hold, narrowed, new_id, read_page, refuse_taken
+from sawmill_platform.database.tables import JobRow, Json
+from sawmill_platform.errors import Conflict, Invalid
 from sawmill_platform.jobs.queue_limits import Places, queue_job
+from sawmill_platform.ledger.audit import changed
+from sawmill_platform.ledger.events import announce
+from sawmill_store import mill_tables
+from sawmill_store.activations import activate, active_calibration_id, discard
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_tables import OWN_TABLES, Answered, ScanRow, table_of
 from sawmill_store.requests.references import found_asked, looked_up, read_asked
+from sawmill_store.scanners.scanners import read_scanner
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -96,10 +105,10 @@ class Asked(Generic[Ask, Answer]):
         job_id: str | None = None,
         priority: Priority = Priority.INTERACTIVE,
         given: Mapping[str, str] = NOTHING,
-    ) -> Answered:
+    ) -> mill_tables.Answered:
         """Write a row and its job inside the caller's transaction; the rest is as in `accept`."""
         declared = self._declared
-        table, identifier = table_of(declared.kind), identifier or new_id()
+        table, identifier = mill_tables.table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
         fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
         options = declared.options.model_validate(
@@ -145,7 +154,7 @@ class Asked(Generic[Ask, Answer]):
         **references: str | None,
     ) -> Page[Answer]:
         """Return a page, newest first, by state, span of time and ids of references such as `scan_id`; null: any."""
-        table = table_of(self._declared.kind)
+        table = mill_tables.table_of(self._declared.kind)
         columns = {getattr(table, name): identifier for name, identifier in references.items()}
         statement = narrowed(_rows(self._declared, state), columns)
         statement = created_between(statement, table, created_from, created_before)
@@ -154,29 +163,29 @@ class Asked(Generic[Ask, Answer]):
 
     def several(self, identifiers: Collection[str]) -> dict[str, Answer]:
         """Return the requests of these ids that exist, by id."""
-        statement = _rows(self._declared).where(table_of(self._declared.kind).id.in_(identifiers))
+        statement = _rows(self._declared).where(mill_tables.table_of(self._declared.kind).id.in_(identifiers))
         with self._database.read() as session:
             return {row.id: self._read(row) for row in session.scalars(statement)}
 
-    def _read(self, row: Answered) -> Answer:
+    def _read(self, row: mill_tables.Answered) -> Answer:
         return read_asked(self._declared, row)
 
 
 def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
     """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
-    table, given_states = table_of(declared.kind), [state for state in states if state is not None]
+    table, given_states = mill_tables.table_of(declared.kind), [state for state in states if state is not None]
     statement = select(table)
-    if given_states or declared.kind not in OWN_TABLES:
+    if given_states or declared.kind not in mill_tables.OWN_TABLES:
         statement = statement.join(table.job)
-    if declared.kind not in OWN_TABLES:
+    if declared.kind not in mill_tables.OWN_TABLES:
         statement = statement.where(JobRow.kind == declared.kind)
     return statement.where(JobRow.state.in_(given_states)) if given_states else statement
 
 
-def _refuse_beyond_scan(session: Session, row: Answered, ask: Contract) -> None:
+def _refuse_beyond_scan(session: Session, row: mill_tables.Answered, ask: Contract) -> None:
     """Refuse rows and views that the scan does not have; the job checks a scan that has not been read yet."""
     scan_id = getattr(row, "scan_id", None)
-    scan = None if scan_id is None else session.get(ScanRow, scan_id)
+    scan = None if scan_id is None else session.get(mill_tables.ScanRow, scan_id)
     if scan is None or scan.reading is None:
         return
     shape = ScanShape.model_validate(scan.reading["shape"])
@@ -187,3 +196,107 @@ def _refuse_beyond_scan(session: Session, row: Answered, ask: Contract) -> None:
     views = getattr(ask, "views", None)
     if views is not None and views > shape.views:
         raise Invalid("views-too-many", f"views is {views}, but scan {scan.id!r} has {shape.views}")
+
+
+class Calibrations(Asked[CalibrationRequest, CalibrationUnfinished | CalibrationSucceeded]):
+    """Store of calibrations: every method is one transaction."""
+
+    def __init__(self, database: Database, files: MillFiles, places: Places) -> None:
+        super().__init__(database, files, places, calibrations.DECLARATION)
+
+    def activate(self, calibration_id: str, reason: str) -> StoredScanner:
+        """Make a calibration its scanner's active one, or go back to an older one.
+
+        Parameters
+        ----------
+        calibration_id
+            A calibration that has succeeded, whatever its verdict: the technician decides.
+        reason
+            Reason of the activation, for the history.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such calibration, or the calibration has no result.
+        """
+        with self._database.write() as session:
+            row = found(session, mill_tables.CalibrationRow, "calibration", calibration_id)
+            if row.result is None:
+                raise Conflict(
+                    "calibration-without-result",
+                    f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated",
+                )
+            scanner = found(session, mill_tables.ScannerRow, "scanner", row.scanner_id, lock=True)
+            hold(session, mill_tables.CalibrationRow, "calibration", row.id)
+            activate(session, scanner.id, row.id, reason, self._database.now())
+            return read_scanner(session, scanner)
+
+    def discard(self, calibration_id: str, reason: str) -> StoredScanner:
+        """Put a failed or unaccepted calibration aside: it stays in the history, and its scanner is shown without it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such calibration; it has not ended, or it is in use.
+        """
+        with self._database.write() as session:
+            row = found(session, mill_tables.CalibrationRow, "calibration", calibration_id)
+            scanner = found(session, mill_tables.ScannerRow, "scanner", row.scanner_id, lock=True)
+            if not row.job.state.ended:
+                raise Conflict("calibration-unfinished", f"calibration {row.id!r} is {row.job.state}: cancel its job")
+            if row.id == active_calibration_id(session, scanner.id):
+                raise Conflict(
+                    "calibration-in-use", f"calibration {row.id!r} is in use: accept another one, or roll back to one"
+                )
+            discard(session, scanner.id, row.id, reason, self._database.now())
+            return read_scanner(session, scanner)
+
+
+class Reconstructions(Asked[ReconstructionRequest, Reconstruction]):
+    """Store of the reconstructions: every method is one transaction."""
+
+    def rename(self, identifier: str, name: str | None) -> Reconstruction:
+        """Give a reconstruction a name; None takes its name away.
+
+        Raises
+        ------
+        NotFound
+            There is no such reconstruction.
+        """
+        with self._database.write() as session:
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier, lock=True)
+            if difference := changed({"name": row.name}, {"name": name}):
+                row.name = name
+                self._announce(session, row, mill_events.RECONSTRUCTION_RENAMED, difference)
+            return self._read(row)
+
+    def mark(self, identifier: str, mark_id: str, mark: MarkRequest | None) -> Reconstruction:
+        """Keep a mark with a reconstruction, in place of the one of the same id; None removes it, if it is there.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such reconstruction, or it has the largest number of marks.
+        """
+        with self._database.write() as session:
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier, lock=True)
+            before = {each["id"]: each for each in row.marks}
+            after = before | {mark_id: {"id": mark_id, **mark.model_dump(mode="json")} if mark else None}
+            if difference := changed(before, after):
+                row.marks = [each for each in after.values() if each]
+                if len(row.marks) > MOST_MARKS:
+                    raise Conflict("too-many-marks", f"{identifier!r} has {MOST_MARKS} marks already: remove one")
+                self._announce(session, row, mill_events.RECONSTRUCTION_MARKED, difference)
+            return self._read(row)
+
+    def file_name(self, identifier: str) -> str:
+        """Return the name of a reconstruction's files: its own, or that of its scanner and its number there."""
+        with self._database.read() as session:
+            row = found(session, mill_tables.ReconstructionRow, "reconstruction", identifier)
+            scanner = found(session, mill_tables.ScannerRow, "scanner", row.scanner_id)
+            return row.name or f"{scanner.spec['name']}-{row.number}"
+
+    def _announce(self, session: Session, row: mill_tables.ReconstructionRow, kind: EventType, decided: Json) -> None:
+        """Add an event of a person's change."""
+        now, group_id = self._database.now(), row.scanner_id
+        announce(session, now, kind, "reconstruction", row.id, group_id=group_id, decided=decided)

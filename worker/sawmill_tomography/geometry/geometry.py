@@ -24,28 +24,6 @@ from sawmill_vocabulary import (
     wrap_angle,
 )
 
-__all__ = [
-    "TAU",
-    "FanBeamGeometry",
-    "FanViews",
-    "FloatArray",
-    "GeometryError",
-    "Scanner",
-    "SourceFrame",
-    "Theta",
-    "ThetaBounds",
-    "angle_difference",
-    "bounds_array",
-    "cell_borders_mm",
-    "cell_centres_mm",
-    "rotate",
-    "to_vector",
-    "turning",
-    "turns_all_round",
-    "view_weights",
-    "wrap_angle",
-]
-
 # Limit of theta's lengths in mm, and for the angle and the slope: no scanner exceeds it, and double precision loses the
 # rays.
 LARGEST = 1e5
@@ -153,6 +131,18 @@ class FanViews:
         """Return the geometry of some of the views."""
         source, middle, axis = (each[views] for each in self.vectors())
         return FanViews(self.angles_rad[views], source, middle, axis, self.borders_mm)
+
+    def moved(self, shift_mm: FloatArray, roll_rad: FloatArray) -> "FanViews":
+        """Return the views in the frame of an object that rolls (views,) about the COR and shifts (views, 2) in each.
+
+        Raises
+        ------
+        GeometryError
+            A source then lies on the line of its detector.
+        """
+        places = (self.source_mm - shift_mm, self.middle_mm - shift_mm, self.axis)
+        source, middle, axis = (np.stack(rotate(-roll_rad, *each.T), -1) for each in places)
+        return FanViews.of(source, middle, axis, self.borders_mm)
 
     def in_pairs(self) -> "FanViews":
         """Return the geometry with the cells, whose number is even, in pairs."""

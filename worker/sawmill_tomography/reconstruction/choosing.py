@@ -147,7 +147,9 @@ def recommend(
         return Recommendation(cheapest.method, cheapest.step, cheapest.error, reason)
     best = min(affordable, key=lambda one: one.error)
     if direct is None:
-        reason = f"the views are no full turn, which filtered back-projection needs: {_words(best, geometry)}"
+        reason = (
+            f"the views are no full turn about one axis, which filtered back-projection needs: {_words(best, geometry)}"
+        )
         return Recommendation(best.method, best.step, None, reason)
     reason = f"the lowest expected error within {_milliseconds(price)} a slice with {100.0 * share:.2g} % noise: "
     alternative = "" if best is direct else f"; {_words(direct, geometry)}"

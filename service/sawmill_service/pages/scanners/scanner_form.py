@@ -15,7 +15,7 @@ from sawmill_contracts.inspections import InspectedReading
 from sawmill_contracts.scanners import ScannerRequest, ScannerSpec, Tolerances
 from sawmill_contracts.watched_folders import WatchedFolder
 from sawmill_service.pages.frame.languages import marked, plain_number
-from sawmill_vocabulary import DataKind
+from sawmill_vocabulary import DataKind, ObjectTurns
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,7 @@ FIELDS = (
     ),
 )
 FOLDER, FOLDER_DATA = "watched_folder", "watched_folder_data"
+TURNS = "object_turns"
 _BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name", (FOLDER, "folder"): FOLDER}
 # Errors of pydantic: the name of the limit in the details, and the sentence.
 _LIMITS = {
@@ -161,11 +162,12 @@ class ScannerForm:
     errors: dict[str, str] = field(default_factory=dict)
     further: list[str] = field(default_factory=list)
     read_from_file: set[str] = field(default_factory=set)
+    is_outdated: bool = False  # somebody else changed the scanner since the form was opened
 
     @property
     def is_wrong(self) -> bool:
         """True if anything has to be changed."""
-        return bool(self.errors or self.further)
+        return bool(self.errors or self.further or self.is_outdated)
 
     @property
     def opens_rest(self) -> bool:
@@ -189,7 +191,7 @@ class ScannerForms:
         defaults = {"tolerances": Tolerances().model_dump()}
         numbers = {each.name: _at(defaults, each.place) if each.place[0] in defaults else None for each in FIELDS}
         texts = {name: self._number(value) for name, value in numbers.items()}
-        return ScannerForm({"name": "", **_folder_texts(None), **texts})
+        return ScannerForm({"name": "", TURNS: ObjectTurns.IN_ONE_SCAN.value, **_folder_texts(None), **texts})
 
     def filled(self, form: ScannerForm, reading: InspectedReading) -> ScannerForm:
         """Fill the empty fields of a form that nobody typed with what a scan's file states; mark them in any form."""
@@ -208,17 +210,26 @@ class ScannerForms:
         """Write a scanner's description into a form."""
         values = spec.model_dump(mode="json")
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
-        return ScannerForm({"name": spec.name, **_folder_texts(spec.watched_folder), **texts})
+        turns = spec.constants.object_turns.value
+        return ScannerForm({"name": spec.name, TURNS: turns, **_folder_texts(spec.watched_folder), **texts})
+
+    def mark_outdated(self, form: ScannerForm, stored: ScannerSpec) -> None:
+        """Mark the fields of a form that differ from what is stored now."""
+        form.is_outdated, now = True, self.of(stored).values
+        sentence = self._text.gettext("“%(value)s” is stored now.")
+        form.errors = {name: sentence % {"value": text} for name, text in now.items() if text != form.values[name]}
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""
-        names = ("name", FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
+        names = ("name", TURNS, FOLDER, FOLDER_DATA, *(each.name for each in FIELDS))
         form = ScannerForm({name: typed.get(name, "").strip() for name in names})
         own = set(ScannerSpec.model_fields)
         document: dict[str, Any] = {} if stored is None else stored.model_dump(mode="json", include=own)
         document["name"] = form.values["name"]
         for each in FIELDS:
             _put(document, each.place, self._read_number(each, form))
+        if form.values[TURNS]:
+            _put(document, ("constants", TURNS), form.values[TURNS])
         folder = {"folder": form.values[FOLDER], "data": form.values[FOLDER_DATA]}
         document[FOLDER] = {**(document.get(FOLDER) or {}), **folder} if form.values[FOLDER] else None
         spec = None
@@ -280,7 +291,7 @@ def _at(document: Mapping[str, Any], place: tuple[str, ...]) -> Any:  # noqa: AN
     return value
 
 
-def _put(document: dict[str, Any], place: tuple[str, ...], value: float | None) -> None:
+def _put(document: dict[str, Any], place: tuple[str, ...], value: float | str | None) -> None:
     for part in place[:-1]:
         document = document.setdefault(part, {})
     document[place[-1]] = value
