@@ -177,6 +177,10 @@ measured: install-dev
 wood: install-dev
 	@$(BIN)/python benchmarks/tree_disc.py
 
+# The errors that `auto` expects, and the real ones of ten logs and of the CT slice; eight minutes of a core.
+study-auto: install-dev
+	@$(BIN)/python benchmarks/expected_error.py --check
+
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900

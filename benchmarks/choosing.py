@@ -1,6 +1,6 @@
 """Cauchy MAP and total variation with their chosen settings: simulated logs against the best, the truth known.
 
-Logs of three kinds (thin bright rings, broad zones, smooth rings), other scanners than the published one, 17 to 90
+Logs of three kinds (rings of real wood, broad zones, smooth rings), other scanners than the published one, 17 to 90
 views, 1 to 4 % noise, a third of the scans at irregular angles, in units that differ by a factor of thirty. The data
 are analytic, averaged over the detector's cells; the truth is the phantom's mean in each pixel. Prints a row for each
 log: the Cauchy MAP's relative error by its rule, with the best pair (sigma, beta), their ratio, and both pairs, sigma
@@ -101,7 +101,7 @@ def smooth_log(rng: np.random.Generator) -> Phantom:
 
 
 def random_log(rng: np.random.Generator) -> Phantom:
-    """Draw one log with thin rings or broad zones, in a random unit."""
+    """Draw one log with rings of real wood or broad zones, in a random unit."""
     if rng.uniform() < 0.5:
         model = LogModel.random(int(rng.integers(1000)), radius_mm=rng.uniform(100.0, 165.0))
         log = model.slice_at(rng.uniform(150.0, 250.0))

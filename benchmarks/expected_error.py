@@ -4,31 +4,36 @@ Simulated logs with the rings of real wood, every second one cut through a whorl
 the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
 its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
 number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
-worker/sawmill_tomography/reconstruction/choosing.py has it. With --published the same methods reconstruct the
-published log (256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) compared with the table's values.
+worker/sawmill_tomography/reconstruction/choosing.py has it. With --check `auto` chooses for ten other logs, for the CT
+slice of tree_disc.py (if SAWMILL_PUBLISHED_DATA has it) and for the published log: expected and real error, and ratio.
 
-    python benchmarks/expected_error.py [--logs 3] [--size 256] [--methods fbp,...] [--views 20 45] [--published]
+    python benchmarks/expected_error.py [--logs 6] [--size 256] [--methods fbp,...] [--views 20 45] [--check]
 """
 
 import argparse
+import math
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
 
 import numpy as np
-from ringed_logs import RingedLog
+import tree_disc
 from scanners import SCANNER
 from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
 
-from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner
+from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray, Scanner
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.projection.projector import Projector
+from sawmill_tomography.projection.projector import Image, Projector
 from sawmill_tomography.projection.simulate import simulate_sinogram
 from sawmill_tomography.reconstruction.cauchy_map import cauchy_map
-from sawmill_tomography.reconstruction.choosing import NOISES, VIEWS, comparable_noise, expected_error, noise_share
+from sawmill_tomography.reconstruction.choosing import NOISES, VIEWS, recommend
 from sawmill_tomography.reconstruction.estimate import Estimate
 from sawmill_tomography.reconstruction.fbp import fbp
-from sawmill_tomography.reconstruction.quality import relative_error, structural_similarity_index
+from sawmill_tomography.reconstruction.quality import relative_error
 from sawmill_tomography.reconstruction.tikhonov import tikhonov
 from sawmill_tomography.reconstruction.total_variation import ring_tv, total_variation
 from sawmill_vocabulary import ReconstructionMethod
@@ -42,26 +47,31 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
     ReconstructionMethod.RING_TV: ring_tv,
     ReconstructionMethod.CAUCHY_MAP: cauchy_map,
 }
-# Seed of the logs and their noise.
-SEED = 9600
+# Seed of the logs and their noise; of the logs that check the table, their views and noises.
+SEED, CHECK_SEED = 9600, 9700
+CHECK_LOGS, CHECK_VIEWS, CHECK_NOISES = 10, (12, 20, 45, 90), (0.005, 0.02)
 
 
-def simulated_log(index: int) -> Phantom:
+def simulated_log(seed: int) -> Phantom:
     """Draw a log's slice: through a whorl, in clear wood, ..."""
-    rng = np.random.default_rng(SEED + index)
-    log = RingedLog.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0)))
-    return log.slice_at(120.0 if index % 2 else 180.0)
+    log = LogModel.random(seed, radius_mm=float(np.random.default_rng(seed).uniform(100.0, 165.0)))
+    return log.slice_at(120.0 if seed % 2 else 180.0)
 
 
-def error(method: ReconstructionMethod, index: int, views: int, noise: float, size: int) -> float:
-    """Compute the relative error of one log's image."""
+def scan_of(seed: int, views: int, noise: float, size: int) -> tuple[Projector, FloatArray, Image]:
+    """Return the projector, the sinogram (views, cells) and the truth of one log."""
     cells = CELLS_A_PIXEL * size
     scanner = Scanner(SCANNER.source_to_cor_mm, cells, DETECTOR_MM / cells)
     geometry = FanBeamGeometry(scanner, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
-    log = simulated_log(index)
-    sinogram = simulate_sinogram(log, geometry, noise=noise, seed=SEED + index)
-    found = METHODS[method](Projector(geometry, ImageGrid(size, FIELD_MM)), sinogram)
-    return relative_error(found.image, log.rasterise(size, FIELD_MM))
+    log, grid = simulated_log(seed), ImageGrid(size, FIELD_MM)
+    sinogram = simulate_sinogram(log, geometry, noise=noise, seed=seed)
+    return Projector(geometry, grid), sinogram, log.rasterise(size, FIELD_MM)
+
+
+def error(method: ReconstructionMethod, seed: int, views: int, noise: float, size: int) -> float:
+    """Compute the relative error of one log's image."""
+    projector, sinogram, truth = scan_of(seed, views, noise, size)
+    return relative_error(METHODS[method](projector, sinogram).image, truth)
 
 
 def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], logs: int, size: int) -> None:
@@ -72,7 +82,7 @@ def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], l
             row = []
             for noise in NOISES:
                 started = time.perf_counter()
-                errors = [error(method, index, views, noise, size) for index in range(logs)]
+                errors = [error(method, SEED + index, views, noise, size) for index in range(logs)]
                 row.append(round(float(np.exp(np.mean(np.log(errors)))), 4))
                 each = " ".join(f"{one:.4f}" for one in errors)
                 print(f"{method:16s}{views:4d} views {noise:.3f}: {row[-1]:.4f}  ({each})", end="  ")
@@ -85,35 +95,47 @@ def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], l
         print("    ),")
 
 
-def check_published(methods: Sequence[ReconstructionMethod], all_views: Sequence[int]) -> None:
-    """Compare the error on the published log with the table's."""
-    truth = log_truth("published")
-    for views in all_views:
+def check(size: int) -> None:
+    """Compare the error that `auto` expects with the real one."""
+    ratios = []
+    for views, noise in product(CHECK_VIEWS, CHECK_NOISES):
+        for seed in range(CHECK_SEED, CHECK_SEED + CHECK_LOGS):
+            name = f"log {seed}, {views} views, {noise:g} noise"
+            ratios.append(compared(name, *scan_of(seed, views, noise, size)))
+    if (Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "wood").is_dir():
+        disc, pixel_mm, _ = tree_disc.read_disc()
+        for views, noise in product(CHECK_VIEWS, CHECK_NOISES):
+            scan = tree_disc.scan_of(disc, pixel_mm, views, noise)
+            name = f"CT slice, {views} views, {noise:g} noise"
+            ratios.append(compared(name, *scan, tree_disc.halved(disc)))
+    print(f"real error over expected, logs and CT slice: {min(ratios):.2f} to {max(ratios):.2f}")
+    for views in CHECK_VIEWS[1:]:
         step = 360 // views
-        geometry, lines = FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[::step]), log_sinogram("published")[::step]
-        noise = comparable_noise(geometry, GRID, noise_share(lines))
-        for method in methods:
-            image = METHODS[method](Projector(geometry, GRID), lines).image
-            print(
-                f"published log, {views:3d} views, {method:16s}: relative error {relative_error(image, truth):.4f}, "
-                f"expected {expected_error(method, views, noise):.4f}, "
-                f"SSIM {structural_similarity_index(image, truth):.3f}",
-                flush=True,
-            )
+        projector = Projector(FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[::step]), GRID)
+        compared(f"published log, {views} views", projector, log_sinogram("published")[::step], log_truth("published"))
+
+
+def compared(name: str, projector: Projector, sinogram: FloatArray, truth: FloatArray) -> float:
+    """Print the expected and the real error of the method that `auto` takes; return their ratio."""
+    chosen = recommend(projector.geometry, sinogram, projector.grid, fitted_size=projector.grid.size)
+    found = relative_error(METHODS[chosen.method](projector, sinogram).image, truth)
+    ratio = found / (chosen.expected_error or math.nan)
+    print(f"{name}: {chosen.method}, expected {chosen.expected_error:.4f}, real {found:.4f}, {ratio:.2f}", flush=True)
+    return ratio
 
 
 def main() -> None:
     """Print the table, or the check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--logs", type=int, default=6)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--methods", type=lambda text: [ReconstructionMethod(name) for name in text.split(",")])
     parser.add_argument("--views", type=int, nargs="+", default=VIEWS)
-    parser.add_argument("--published", action="store_true")
+    parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     methods = options.methods or list(METHODS)
-    if options.published:
-        check_published(methods, options.views)
+    if options.check:
+        check(options.size)
     else:
         measure(methods, options.views, options.logs, options.size)
 

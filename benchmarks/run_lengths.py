@@ -32,9 +32,15 @@ from sawmill_tomography.drift.chart.chart import (
     Group,
     History,
 )
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, DriftCheckPoint, pooled_means
+from sawmill_tomography.drift.chart.looks import (
+    BASELINE_LOOKS,
+    DriftCheckPoint,
+    LookSpread,
+    inverse,
+    pooled_means,
+    scaled,
+)
 from sawmill_tomography.drift.chart.segments import Segment
-from sawmill_tomography.drift.chart.spread import LookSpread, inverse, scaled
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 

@@ -29,7 +29,7 @@ AT_REST = {"tolerance": 1e-6, "iterations": 150}
 
 
 def logs() -> list[Phantom]:
-    """List logs with thin rings, broad zones and smooth rings in turn."""
+    """List logs with rings of real wood, broad zones and smooth rings in turn."""
     rng = np.random.default_rng(1)
     found = []
     for index in range(BLOCK):

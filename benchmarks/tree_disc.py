@@ -3,10 +3,11 @@
     make wood
 
 The slice is wood/tree-disc.npz in the folder that SAWMILL_PUBLISHED_DATA names. Its projections are computed: of pixels
-of half the image's size, with two rays a cell, the published scanner's theta. Prints the tables and writes
-benchmarks/results/wood.json.
+of half the image's size, with two rays a cell, the published scanner's theta. Prints the tables, writes
+benchmarks/results/wood.json and draws docs/pictures/wood-methods.png: the methods on a log of our own model.
 """
 
+import io
 import math
 import os
 import sys
@@ -14,14 +15,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from measurement import Measurement
 from numpy.typing import NDArray
+from PIL import Image
 from scanners import SCANNER
 from scans import TRUE_THETA
 from scipy import ndimage
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Scanner
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.projection.projector import Projector
 from sawmill_tomography.reconstruction.fbp import fbp
 from sawmill_tomography.reconstruction.quality import relative_error
@@ -45,6 +49,9 @@ FROM_MM, TO_MM = 20.0, 70.0
 SHOWN = tuple(n for n, (_, denser, _) in enumerate(KNOTS) if denser > 1.3)
 PITH = (232.5, 232.5)
 SEED = 53
+# The picture's log, the height of its slice, which cuts knots, its views and its greys.
+PICTURE, LOG_RADIUS_MM, LOG_HEIGHT_MM, LOG_VIEWS = "docs/pictures/wood-methods.png", 105.0, 75.0, 20
+GREYS = 48
 
 
 def read_disc() -> tuple[FloatImage, float, tuple[float, float]]:
@@ -83,15 +90,20 @@ def halved(image: FloatImage) -> FloatImage:
     return mean
 
 
-def images_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> Mapping[str, FloatImage]:
-    """Return the image by each method, from computed projections with noise."""
+def scan_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> tuple[Projector, FloatImage]:
+    """Return the projector, and computed projections with noise, (views, cells)."""
     angles, field_mm = (np.arange(views) + 0.5) * TAU / views, SIZE * pixel_mm
     fine = Scanner(SCANNER.source_to_cor_mm, 2 * SCANNER.num_detector_pixels, SCANNER.detector_pitch_mm / 2.0)
     rays = Projector(FanBeamGeometry(fine, TRUE_THETA, angles), ImageGrid(SIZE, field_mm)).forward(disc)
     lines = rays.reshape(views, -1, 2).mean(axis=2, dtype=np.float64)
     deviation = noise * math.sqrt(np.mean(lines**2))
     lines += deviation * np.random.default_rng((SEED, views)).standard_normal(lines.shape)
-    projector = Projector(FanBeamGeometry(SCANNER, TRUE_THETA, angles), ImageGrid(SIZE // 2, field_mm))
+    return Projector(FanBeamGeometry(SCANNER, TRUE_THETA, angles), ImageGrid(SIZE // 2, field_mm)), lines
+
+
+def images_of(disc: FloatImage, pixel_mm: float, views: int, noise: float) -> Mapping[str, FloatImage]:
+    """Return the image by each method, from computed projections with noise."""
+    projector, lines = scan_of(disc, pixel_mm, views, noise)
     return {name: np.asarray(method(projector, lines).image, np.float64) for name, method in METHODS.items()}
 
 
@@ -110,10 +122,28 @@ def contrasts(image: FloatImage, truth: FloatImage, masks: Sequence[NDArray[np.b
     return kept
 
 
+def draw_methods(pixel_mm: float) -> None:
+    """Draw a slice of our own log model, and its image by each method."""
+    body = LogModel.random(SEED, radius_mm=LOG_RADIUS_MM).slice_at(LOG_HEIGHT_MM)
+    log = body.rasterise(SIZE, SIZE * pixel_mm).astype(np.float64)
+    truth = halved(log)
+    figure = Figure(figsize=(10.0, 2.2), layout="constrained")
+    shown = {"the log": truth, **images_of(log, pixel_mm, LOG_VIEWS, KNOT_NOISE)}
+    for axes, (name, image) in zip(figure.subplots(1, len(shown)), shown.items(), strict=True):
+        axes.imshow(image.T, origin="lower", cmap="gray", vmin=0.0, vmax=truth.max())
+        error = "" if image is truth else f", {relative_error(image, truth):.3f}"
+        axes.set_title(f"{name}{error}", fontsize=9)
+        axes.set_axis_off()
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=120)
+    Image.open(stream).convert("L").quantize(GREYS).save(Path(__file__).parents[1] / PICTURE, optimize=True)
+
+
 def main() -> None:
     """Print the tables, and write the results."""
     measurement = Measurement.begin("worker/sawmill_tomography/reconstruction")
     disc, pixel_mm, pith = read_disc()
+    draw_methods(pixel_mm)
     names = list(METHODS)
     rows = [f"| views | noise | {' | '.join(f'`{name}`' for name in names)} |", f"|---|---|{'---|' * len(names)}"]
     errors: dict[str, float] = {}

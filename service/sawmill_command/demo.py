@@ -19,9 +19,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from sawmill_calibration.pictures.images import bare_png
+from sawmill_calibration.pictures.pages import LOG_WINDOW, window_of
 from sawmill_calibration.pictures.report_numbers import theta_change, theta_rows, theta_values
 from sawmill_calibration.pictures.report_page import page_templates
-from sawmill_calibration.pictures.windows import LOG_WINDOW, window_of
 from sawmill_command import demo_client, examples
 from sawmill_command.demo_client import DemoError, Json, running_service
 from sawmill_command.seeding import PHANTOM_ROWS, ROW_PITCH_MM, THETA

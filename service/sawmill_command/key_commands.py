@@ -14,8 +14,7 @@ import typer
 
 from sawmill_command.data_option import Data, storage_settings
 from sawmill_platform.contracts.keys import Key, KeyRequest, NewKey, Scope
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import print_json, say
+from sawmill_worker.commands.terminal import Command, print_json, say
 
 if TYPE_CHECKING:
     from sawmill_store.store import Store
@@ -134,8 +133,8 @@ def audit(
 @contextmanager
 def opened(data: Path | None) -> Iterator["Store"]:
     """Open the store of a data folder, in which actions are recorded with the name of the calling user."""
-    from sawmill_platform.acting import Actor, acting_as
     from sawmill_platform.errors import StorageError
+    from sawmill_platform.ledger.events import Actor, acting_as
     from sawmill_store.store import Store
 
     settings = storage_settings(data)

@@ -10,8 +10,7 @@ import typer
 
 from sawmill_command.data_option import Data
 from sawmill_platform.attempts.importing import importing
-from sawmill_worker.commands.command_line import Command, OneOf
-from sawmill_worker.commands.terminal import print_json, say
+from sawmill_worker.commands.terminal import Command, OneOf, print_json, say
 
 app = typer.Typer()
 
@@ -35,8 +34,7 @@ def serve(
         from sawmill_command.seeding import seed_examples
         from sawmill_platform.errors import StorageError
         from sawmill_platform.settings import StorageSettings
-        from sawmill_platform.workers.settings import ExecutionSettings
-        from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+        from sawmill_platform.workers.settings import ExecutionSettings, WrongVariableError, variables_checked
         from sawmill_service.http.listening import ListenError
         from sawmill_service.serving import serve_until_stopped
         from sawmill_service.settings import ServiceSettings

@@ -1,5 +1,6 @@
-"""Access control: who sends a request (by token, key, session or this machine), and what the caller may do."""
+"""Access control: who sends a request (by token, key, session or this machine), what the caller may do, the cookie."""
 
+import hashlib
 import hmac
 import re
 from base64 import b64decode
@@ -13,19 +14,71 @@ import structlog
 from fastapi.concurrency import run_in_threadpool
 from pydantic import SecretStr
 from starlette.datastructures import Headers
-from starlette.requests import Request
+from starlette.requests import Request, cookie_parser
+from starlette.responses import Response
 from starlette.types import Scope as RequestScope
 
-from sawmill_platform.acting import Actor
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import StorageError
-from sawmill_platform.keys.key_store import KeyStore, hash_of
-from sawmill_platform.keys.sessions import Sessions
+from sawmill_platform.keys.key_store import KeyStore, Sessions, hash_of
+from sawmill_platform.ledger.events import Actor
 from sawmill_service.http.limits.rates import FailedLogins
 from sawmill_service.http.listening import is_loopback
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.route_rules import rule_of
-from sawmill_service.http.session_cookie import SessionCookie, csrf_token
+
+SESSION_COOKIE = "sawmill_session"
+# With this prefix browsers let neither plain HTTP nor another host of the same domain set it.
+SECURE_SESSION_COOKIE = f"__Host-{SESSION_COOKIE}"
+# Browsers keep no cookie longer; a display gets its cookie again with each page.
+DISPLAY_MAX_AGE_S = 400 * 86400
+
+
+class SessionCookie:
+    """Cookie of a session: written into answers and read from requests.
+
+    Browsers send the cookie when a person follows a link (`SameSite=Lax`), so that a link in a mail works without a new
+    login. Following links changes nothing; a request that changes something needs the token of the session
+    (`csrf_token`) and must not come from another site's page (`gate`).
+    """
+
+    def __init__(self, public_url: str | None) -> None:
+        self._always_secure = public_url is not None and public_url.startswith("https:")
+
+    def read(self, scope: RequestScope, headers: Headers) -> str:
+        """Return the session's secret from the cookie; empty without one."""
+        return cookie_parser(headers.get("cookie", "")).get(self._name(scope), "")
+
+    def give(self, answer: Response, scope: RequestScope, secret: str, *, lasting: bool) -> None:
+        """Set the cookie until the browser is closed, or for 400 days for a display."""
+        self._set(answer, scope, secret, DISPLAY_MAX_AGE_S if lasting else None)
+
+    def take_back(self, answer: Response, scope: RequestScope) -> None:
+        """Delete the cookie."""
+        self._set(answer, scope, "", 0)
+
+    def _set(self, answer: Response, scope: RequestScope, value: str, max_age_s: int | None) -> None:
+        answer.set_cookie(
+            self._name(scope),
+            value,
+            max_age=max_age_s,
+            path="/",
+            secure=self._is_secure(scope),
+            httponly=True,
+            samesite="lax",
+        )
+
+    def _name(self, scope: RequestScope) -> str:
+        return SECURE_SESSION_COOKIE if self._is_secure(scope) else SESSION_COOKIE
+
+    def _is_secure(self, scope: RequestScope) -> bool:
+        return self._always_secure or scope["scheme"] == "https"
+
+
+def csrf_token(secret: str) -> str:
+    """Return the token of a session that changes need; the session's secret cannot be derived from it."""
+    return hmac.new(secret.encode(), b"csrf", hashlib.sha256).hexdigest()
+
 
 LOGIN, LOGOUT = "/login", "/logout"
 # Separate headers: browsers do not search one header for a second challenge.

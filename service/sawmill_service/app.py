@@ -11,25 +11,24 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sawmill_contracts.declared_kinds import asked_kinds
 from sawmill_service import retention
-from sawmill_service.access import Access, check_scope
+from sawmill_service.access import Access, SessionCookie, check_scope
 from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.bodies.forms import check_csrf
+from sawmill_service.http.bodies.sent_content import SlowBodies
 from sawmill_service.http.bodies.sent_json import check_body, check_query
-from sawmill_service.http.bodies.unread_bodies import SlowBodies
 from sawmill_service.http.document.openapi_document import Application
 from sawmill_service.http.gate import Gate, ProtectiveHeaders
 from sawmill_service.http.limits.admission import Admission
-from sawmill_service.http.limits.memory_budget import MemoryBudget
 from sawmill_service.http.limits.rates import FailedLogins, Rates
 from sawmill_service.http.limits.transfers import Transfers
 from sawmill_service.http.observer import Heads, Observer, RequestIds
 from sawmill_service.http.problems import install
 from sawmill_service.http.repeats import install as install_repeats
 from sawmill_service.http.responses.conditional import Digests
+from sawmill_service.http.responses.drawn import MemoryBudget
 from sawmill_service.http.responses.waiting import JobEnds
 from sawmill_service.http.route_rules import RouteRules, check_method
-from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.measures import Measures
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
@@ -56,7 +55,6 @@ from sawmill_service.routes import (
 )
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
-from sawmill_service.webhooks import described_messages
 from sawmill_store.store import Store
 from sawmill_vocabulary.version import VERSION
 
@@ -131,7 +129,7 @@ def create_app(
         contact={"name": "The contributors to sawmill calibration"},
         license_info={"name": "Apache License 2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/"}],
-        webhooks=described_messages.router,
+        webhooks=webhooks.messages,
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

@@ -12,17 +12,15 @@ from fastapi import Depends, Request
 from sawmill_platform.database.database import after_commit
 from sawmill_platform.jobs.job_store import Jobs
 from sawmill_platform.jobs.queue_limits import Places
-from sawmill_platform.keys.key_store import KeyStore
+from sawmill_platform.keys.key_store import KeyStore, Sessions
 from sawmill_platform.keys.repeats import Repeats
-from sawmill_platform.keys.sessions import Sessions
 from sawmill_platform.ledger.audit import Audit
 from sawmill_platform.ledger.events import Events
 from sawmill_platform.uploads.upload_store import Uploads
 from sawmill_platform.webhooks.webhook_store import WebhookStore
-from sawmill_service.access import Access, Caller, caller_of
+from sawmill_service.access import Access, Caller, SessionCookie, caller_of
 from sawmill_service.event_feed import EventFeed, StreamTimes
 from sawmill_service.http.limits.transfers import Transfers
-from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_store.calibrations import Calibrations, Reconstructions
@@ -33,9 +31,8 @@ from sawmill_store.retention.retention_store import RetentionStore
 from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories
 from sawmill_store.scanners.scanners import Scanners
-from sawmill_store.scans.inspections import Inspections
 from sawmill_store.scans.phantoms import Phantoms
-from sawmill_store.scans.scans import Scans
+from sawmill_store.scans.scans import Inspections, Scans
 from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.store import Plans, Store
 

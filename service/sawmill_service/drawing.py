@@ -120,7 +120,7 @@ def _answer(path: Path) -> "tuple[CalibrationResult, CalibrationArrays]":
 
 def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
     from sawmill_calibration.pictures.images import bare_png
-    from sawmill_calibration.pictures.windows import LOG_WINDOW, window_of
+    from sawmill_calibration.pictures.pages import LOG_WINDOW, window_of
     from sawmill_formats.output.calibration_file import read_arrays
 
     arrays = read_arrays(path, "log_field_mm", "log_after", name)
@@ -132,7 +132,7 @@ def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
 
 def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """Draw the curve from which Tikhonov's alpha was chosen, as PNG."""
-    from sawmill_calibration.pictures.alpha_curve import alpha_curve_png
+    from sawmill_calibration.pictures.figures import alpha_curve_png
 
     with DRAWING:
         return alpha_curve_png(**columns)
@@ -142,7 +142,7 @@ def scan_thumbnail(files: MillFiles, scan: Scan, shape: ScanShape) -> Path:
     """Return the path of a scan's thumbnail, the sinogram of the middle row; draw and keep it if it is missing."""
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import thumbnail_png
+        from sawmill_calibration.pictures.images import thumbnail_png
         from sawmill_formats.output import scan_reader
 
         path, row = files.scan(scan.id), middle_row(scan, shape)
@@ -155,7 +155,7 @@ def volume_thumbnail(files: MillFiles, reconstruction_id: str, result: Reconstru
     """Return the path of a volume's thumbnail, the middle slice; draw and keep it as `scan_thumbnail` does."""
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import thumbnail_png
+        from sawmill_calibration.pictures.images import thumbnail_png
         from sawmill_formats.output import volume_reader
 
         middle = volume_reader.volume_slice(files.volume(reconstruction_id), result.shape, result.shape[0] // 2)

@@ -21,9 +21,9 @@ from sawmill_platform.errors import Conflict
 from sawmill_service.dependencies import TheRetention
 from sawmill_service.http.bodies.forms import TheForm
 from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.frame.languages import marked, plain_number
 from sawmill_service.pages.frame.page_frame import PageFrame, ThePage

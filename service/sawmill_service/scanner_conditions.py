@@ -7,10 +7,11 @@ from datetime import datetime
 from functools import cached_property
 from itertools import chain
 
-from sawmill_contracts.alarms import Alarm, AlarmKind, KnownRed
+from sawmill_contracts.alarms import Alarm, AlarmKind
 from sawmill_contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_contracts.drifts import Drift
 from sawmill_contracts.history import HistoryKind
+from sawmill_contracts.next_steps import KnownRed
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_mill.alarms import is_acknowledged
 from sawmill_mill.next_step import NextStep, next_step, other_step

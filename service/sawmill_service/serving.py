@@ -13,18 +13,16 @@ import uvicorn
 from sawmill_platform.attempts.importing import PROGRAM
 from sawmill_platform.errors import StorageError
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.clock_keeper import ClockKeeper
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import open_store
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_platform.workers.sole_service import refuse_second, sole_service
+from sawmill_platform.workers.sole_service import ClockKeeper, refuse_second, sole_service
 from sawmill_platform.workers.supervise import WorkerSupervisor
 from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
-from sawmill_service.http.bodies.unread_bodies import UnreadBodies
-from sawmill_service.http.limits.memory_budget import return_freed_memory
-from sawmill_service.http.limits.open_files import connections_of, log_refused_accepts_rarely
-from sawmill_service.http.listening import ListenError, is_loopback, listen
+from sawmill_service.http.bodies.sent_content import UnreadBodies
+from sawmill_service.http.listening import ListenError, connections_of, is_loopback, listen, log_refused_accepts_rarely
+from sawmill_service.http.responses.drawn import return_freed_memory
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server, ServiceManager
 from sawmill_service.webhooks.destinations import AllowedDestinations

@@ -19,7 +19,7 @@ from sawmill_service.dependencies import TheInspections, TheUploads
 from sawmill_service.http.bodies.body_sums import BodySums
 from sawmill_service.http.bodies.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.http.problems import Refused
-from sawmill_store.scans.inspections import Inspections
+from sawmill_store.scans.scans import Inspections
 
 # Repeated files are not urgent: they do not take the threads of other requests.
 _REPEATS = ThreadPoolExecutor(2, "repeats")

@@ -11,8 +11,8 @@ from astra_rivals import STOPS, tuned
 from inclusions import NAIL_MM, Inclusion
 from log_methods import METHODS
 from log_scans import LogScan, whole_scan
+from missing_parts import first_by_day
 from scanners import SCANNER
-from tiers import first_by_day
 from whole_logs import WholeLog
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, Theta
@@ -135,7 +135,7 @@ def test_equal_seeds_give_equal_logs_and_the_rows_change_slowly():
 
 
 @pytest.mark.parametrize("seed", [4000, 4001, 4002])
-def test_each_kind_of_log_is_wood_in_air_and_its_data_are_its_integrals(geometry, seed):
+def test_each_log_is_wood_in_air_and_its_data_are_its_integrals(geometry, seed):
     log = WholeLog.random(seed, rows=1)
     truth, data = log.truth(FINE_GRID), log.sinograms(geometry, noise=0.0)
     assert truth.min() >= 0.0

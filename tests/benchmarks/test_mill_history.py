@@ -1,12 +1,16 @@
 """The mill that the documents' pictures show, and a year of a busy one: 100 000 jobs, 20 000 scans, 200 000 events."""
 
 import asyncio
+import json
 import shutil
 from contextlib import closing
 from datetime import timedelta
 
+import line_day
+import load
 import pages
 import pytest
+from measurement import RESULTS
 from mill_history import Line, PastClock, write_history
 
 from sawmill_platform.database.database import Database
@@ -42,3 +46,29 @@ def test_no_page_and_no_list_takes_more_than_0_3_s_of_processor(tmp_path):
     store.close()
     assert {answer.path: answer.worked_ms for answer in answers if answer.worked_ms > 300.0} == {}
     assert len(answers) > 100
+
+
+def test_a_day_of_logs_is_what_the_page_says():
+    assert (line_day.log_bytes(), line_day.day_bytes()) == (20 * 2500 * 768 * 2, 153_600_000_000)
+
+
+def test_the_table_of_machines_follows_from_what_the_results_hold():
+    """It is derived from measured values: an unchanged file gives the same table."""
+    file = json.loads((RESULTS / "load.json").read_text())
+    assert line_day.derived(file["values"], file["cores"])["sizing"] == file["values"]["sizing"]
+
+
+@pytest.mark.nightly
+def test_the_quick_study_measures_everything(tmp_path, capsys):
+    load.main(["--quick", "--results", str(tmp_path)], reference=lambda: 1.0)
+    values = json.loads((tmp_path / "load.json").read_text())["values"]
+    (cell,), log = values["cells"], values["log"]
+    assert (cell["database"], cell["workers"], cell["queued"]) == ("sqlite", 1, 10)
+    assert all(cell[name] > 0.0 for name in cell.keys() - {"database"})
+    assert log["upload_bytes"] > log["rows"] * 22 * 768 * 2
+    assert min(log["scan_bytes"], log["volume_bytes"], log["read_processor_s"], log["fbp_processor_s"]) > 0
+    assert "| samples of a day | 2000 logs x 76.8 MB | 154 GB |" in values["day"]
+    assert values.keys() == {
+        *("cells", "log", "day", "sizing", "stay", "ends", "sqlite", "claim_growth", "first_page_growth")
+    }
+    assert "sqlite           1      10" in capsys.readouterr().out

@@ -14,7 +14,7 @@ from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, The
 from sawmill_calibration.calibration.calibrate import CalibrationInput, run_calibration
 from sawmill_calibration.calibration.plan import run_plan
 from sawmill_calibration.failures import input_errors_translated, options_of, read_json
-from sawmill_calibration.phantom_drawings import traced_drawing
+from sawmill_calibration.known_geometry import traced_drawing
 from sawmill_calibration.scans.scan_rows import chosen_rows, chosen_views
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import GivenTheta, ScannerConstants

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from reconstruction_inputs import reconstruction_input
+from small_scanner import reconstruction_input
 
 from sawmill_calibration.reconstruction import block_solvers
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory

@@ -8,8 +8,7 @@ import pytest
 
 import sawmill_calibration as sawmill
 from sawmill_calibration.drift_checks.drift_check import mean_of_common_rows
-from sawmill_calibration.known_geometry import to_phantom
-from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_tomography.geometry.geometry import TAU, Scanner, Theta
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
@@ -42,7 +41,7 @@ def lines():
     board = to_phantom(drawing_of("l-shape")).moved(12.0, -8.0).of_density(SAPWOOD_PER_MM)
     log = LogModel.random(1)
     bodies = [board, *(log.slice_at(20.0 + 3.0 * row) for row in range(ROWS - BOARD))]
-    rows = [analytic.project(body, cells, frame, ANGLES, rays_per_cell=2) for body in bodies]
+    rows = [analytic.project(body, cells, frame, ANGLES) for body in bodies]
     return np.stack([rows[0]] * BOARD + rows[1:], axis=1)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reconstruction_inputs import reconstruction_input
+from small_scanner import reconstruction_input
 
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
 from sawmill_contracts.reconstructions import ReconstructionOptions

@@ -6,9 +6,9 @@ import h5py
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from reconstruction_inputs import reconstruction_input
+from small_scanner import reconstruction_input
 
-from sawmill_calibration import capacity
+from sawmill_calibration import failures
 from sawmill_calibration.reconstruction.reconstruct import (
     SAMPLED_VALUES,
     ValueRange,
@@ -379,34 +379,34 @@ def test_a_volume_larger_than_the_disk_and_a_slice_larger_than_the_memory_are_re
         run_reconstruction(given, given.geometry, IN_BLOCKS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"
     assert list(tmp_path.iterdir()) == []
-    capacity.check_memory(10**9, 10**9)
+    failures.check_memory(10**9, 10**9)
     with pytest.raises(
         JobFailure, match=r"one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"
     ) as failure:
-        capacity.check_memory(3 * 10**9, 2 * 10**9)
+        failures.check_memory(3 * 10**9, 2 * 10**9)
     assert failure.value.code == "out-of-memory"
 
 
 def test_memory_is_the_machine_s_or_the_container_s(tmp_path):
     meminfo = tmp_path / "meminfo"
     meminfo.write_text("MemTotal:       16000 kB\nMemAvailable:    8000 kB\n")
-    assert capacity.memory_available(meminfo, tmp_path) == 8000 * 1024
+    assert failures.memory_available(meminfo, tmp_path) == 8000 * 1024
     (tmp_path / "memory.max").write_text("max\n")
-    assert capacity.memory_available(meminfo, tmp_path) == 8000 * 1024
+    assert failures.memory_available(meminfo, tmp_path) == 8000 * 1024
     (tmp_path / "memory.max").write_text("5000000\n")
     (tmp_path / "memory.current").write_text("1500000\n")
     # The kernel gives up what it only caches of files.
     (tmp_path / "memory.stat").write_text("anon 900000\ninactive_file 500000\nactive_file 100000\n")
-    assert capacity.memory_available(meminfo, tmp_path) == 4_000_000
+    assert failures.memory_available(meminfo, tmp_path) == 4_000_000
     # A unit of systemd's in a slice: each may have a limit.
     (unit := tmp_path / "system.slice/sawmill.service").mkdir(parents=True)
     (membership := tmp_path / "cgroup").write_text("12:pids:/elsewhere\n0::/system.slice/sawmill.service\n")
     (unit / "memory.max").write_text("2000000\n")
     (unit / "memory.current").write_text("500000\n")
     (unit / "memory.stat").write_text("inactive_file 0\n")
-    assert capacity.memory_available(meminfo, tmp_path, membership) == 1_500_000
+    assert failures.memory_available(meminfo, tmp_path, membership) == 1_500_000
     (unit / "memory.max").write_text("9000000\n")
-    assert capacity.memory_available(meminfo, tmp_path, membership) == 4_000_000
+    assert failures.memory_available(meminfo, tmp_path, membership) == 4_000_000
 
 
 def test_the_range_of_a_large_volume_comes_from_a_sample_of_bounded_size():

@@ -8,10 +8,10 @@ from itertools import zip_longest
 
 import nbformat
 import pytest
+from missing_parts import first_by_day
 from nbclient import NotebookClient
 from notebooks import EXAMPLES, MEASURED, TIME_ROW, clean
 from scan_files import published_data  # noqa: F401 - fixture
-from tiers import first_by_day
 
 LARGEST_BYTES = 1_000_000
 # Sums in another order, by other threads or processors, move an answer by much less than its standard deviation, so

@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from sawmill_calibration.calibration import calibrate
 from sawmill_calibration.calibration.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_calibration.calibration.calibrate_scan import with_second_witness, witness_of
 from sawmill_calibration.calibration.calibration_files import find_log_row
-from sawmill_calibration.calibration.second_witness import with_second_witness, witness_of
-from sawmill_command.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
+from sawmill_command.examples import SCANNER, full_turn, mill_slices, mill_stack
+from sawmill_command.seeding import PHANTOM_ROWS, THETA
 from sawmill_contracts.calibrations import CalibrationOptions
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, PhantomRequest

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from calibration_answers import write_answer
+from results import write_answer
 from typer.testing import CliRunner, Result
 
 from sawmill_command.commands import main

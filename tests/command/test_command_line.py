@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from tiers import first_by_day
+from missing_parts import first_by_day
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main

@@ -144,9 +144,9 @@ def test_services_stop_at_tables_of_a_later_version(data, command):
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):
-    tables_of(data, "0001", None)
+    tables_of(data, "0003", None)
     assert "take a backup" in found("database", code=0)["cure"]
-    assert revision_of(data) == "0001"
+    assert revision_of(data) == "0003"
 
 
 def test_a_damaged_and_a_destroyed_database(found, data):

@@ -6,9 +6,8 @@ import struct
 import h5py
 import numpy as np
 import pytest
-from calibration_answers import write_answer
 from PIL import Image
-from results import calibration_result
+from results import calibration_result, write_answer
 
 from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration

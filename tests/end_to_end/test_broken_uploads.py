@@ -20,11 +20,9 @@ from uuid import uuid4
 
 import httpx
 import pytest
-from live_service import ANSWER_S, Offline, Service, serving, wait_until
-from missing_parts import skip_without
+from live_service import ANSWER_S, Offline, Service, serving, wait_until, write_lock
+from missing_parts import first_by_day, skip_without
 from results import SCANNER_SPEC
-from tiers import first_by_day
-from write_lock import write_lock
 
 from sawmill_platform.files.file_store import UNFINISHED
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import httpx
 import psycopg
 import pytest
-from compose_file import COMPOSE, PROGRAMS, ROOT, Place, read_compose
-from composed import PATIENCE_S, Composed, wait_until
+from compose_file import COMPOSE, PATIENCE_S, PROGRAMS, ROOT, Composed, Place, read_compose, wait_until
 from live_service import SCANNER, descendants
 from missing_parts import skip_without
 

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from example_requests import add_what_is_decided, with_file
+from documented import add_what_is_decided, with_file
 from live_service import Offline, serving, stop_outside_a_transaction, wait_until, workers
 
 from sawmill_contracts.schedules import ScheduleSpec
@@ -24,8 +24,8 @@ from sawmill_platform.backups.backup import Backup
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.settings import StorageSettings
+from sawmill_store.mill_files import NAMED_FOLDERS
 from sawmill_store.store import Store
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_tomography.geometry.geometry import Theta
 
 pytestmark = pytest.mark.slow

@@ -6,9 +6,9 @@ import sys
 import threading
 
 import pytest
+from emptied_databases import own_server
 from live_service import SCANNER, serving, wait_until
-from postgres_server import own_server
-from tiers import first_by_day
+from missing_parts import first_by_day
 
 from sawmill_contracts.calibrations import CalibrationSucceeded
 from sawmill_tomography.geometry.geometry import Theta

@@ -13,8 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 from live_service import wait_until
-from missing_parts import skip_without
-from ports import free_port
+from missing_parts import free_port, skip_without
 from results import SCANNER_SPEC
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import httpx
 from tests.faults.processes import MARK, marked, send
-from tests.support.ports import free_port
+from tests.support.missing_parts import free_port
 
 READY_S = 120.0
 LONGEST_STOP_S = 40.0

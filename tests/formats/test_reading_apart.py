@@ -10,8 +10,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from damaged_files import endless
-from system_calls import at_call, refusing
+from machine_faults import at_call, refusing
+from results import endless
 
 from sawmill_calibration import read_scan
 from sawmill_calibration.result_file import read_calibration

@@ -10,8 +10,8 @@ from sqlalchemy import String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from sawmill_platform.attempts.attempt import main as attempt_main
+from sawmill_platform.attempts.protocol import Attempt, Needs
 from sawmill_platform.attempts.runner import Runner
-from sawmill_platform.attempts.work import Attempt, Needs
 from sawmill_platform.backups.restoring import restore
 from sawmill_platform.backups.taking import take_backup
 from sawmill_platform.contracts.attempts import AttemptInput, JobFailure

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 import results
 from asgi import asynchronous, scope_of
+from emptied_databases import PostgresDatabases
 from plain_logs import log_plainly
-from postgres_server import PostgresDatabases
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
@@ -235,10 +235,10 @@ class FakeWorker:
         assert claim is not None
         return claim
 
-    def finish_scan(self, lines: np.ndarray | None = None) -> None:
+    def finish_scan(self, lines: np.ndarray | None = None, **changes: Any) -> None:
         lines = projections() if lines is None else lines
         shape = dict(zip(("views", "rows", "detector"), lines.shape, strict=True))
-        result = {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)}
+        result = {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)} | changes
         self._finish(partial(write_scan, lines=lines), result)
 
     def finish_tracing(self) -> None:

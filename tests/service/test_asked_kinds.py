@@ -6,9 +6,8 @@ import io
 import h5py
 import pytest
 from asgi import asynchronous, refusal
-from damaged_files import written_by_its_job
 from PIL import Image
-from results import SCANNER_SPEC, THETA
+from results import SCANNER_SPEC, THETA, written_by_its_job
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import StoredReconstructionOptions

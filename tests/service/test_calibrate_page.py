@@ -6,8 +6,7 @@ from dataclasses import replace
 from html import unescape
 
 import pytest
-from asgi import refusal
-from page_text import absent
+from asgi import absent, refusal
 from results import FRAME, SCANNER_FORM, calibration_result, comparison
 
 from sawmill_contracts import kinds
@@ -30,6 +29,7 @@ from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.calibration_messages import CalibrationMessage
 from sawmill_vocabulary.geometry import Scanner
 from sawmill_vocabulary.movement_messages import LogMessage, MovementMessage
+from sawmill_vocabulary.reading_messages import PreparingMessage
 from sawmill_vocabulary.scan_messages import EffectMessage
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
@@ -245,7 +245,8 @@ def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, st
 def test_another_phantom_in_the_scan_is_named_first_with_a_button_that_calibrates_with_it(
     seeded, store, worker, started, woken
 ):
-    worker.finish_scan()
+    remark = PreparingMessage.NO_SIGNAL(samples=50)
+    worker.finish_scan(coded_remarks=[CodedReason.of(remark).model_dump()])
     scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     with pytest.raises(CalibrationError) as refusal:
         refuse_unfound(scanner, BUILT_IN["l-shape"], None, 1.0, lambda: "rectangle-with-hole")
@@ -253,7 +254,11 @@ def test_another_phantom_in_the_scan_is_named_first_with_a_button_that_calibrate
     page = seeded.get(started)
     said = shown(page)
     hint = said.index("This looks like the phantom “Rectangle with hole”.")
-    assert hint < said.index("The scan has only 12 views. Scan a full turn with at least 120.") < said.index("Details")
+    few, dark = (
+        "The scan has only 12 views. Scan a full turn with at least 120.",
+        "too little light: 6.5 % of the measured",
+    )
+    assert hint < said.index(few) < said.index(dark) < said.index("Details")
     values = dict(re.findall(r'<input type="hidden" name="(scan_id|phantom_id)" value="([^"]*)">', page.text))
     again = seeded.post("/calibrate", data=values).headers["Location"]
     calibration = store.calibrations.get(again.rpartition("=")[2])

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import h5py
 import numpy as np
 import pytest
-from damaged_files import DAMAGES, another_file
+from results import DAMAGES, another_file
 
 from sawmill_contracts import kinds
 from sawmill_platform.errors import DamagedResult

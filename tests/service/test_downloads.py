@@ -7,9 +7,8 @@ from base64 import b64encode
 from threading import Event
 
 import pytest
-from asgi import asynchronous, refusal
+from asgi import absent, asynchronous, refusal
 from documented import check_documented
-from page_text import absent
 
 from sawmill_contracts import kinds
 from sawmill_platform.files.verified_results import VerifiedResults

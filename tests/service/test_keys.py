@@ -6,11 +6,11 @@ from base64 import b64encode
 
 import pytest
 from asgi import refusal
+from live_service import write_lock
 from machine_faults import database_away
 from pydantic import ValidationError
 from results import SCANNER_SPEC as SPEC
 from typer.testing import CliRunner
-from write_lock import write_lock
 
 from sawmill_command.commands import main
 from sawmill_contracts import mill_events

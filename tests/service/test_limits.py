@@ -10,10 +10,8 @@ from typing import Any
 
 import httpx
 import pytest
-from asgi import asynchronous, refusal
-from documented import check_documented, committed
-from example_requests import with_file
-from page_text import absent, text_of
+from asgi import absent, asynchronous, refusal, text_of
+from documented import check_documented, committed, with_file
 from pydantic import SecretStr, ValidationError
 from results import SCANNER_SPEC as SPEC
 

@@ -13,10 +13,9 @@ from pathlib import Path
 
 import httpx
 import pytest
-from page_text import absent
+from asgi import absent
 
-from sawmill_service.http.limits.open_files import RefusedAccepts
-from sawmill_service.http.listening import ListenError, is_loopback, listen
+from sawmill_service.http.listening import ListenError, RefusedAccepts, is_loopback, listen
 from sawmill_service.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow

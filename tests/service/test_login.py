@@ -5,19 +5,16 @@ from datetime import UTC, datetime, timedelta
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from asgi import refusal
+from asgi import absent, refusal
 from machine_faults import database_away
-from page_text import absent
 from typer.testing import CliRunner
 
 from sawmill_command.commands import main
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyRequest, Scope
-from sawmill_platform.keys.key_store import hash_of
-from sawmill_platform.keys.sessions import hash_of_link
-from sawmill_service.access import LOGIN
+from sawmill_platform.keys.key_store import hash_of, hash_of_link
+from sawmill_service.access import LOGIN, SECURE_SESSION_COOKIE, SESSION_COOKIE, csrf_token
 from sawmill_service.app import create_app
-from sawmill_service.http.session_cookie import NAME, SECURE_NAME, csrf_token
 from sawmill_service.pages.frame.page_frame import LOOK
 from sawmill_service.routes.login import FILES
 from sawmill_service.settings import ServiceSettings
@@ -68,7 +65,7 @@ def test_a_key_opens_a_session_in_a_cookie_that_scripts_cannot_read(browser):
         answer = log_in(browser, secret)
         assert (answer.status_code, answer.headers["Location"]) == (303, "/")
         name, *flags = answer.headers["Set-Cookie"].split("; ")
-        assert re.fullmatch(rf"{NAME}=[\w-]{{43}}", name)
+        assert re.fullmatch(rf"{SESSION_COOKIE}=[\w-]{{43}}", name)
         assert sorted(flags) == ["HttpOnly", "Path=/", "SameSite=lax"]
         assert TOKEN not in answer.headers["Set-Cookie"]
         page = browser.get("/")
@@ -80,10 +77,10 @@ def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store):
     for public_url, there in (("https://calibration.mill.example", ""), (None, "https://127.0.0.1:8000")):
         browser.app = create_app(ServiceSettings(public_url=public_url, token=TOKEN), store, print)
         answer = browser.post(f"{there}/login", data={"key": key_of(store, Scope.READ).secret})
-        assert answer.headers["Set-Cookie"].startswith(f"{SECURE_NAME}=")
+        assert answer.headers["Set-Cookie"].startswith(f"{SECURE_SESSION_COOKIE}=")
         assert answer.headers["Set-Cookie"].endswith("HttpOnly; Path=/; SameSite=lax; Secure")
         # A plain cookie, which another host of the domain or plain HTTP can set, opens nothing there.
-        forged = answer.headers["Set-Cookie"].replace(SECURE_NAME, NAME)
+        forged = answer.headers["Set-Cookie"].replace(SECURE_SESSION_COOKIE, SESSION_COOKIE)
         assert browser.get(f"{there}/v1/keys/current", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
         good = answer.headers["Set-Cookie"].partition(";")[0]
         assert browser.get(f"{there}/v1/keys/current", headers={"Cookie": good}).status_code == 200
@@ -142,7 +139,7 @@ def test_without_a_session_programs_are_challenged_as_before_and_only_the_login_
         return [challenge.split()[0] for challenge in answer.headers.get_list("WWW-Authenticate")]
 
     assert challenges() == challenges(Authorization="Bearer none") == ["Basic", "Bearer"]
-    assert challenges(Cookie=f"{NAME}=ended") == challenges(**{"Sec-Fetch-Mode": "cors"}) == ["Bearer"]
+    assert challenges(Cookie=f"{SESSION_COOKIE}=ended") == challenges(**{"Sec-Fetch-Mode": "cors"}) == ["Bearer"]
     page = browser.get("/login")
     assert page.status_code == 200
     named, open_paths = set(re.findall(r'(?:src|href|action)="([^"]+)"', page.text)), {*FILES, LOGIN, LOOK}
@@ -213,7 +210,7 @@ def test_a_logout_and_another_login_end_the_session_and_both_are_in_the_audit(br
     log_in(browser, key.secret)
     answer = browser.post("/logout", data={"csrf": token_in(browser)})
     assert (answer.status_code, answer.headers["Location"]) == (303, "/login")
-    assert answer.headers["Set-Cookie"].startswith(f'{NAME}=""; HttpOnly; Max-Age=0;')
+    assert answer.headers["Set-Cookie"].startswith(f'{SESSION_COOKIE}=""; HttpOnly; Max-Age=0;')
     assert browser.get("/").headers["Location"] == "/login?next=%2F&ended=true"
     went, came = store.audit.page(limit=2).items
     assert (came.action, went.action) == (event_kinds.LOGGED_IN, event_kinds.LOGGED_OUT)
@@ -295,4 +292,4 @@ def test_a_display_stays_logged_in_and_a_person_does_not(browser, store, display
 def test_without_keys_this_machine_sees_no_login(client):
     assert "Log out" not in client.get("/", headers=HTML).text
     assert client.post("/logout", headers=HTML).headers["Location"] == "/login"
-    assert client.get("/", headers={"Cookie": f"{NAME}=ended"}).status_code == 200
+    assert client.get("/", headers={"Cookie": f"{SESSION_COOKIE}=ended"}).status_code == 200

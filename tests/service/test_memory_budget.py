@@ -20,8 +20,7 @@ from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_service.app import create_app
-from sawmill_service.http.limits.memory_budget import MemoryBudget, Reservation, return_freed_memory
-from sawmill_service.http.responses.drawn import Drawn
+from sawmill_service.http.responses.drawn import Drawn, MemoryBudget, Reservation, return_freed_memory
 from sawmill_vocabulary import DataKind, ReconstructionMethod
 
 MIB = 2**20

@@ -10,8 +10,7 @@ from urllib.parse import unquote
 
 import pytest
 from contract_changes import version_tuple
-from documented import check_documented
-from example_requests import add_what_is_decided, with_file
+from documented import add_what_is_decided, check_documented, with_file
 from jsonschema import Draft202012Validator
 
 from sawmill_contracts.calibrations import CalibrationRequest
@@ -209,10 +208,13 @@ FOLLOWED_BY = {
     "upload_scan": ("queued", "scan"),
     "activate_calibration": ("calibration-rolled-back", "calibration"),
     "acknowledge_alarm": ("alarm-acknowledged", "scanner"),
+    "acknowledge_red": ("red-acknowledged", "scanner"),
     "cancel_job": ("cancelled", "calibration"),
     "inspect_file": ("queued", "inspection"),
     "measure_phantom": ("phantom-created", "phantom"),
     "rename_reconstruction": ("reconstruction-renamed", "reconstruction"),
+    "mark_reconstruction": ("reconstruction-marked", "reconstruction"),
+    "unmark_reconstruction": ("reconstruction-marked", "reconstruction"),
     "send_part": ("upload-complete", "upload"),
 }
 DONE = {"create": "created", "delete": "deleted", "discard": "discarded", "replace": "changed", "revoke": "revoked"}
@@ -252,10 +254,10 @@ def test_every_request_that_changes_something_is_followed_by_an_event(changing, 
     examples = sorted(
         (each for each in EVERY if each["method"] not in READ_ALONE), key=lambda each: each["method"] == "DELETE"
     )
-    add_what_is_decided(store)
     another = store.calibrations.accept(CalibrationRequest(scan_id="example")).id
     replace(worker, store=store).finish_calibration()
     store.calibrations.activate(another, "by hand")
+    add_what_is_decided(store)
     content = changing.get("/examples/phantom-scan.npz").content
     # Where the examples of a fresh data folder change nothing: no key, a job that has ended, a part that is not all.
     own = {

@@ -12,11 +12,12 @@ from html import unescape
 from pathlib import Path
 from urllib.parse import urljoin, urlsplit
 
+import mill_states
 import pytest
+from asgi import absent
 from babel.messages.checkers import checkers
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
-from page_text import absent
 from results import calibration_result, comparison
 
 from sawmill_contracts.calibrations import CalibrationResult
@@ -191,7 +192,7 @@ def addresses(html: str) -> list[str]:
 
 
 def test_every_link_and_picture_of_every_page_leads_somewhere(client):
-    seen, waiting, broken = {}, ["/help"], []
+    seen, waiting, broken = {}, ["/help", "/help/.fi"], []
     while waiting:
         address = waiting.pop()
         answer = client.get(address, headers=BROWSER)
@@ -243,6 +244,7 @@ def test_a_page_is_rendered_in_the_reader_s_language_as_the_repository_s_host_re
     assert "<td><code>queue-full</code></td>" in page
     everything = "".join(document.html for document in all_documents("en"))
     assert not re.search("(?<!<code>)&lt;!--", re.sub("<pre.*?</pre>", "", everything, flags=re.DOTALL)), "a comment"
+    assert '<h1 id="ohjeet">' in client.get("/help", headers=BROWSER | {"Accept-Language": "fi"}).text
     finnish = client.get("/help/do/technician", headers=BROWSER | {"Accept-Language": "fi"}).text
     assert '<article class="card" lang="fi">' in finnish
     assert 'href="/help/do/technician.en" lang="en" hreflang="en"' in finnish
@@ -335,3 +337,32 @@ def test_the_wheel_has_the_documents(tmp_path):
     assert documents <= inside
     assert "sawmill_service/documents/LICENSE" in inside
     assert not [name for name in inside if name.endswith(".py") and "/docs/" in name]
+
+
+ENGLISH = re.compile(r"\b(?:the|of|and|with|was|is|not|by|for|from|at|to be)\b")
+# Texts of people, which stay as they were typed.
+TYPED = re.compile(r"line-4_2026\S*|Sorting line 4, log scanner behind the debarker|the cross of the hall")
+# Pages whose subject is the API, its codes or its values.
+TECHNICAL = {"problems", "problem", "audit", "webhooks"}
+
+
+def english_in_sight(html: str) -> list[str]:
+    """Texts of a page that are English or declared to be, but no code and nothing that is folded."""
+    for tag in ("script", "style", "code", "datalist", "details"):
+        while (less := re.sub(rf"<{tag}\b(?:(?!<{tag}\b).)*?</{tag}>", " ", html, flags=re.DOTALL)) != html:
+            html = less
+    declared = [text for _, text in re.findall(r'<(\w+)[^>]* lang="en"[^>]*>(.*?)</\1>', html, re.DOTALL)]
+    spoken = re.findall(r'(?:alt|aria-label|placeholder|title)="([^"]*)"', html) + re.split(r"<[^>]*>", html)
+    return [text for text in declared if re.search(r"[a-z]{3}", text)] + [
+        text for text in spoken if ENGLISH.search(TYPED.sub("", unescape(text)))
+    ]
+
+
+def test_pages_of_a_bad_day_are_finnish_without_english_in_sight(seeded, store, worker):
+    finnish = {"Accept": "text/html", "Accept-Language": "fi"}
+    pages = {
+        name: seeded.get(path, headers=finnish).text for name, path in mill_states.fill(store, worker, "fi").items()
+    }
+    shown = '<p lang="en">seen</p><p title="by x"><details>of<details>of</details></details>'
+    assert english_in_sight(shown) == ["seen", "by x"]
+    assert {name: found for name in pages.keys() - TECHNICAL if (found := english_in_sight(pages[name]))} == {}

@@ -5,8 +5,7 @@ from datetime import date, timedelta
 from pathlib import Path
 
 import numpy as np
-from asgi import refusal
-from page_text import absent, text_of
+from asgi import absent, refusal, text_of
 from PIL import Image, ImageDraw
 
 import sawmill_service

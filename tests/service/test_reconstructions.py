@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import tifffile
 from asgi import refusal
-from damaged_files import written_by_its_job
 from PIL import Image
-from results import THETA
+from results import THETA, written_by_its_job
 
-from sawmill_calibration.pictures.arrays import averaged
-from sawmill_calibration.pictures.windows import painted
+from sawmill_calibration.pictures.images import averaged
+from sawmill_calibration.pictures.pages import painted
 from sawmill_formats.output.volume_exports import tiff_header
 from sawmill_formats.output.volume_reader import VolumeGrid
 from sawmill_vocabulary import ColorMap
@@ -110,6 +109,21 @@ def test_the_side_views_are_what_the_axes_show(seeded):
     assert first < last
 
 
+def test_marks_are_kept_with_the_log_and_change_one_by_one(seeded):
+    ruler = {"kind": "ruler", "slice": 1, "ends_mm": [[0.0, -5.0], [3.0, 4.0]], "note": "knot"}
+    for name in ("first", "second", "first"):
+        marked = seeded.put(f"{LOG}/marks/{name}", json=ruler | {"note": None if name == "first" else "knot"})
+    assert seeded.get(LOG).json()["marks"] == marked.json()["marks"]
+    assert [(mark["id"], mark["note"]) for mark in marked.json()["marks"]] == [("first", None), ("second", "knot")]
+    assert [seeded.delete(f"{LOG}/marks/second").status_code for _ in range(2)] == [204, 204]
+    audit = [entry for entry in seeded.get("/v1/audit").json()["items"] if entry["action"] == "reconstruction-marked"]
+    assert [list(entry["detail"]) for entry in audit] == [["second"], ["second"], ["first"]]
+    assert refusal(seeded.put(f"{LOG}/marks/third", json=ruler | {"slice": 3})) == (404, "slice-not-found")
+    for name in range(2, 102):
+        full = seeded.put(f"{LOG}/marks/{name}", json=ruler)
+    assert refusal(full) == (409, "too-many-marks")
+
+
 @pytest.mark.slow
 def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
     assert drawn(seeded.get("/v1/reconstructions/example-sparse/alpha-curve.png")).width > 800
@@ -130,7 +144,7 @@ def test_a_slice_or_a_side_view_is_the_volume_s_own_values_averaged_where_it_is_
     given = {name: answer.headers[name] for name in ("X-Pixel-Mm", "X-First-Pixel-Mm", "X-Height-Mm", "X-Unit")}
     # 32 pixels of 1.25 mm around the rotation centre; slices 20 mm apart.
     assert list(given.values()) == ["1.25", "-19.375,-19.375", "20.0", "1/mm"]
-    assert answer.headers["Content-Disposition"] == 'attachment; filename="reconstruction-example-slice-1.npy"'
+    assert answer.headers["Content-Disposition"] == 'attachment; filename="Line -2--1, slice 1.npy"'
     assert int(answer.headers["Content-Length"]) == len(answer.content)
     for max_size, factor in ((16, 2), (31, 2), (32, 1), (512, 1)):
         answer, side = seeded.get(f"{LOG}/slices/0.npy?max_size={max_size}"), 32 // factor
@@ -162,9 +176,11 @@ def test_a_slice_in_few_bytes_is_near_the_exact_one(seeded, volume):
 
 
 def test_a_volume_is_read_back_from_the_files_of_other_programs_however_large(seeded, volume, tmp_path):
+    seeded.put(f"{LOG}/name", json={"name": 'Mänty 14: "tyvi"'})
     for suffix in ("tif", "nrrd"):
         answer = seeded.get(f"{LOG}/volume.{suffix}")
-        assert answer.headers["Content-Disposition"] == f'attachment; filename="reconstruction-example.{suffix}"'
+        named = f"filename=\"Manty 14- -tyvi-.{suffix}\"; filename*=UTF-8''M%C3%A4nty%2014-%20-tyvi-.{suffix}"
+        assert answer.headers["Content-Disposition"] == f"attachment; {named}"
         assert int(answer.headers["Content-Length"]) == len(answer.content)
         (tmp_path / f"volume.{suffix}").write_bytes(answer.content)
     # 32 pixels of 1.25 mm around the rotation centre; slices 20 mm apart.

@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from page_text import absent
+from asgi import absent
 from results import SCANNER_FORM
 from sqlalchemy import insert, select
 
@@ -281,6 +281,16 @@ def test_a_new_scanner_is_added_its_settings_changed_and_decimals_have_a_comma_o
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
     page = seeded.get(path).text.replace(",", "")
     assert absent(page, "on an arc of 1574", "one for each view</dd>", 'value="between-passages" selected>') == []
+    # Two editors: the second one sees what the first has saved, and nothing of hers is lost.
+    tag = re.search(r'name="tag" value="([^"]+)"', seeded.get(path).text)[1].replace("&#34;", '"')
+    first, second = ({**changed, "tag": tag, name: "181"} for name in ("log_radius_mm", "ray_change_mm"))
+    assert seeded.post(f"{path}/settings", data=first).status_code == 303
+    refused = seeded.post(f"{path}/settings", data=second)
+    assert refused.status_code == 412
+    assert re.findall("“([^”]+)” is stored now", refused.text) == ["181", "0.4"]
+    assert 'value="181" inputmode="decimal" required autocomplete="off" aria-describedby="ray_change' in refused.text
+    tag = re.search(r'name="tag" value="([^"]+)"', refused.text)[1].replace("&#34;", '"')
+    assert seeded.post(f"{path}/settings", data=second | {"tag": tag}).status_code == 303
     wrong = {"name": "", "source_to_cor_mm": "86 cm", "log_radius_mm": "-150"}
     page = seeded.post("/scanners/new", data={**SCANNER_FORM, **wrong}).text
     assert re.findall(r'<input id="(\w+)"[^>]*aria-invalid', page) == list(wrong)

@@ -6,8 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from asgi import refusal
-from page_text import absent
+from asgi import absent, refusal
 from results import CONSTANTS
 from results import SCANNER_SPEC as SPEC
 from sqlalchemy import delete, event, insert

@@ -4,7 +4,7 @@ import itertools
 import re
 from datetime import timedelta
 
-from page_text import absent
+from asgi import absent
 
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.reconstructions import ReconstructionRequest

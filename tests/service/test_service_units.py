@@ -14,17 +14,16 @@ from pathlib import Path
 
 import httpx
 import pytest
-from missing_parts import skip_without
-from page_text import absent
+from asgi import absent
+from missing_parts import free_port, skip_without
 from plain_logs import log_plainly
-from ports import free_port
 from structlog.testing import capture_logs
 from typer.testing import CliRunner, Result
 
 from sawmill_command.commands import main
 from sawmill_command.service_units import Installation, program
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.http.limits.open_files import files_needed
+from sawmill_service.http.listening import files_needed
 from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
 from sawmill_service.stopping import SHUTDOWN_S, ServiceManager
 

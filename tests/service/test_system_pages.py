@@ -4,9 +4,8 @@ import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from asgi import refusal
+from asgi import absent, refusal, text_of
 from documented import check_documented
-from page_text import absent, text_of
 from sqlalchemy import event, insert
 
 from sawmill_contracts import kinds
@@ -19,6 +18,7 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_service.app import create_app
 from sawmill_service.pages.system.system import ACTIONS
 from sawmill_service.retention import KINDS
+from sawmill_store.mill_tables import CalibrationRow, ReconstructionRow
 from sawmill_vocabulary import Progress
 
 # Thousands of steps of SQLite's machine, which are as many on every computer, and rows that become objects.
@@ -223,3 +223,32 @@ def test_every_kind_and_every_action_of_the_audit_has_words():
     decisions = {kind for kind in EventType.all() if kind.is_decision}
     assert not (decisions - ACTIONS.keys()), "add them to ACTIONS in service/sawmill_service/pages/system/system.py"
     assert not ACTIONS.keys() - decisions, "no audit keeps these: remove them from ACTIONS"
+
+
+AT = datetime(2026, 1, 15, 21, 30, tzinfo=UTC)
+
+
+def test_names_pages_and_the_report_write_times_in_the_mill_s_zone(seeded, store):
+    with store.database.write() as session:
+        for table in (CalibrationRow, ReconstructionRow):
+            session.get(table, "example").created_at = AT
+    for name in ("example", "example-spare"):
+        store.schedules.delete(name)
+    assert "data-sets-zone" in seeded.get("/").text
+    seeded.post("/operator/time-zone", data={"time_zone": "Asia/Tokyo", "first": "yes"})
+    seeded.post("/operator/time-zone", data={"time_zone": "Europe/Berlin", "first": "yes"})
+    assert store.mill_zone.get() == "Asia/Tokyo"
+    log = seeded.get("/logs/example").text
+    assert absent(log, 'data-zone="Asia/Tokyo"', "log 1, 06:30</h1>", ">16 Jan 2026, 06:30</time>") == []
+    assert "16.1.2026 6.30 (Asia/Tokyo)" in seeded.get("/calibrations/example/report?language=fi").text
+    assert "data-sets-zone" not in seeded.get("/").text
+
+
+def test_only_an_administrator_sets_another_zone_and_only_one_that_exists(seeded, store):
+    seeded.post("/operator/time-zone", data={"time_zone": "Europe/Helsinki", "first": "yes"})
+    assert seeded.post("/operator/time-zone", data={"time_zone": "Pori"}).json()["code"] == "invalid-zone"
+    seeded.post("/operator/time-zone", data={"time_zone": "Europe/Stockholm"})
+    assert "Names, reports and pages write times in Europe/Stockholm." in seeded.get("/system").text
+    seeded.bring(Scope.ACTIVATE)
+    assert seeded.post("/operator/time-zone", data={"time_zone": "Asia/Tokyo"}).status_code == 403
+    assert store.mill_zone.get() == "Europe/Stockholm"

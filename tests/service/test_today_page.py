@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
-from page_text import absent
+from asgi import absent
 from results import SCANNER_FORM, comparison
 from sqlalchemy import event
 
@@ -333,11 +333,18 @@ def test_a_known_red_stays_red_and_asks_for_nothing_until_its_time_or_a_newer_re
         html = seeded.get(page).text
         assert re.search(r"<strong>Known until .*, by .+: Laakeri vaihdetaan</strong>", html), page
         assert 'class="badge bad"' in html, page
+    known = seeded.get("/v1/scanners/example/next-step").json()["known"]
+    assert datetime.fromisoformat(known["until"]) == until.replace(second=0, microsecond=0)
     assert "Acknowledge the red" not in seeded.get("/scanners/example").text
     assert 'sawmill_scanner_red_known{scanner="example"} 1.0' in seeded.get("/metrics").text
     assert "Laakeri vaihdetaan" in seeded.get("/scanners/example/history?kind=alarm").text
     checked(ray_change_mm=0.9, within_tolerance=False, reason="the COR moved on")
+    assert seeded.get("/v1/scanners/example/next-step").json()["known"] is None
     assert headline(seeded) == "0 fine, 2 need you, 1 of them red"
+    known = seeded.post("/v1/scanners/example/red/acknowledge", json={"reason": "ordered"}).json()
+    assert len(known["results"]) == 1
+    assert headline(seeded) == "0 fine, 1 needs you, 1 red and known"
+    checked(ray_change_mm=1.0, within_tolerance=False, reason="the COR moved again")
     assert "Acknowledge the red" in seeded.get("/scanners/example").text
 
 

@@ -7,7 +7,7 @@ import tarfile
 import h5py
 import numpy as np
 import pytest
-from data_0_1_0 import ARCHIVE
+from emptied_databases import ARCHIVE
 
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.store import Store

@@ -15,8 +15,8 @@ import pytest
 import uvicorn
 from asgi import refusal
 from documented import check_documented
+from live_service import write_lock
 from results import SCANNER_SPEC as SCANNER
-from write_lock import write_lock
 
 from sawmill_contracts.plans import PlanRequest
 from sawmill_platform.contracts.keys import KeyRequest, Scope

@@ -5,8 +5,7 @@ import json
 from contextlib import suppress
 
 import pytest
-from asgi import refusal
-from page_text import absent, text_of
+from asgi import absent, refusal, text_of
 from pydantic import ValidationError
 from receivers import receiving, status
 

@@ -15,11 +15,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from data_0_1_0 import ARCHIVE
-from databases import sqlite_alone
+from emptied_databases import ARCHIVE, sqlite_alone
+from machine_faults import at_call, refusing
 from results import CONSTANTS, RESULTS, answer_of
 from sqlalchemy import text
-from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
@@ -29,8 +28,8 @@ from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.backups import taking
 from sawmill_platform.backups.backup import MANIFEST, SUMS, Backup, copied, read_sums
+from sawmill_platform.backups.database_copy import copy_rows
 from sawmill_platform.backups.restoring import NOT_RESTORED, restore
-from sawmill_platform.backups.rows_to_postgresql import copy_rows
 from sawmill_platform.backups.taking import backups_in, remove_older
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobState
@@ -47,8 +46,8 @@ from sawmill_platform.keys.key_store import hash_of
 from sawmill_platform.ledger.events import NUMBERS_SKIPPED
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.uploads.upload_store import UploadQuota
+from sawmill_store.mill_files import NAMED_FOLDERS
 from sawmill_store.store import Store
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_vocabulary import DataKind
 from sawmill_vocabulary.version import VERSION
 

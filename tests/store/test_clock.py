@@ -10,13 +10,13 @@ from operator import itemgetter
 from zoneinfo import ZoneInfo
 
 import pytest
-from databases import sqlite_alone
+from emptied_databases import sqlite_alone
 
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.tables import ClockRow
 from sawmill_platform.due_times import latest_due, next_due
 from sawmill_platform.errors import Invalid
-from sawmill_platform.workers.clock_keeper import LASTING_S, ClockKeeper
+from sawmill_platform.workers.sole_service import LASTING_S, ClockKeeper
 from sawmill_store.store import Store
 
 

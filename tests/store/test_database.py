@@ -4,8 +4,8 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from databases import sqlite_alone
-from racing import race
+from emptied_databases import sqlite_alone
+from live_service import race
 from results import CONSTANTS
 from sqlalchemy import event, text
 
@@ -100,7 +100,7 @@ def test_a_commit_is_durable_and_references_are_checked(store):
 def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
     imports = (
         "from functools import partial\nfrom pathlib import Path\nfrom threading import Event\nimport alembic.command\n"
-        "from sawmill_platform.workers.opening import open_store\n"
+        "from sawmill_platform.workers.program import open_store\n"
         "from sawmill_platform.settings import StorageSettings\nfrom sawmill_store.store import Store"
     )
     program = (

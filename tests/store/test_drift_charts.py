@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import select, update
 from structlog.testing import capture_logs
 
-from sawmill_calibration.drift_checks.chart import follow
+from sawmill_calibration.drift_checks.baselines import follow
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.history import HistoryKind

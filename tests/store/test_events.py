@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from databases import postgresql_alone
+from emptied_databases import postgresql_alone
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 

@@ -10,8 +10,8 @@ from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.schedules import ScheduleSpec
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.errors import Conflict, Invalid, NotFound
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_store.mill_tables import ActivationRow, CalibrationRow
 
 pytestmark = pytest.mark.clocked

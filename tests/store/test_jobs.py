@@ -1,17 +1,17 @@
 """How jobs are claimed, wait, are lost and end, and the checkpoints that the next attempt finds."""
 
 import pytest
+from live_service import race
 from pydantic import ValidationError
-from racing import race
 from results import answer_of, reading
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanSpec, ScanState
+from sawmill_platform.contracts.attempts import checkpoints_of
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_platform.errors import FolderUnavailable, LeaseLost, NotFound
-from sawmill_platform.files.file_store import checkpoints_of
 from sawmill_platform.workers.settings import Retries
 from sawmill_vocabulary import DataKind, Progress
 

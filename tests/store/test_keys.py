@@ -6,13 +6,12 @@ import pytest
 from sqlalchemy import func, select, text
 from sqlalchemy.exc import DBAPIError
 
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.keys import KeyRequest, Scope
 from sawmill_platform.database.tables import SessionRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
-from sawmill_platform.keys.key_store import PREFIX, USE_STEP, hash_of
-from sawmill_platform.keys.sessions import LASTS, RENEWAL_STEP
+from sawmill_platform.keys.key_store import PREFIX, RENEWAL_STEP, SESSION_LASTS, USE_STEP, hash_of
+from sawmill_platform.ledger.events import Actor, acting_as
 
 pytestmark = pytest.mark.clocked
 
@@ -152,5 +151,5 @@ def test_a_person_s_session_is_found_by_its_secret_alone_until_it_was_not_used_f
         store.sessions.renew(store.sessions.find(secret))
     assert store.sessions.find(secret) is not None
     assert store.sessions.find(idle) is None
-    clock.advance(seconds=LASTS.total_seconds())
+    clock.advance(seconds=SESSION_LASTS.total_seconds())
     assert store.sessions.find(secret) is None

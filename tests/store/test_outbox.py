@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import timedelta
 
 import pytest
-from databases import postgresql_alone
+from emptied_databases import postgresql_alone
 from pydantic import ValidationError
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session

@@ -10,14 +10,13 @@ from urllib.parse import urlsplit
 
 import psycopg
 import pytest
-from emptied_databases import EmptiedDatabases
-from postgres_server import own_server
+from emptied_databases import EmptiedDatabases, own_server
 from sqlalchemy import text
 from structlog.testing import capture_logs
 
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_platform.errors import StorageMisconfigured, StorageUnavailable
-from sawmill_platform.workers.opening import open_store
+from sawmill_platform.workers.program import open_store
 from sawmill_store.store import Store
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)]

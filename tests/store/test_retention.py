@@ -7,9 +7,9 @@ import threading
 from datetime import timedelta
 
 import pytest
-from databases import postgresql_alone, sqlite_alone
+from emptied_databases import postgresql_alone, sqlite_alone
+from machine_faults import at_call, refusing
 from sqlalchemy import event
-from system_calls import at_call, refusing
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

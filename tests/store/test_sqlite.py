@@ -5,9 +5,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from databases import sqlite_alone
-from live_service import wait_until
-from write_lock import write_lock
+from emptied_databases import sqlite_alone
+from live_service import wait_until, write_lock
 
 from sawmill_platform.database.database import PIECE_BYTES, SPARE_BYTES
 from sawmill_platform.errors import StorageUnavailable

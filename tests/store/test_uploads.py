@@ -11,11 +11,11 @@ from sawmill_contracts import kinds
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_contracts.scans import ScanSpec
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.uploads import UploadRequest, UploadState
 from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.upload_stream import STEP_BYTES, AsSent
 from sawmill_platform.keys.repeats import KEPT, KeptAnswer, KeyedRequest
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_platform.uploads.upload_store import UploadQuota, Uploads
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind

@@ -1,6 +1,7 @@
-"""Requests to an application without a network: many in one event loop, or message by message."""
+"""Requests to an application without a network, in one event loop or message by message; what its pages say."""
 
 import json
+import re
 from typing import Any
 
 import httpx
@@ -32,3 +33,13 @@ def scope_of(path: str, method: str = "GET") -> dict[str, Any]:
     scope = {"type": "http", "http_version": "1.1", "asgi": {"spec_version": "2.3"}, "method": method, "root_path": ""}
     scope |= {"path": url.path, "raw_path": url.raw_path, "query_string": url.query, "scheme": url.scheme}
     return scope | {"headers": [(b"host", url.netloc)], "client": ("127.0.0.1", 9), "server": (url.host, url.port)}
+
+
+def text_of(html: str) -> str:
+    """In one line, without its tags."""
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def absent(text: object, *parts: str) -> list[str]:
+    """Those parts that a text does not have."""
+    return [part for part in parts if part not in text]

@@ -1,13 +1,17 @@
-"""Scans in files, which the tests of readers and of our own files share."""
+"""Scans in files, also as other programs write them, which the tests of readers and of our own files share."""
 
+import io
 import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from zipfile import ZIP_STORED, ZipFile
 
 import h5py
 import numpy as np
 import pytest
+import scipy.io
+import tifffile
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.reading import reading_scan
@@ -111,3 +115,56 @@ def new_volume(path, shape, **changes):
     """A volume's writer, whose numbers say nothing but what a test asks of them."""
     about = {"geometry": {}, "parameters": {}, "software_version": "0", "input_sha256": "0" * 64}
     return new_reconstruction(path, shape, **{"pixel_mm": 1.5, "row_pitch_mm": None, "unit": "1/mm"} | about | changes)
+
+
+def hdf5(members, attributes=()):
+    """A dataset of each value, a group of each None, by their paths; (path, name, value) of attributes."""
+
+    def write(path):
+        with h5py.File(path, "w") as file:
+            for name, value in members.items():
+                if value is None:
+                    file.create_group(name)
+                else:
+                    file[name] = value
+            for member, name, value in attributes:
+                file[member].attrs[name] = value
+
+    return write
+
+
+def npy(array):
+    def write(path):
+        with path.open("wb") as stream:
+            np.save(stream, array, allow_pickle=array.dtype.hasobject)
+
+    return write
+
+
+def npz(**arrays):
+    def write(path):
+        with path.open("wb") as stream:
+            np.savez(stream, **arrays)
+
+    return write
+
+
+def mat(*, packed=False, **variables):
+    return lambda path: scipy.io.savemat(path, variables, appendmat=False, do_compression=packed)
+
+
+def tiff_bytes(image, **options):
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, image, **options)
+    return stream.getvalue()
+
+
+def zipped(members, method=ZIP_STORED):
+    """An archive of bytes and of images, which are packed as TIFFs."""
+
+    def write(path):
+        with ZipFile(path, "w", method) as archive:
+            for name, content in members.items():
+                archive.writestr(name, tiff_bytes(content) if isinstance(content, np.ndarray) else content)
+
+    return write

@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from machine_faults import at_call, refusing
 from numba.core.caching import FunctionCache
 from structlog.testing import capture_logs
-from system_calls import at_call, refusing
 
 from sawmill_tomography import kernel_cache
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, GeometryError, Scanner, Theta

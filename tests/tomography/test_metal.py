@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy
 from exact_chords import Detector, scan
+from missing_parts import first_by_day
 from nailed_logs import SCANNER, Nail, NailedLog, views_all_round
 from production_logs import STEEL_PER_MM, log_shapes
 from scipy.ndimage import binary_dilation
-from tiers import first_by_day
 
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.drift.detector_fit import detector_fit

@@ -1,11 +1,14 @@
+"""The chi-square of a small probability, against SciPy's."""
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.special import ndtri
+from scipy.special import chdtri, ndtri
 
+from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.geometry.geometry import (
     FanBeamGeometry,
     GeometryError,
@@ -26,6 +29,9 @@ from sawmill_tomography.geometry.ray_error import (
     scale_gradient,
     scale_ray_error,
 )
+from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Disc, Phantom
+from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary import DetectorModule
 
 R_S = 859.46
@@ -229,3 +235,32 @@ def test_what_few_errors_exceed_is_that_of_one_normal_error_and_that_of_the_draw
     drawn = predicted_ray_error(scanner, frame, covariance).upper_95_mm
     assert exceeded_ray_error(scanner, frame, covariance, 0.05) == pytest.approx(drawn, rel=0.02)
     assert exceeded_ray_error(scanner, frame, np.zeros((5, 5)), 0.05) == 0.0
+
+
+@pytest.mark.parametrize("degrees", [1, 1.3, 2, 3, 4.9, 7, 33, 361, 5000])
+def test_a_chi_square_is_exceeded_with_its_probability(degrees):
+    for probability in (0.5, 0.3, 0.01, 1e-5, 1e-9, 1e-20):
+        assert exceeded_chi_square(probability, degrees) == pytest.approx(chdtri(degrees, probability), rel=1e-12)
+
+
+def test_what_is_no_number_has_no_chi_square():
+    assert math.isnan(exceeded_chi_square(math.nan, 3))
+    assert math.isnan(exceeded_chi_square(0.01, math.nan))
+
+
+SMALL = Phantom("disc", (Disc((0.0, 0.0), 35.0), Disc((10.0, 0.0), 5.0, -1.0)))
+
+
+@pytest.mark.parametrize(
+    ("stated_mm", "phantom", "radius_mm"),
+    [
+        (None, L_SHAPE, 150.0),
+        (None, RECTANGLE_WITH_HOLE, 150.0),
+        (None, SMALL, 35.0),
+        (None, SMALL.moved(3.0, 4.0), 40.0),  # off the rotation centre it reaches further out
+        (220.0, SMALL, 220.0),
+        (20.0, L_SHAPE, 20.0),
+    ],
+)
+def test_what_is_stated_counts_or_the_phantom_s_reach_up_to_150_mm(stated_mm, phantom, radius_mm):
+    assert counted_radius_mm(stated_mm, phantom) == pytest.approx(radius_mm, rel=1e-12)

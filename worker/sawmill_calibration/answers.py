@@ -15,8 +15,7 @@ from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
 from sawmill_calibration.drift_checks.baselines import baselines_of, read_answers
 from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of
-from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner
-from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.known_geometry import GivenGeometry, check_same_scanner, drawing_of
 from sawmill_calibration.pictures.templating import html_of
 from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
 from sawmill_calibration.result_file import read_calibration as read_result

@@ -14,12 +14,7 @@ from pydantic import ValidationError
 from sawmill_calibration.failures import refused
 from sawmill_contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.own.calibration import (
-    LONGEST_ANSWER,
-    read_calibration_arrays,
-    read_calibration_json,
-    read_time_of_writing,
-)
+from sawmill_formats.input import own
 from sawmill_formats.reading_apart import read_apart
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import placed_complaint
@@ -41,7 +36,7 @@ def read_calibration(path: Path) -> CalibrationResult:
     with _refusing(path):
         if h5py.is_hdf5(path):
             read_apart(path)
-            return CalibrationResult.model_validate_json(read_calibration_json(path))
+            return CalibrationResult.model_validate_json(own.read_calibration_json(path))
         return CalibrationFile.read(_text(path))
 
 
@@ -50,9 +45,9 @@ def read_saved_calibration(path: Path) -> SavedCalibration:
     result = read_calibration(path)
     with _refusing(path):
         if h5py.is_hdf5(path):
-            arrays = read_calibration_arrays(path)
+            arrays = own.read_calibration_arrays(path)
             read = None if arrays is None else CalibrationArrays.of(arrays)
-            return SavedCalibration(result, read, _time(read_time_of_writing(path)), {})
+            return SavedCalibration(result, read, _time(own.read_time_of_writing(path)), {})
         document = json.loads(_text(path))
         header = {name: value for name, value in document.items() if name not in CalibrationResult.model_fields}
         return SavedCalibration(result, None, _time(header.get("created_at")), header)
@@ -81,9 +76,9 @@ def _time(text: object) -> datetime | None:
 
 def _text(path: Path) -> str:
     with path.open("rb") as stream:
-        content = stream.read(LONGEST_ANSWER + 1)
-    if len(content) > LONGEST_ANSWER:
-        raise ValueError(f"it has more than {LONGEST_ANSWER} bytes")
+        content = stream.read(own.LONGEST_ANSWER + 1)
+    if len(content) > own.LONGEST_ANSWER:
+        raise ValueError(f"it has more than {own.LONGEST_ANSWER} bytes")
     return content.decode("utf-8")
 
 

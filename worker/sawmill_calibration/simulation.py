@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_calibration.failures import InputError, input_errors_translated, options_of, read_json
-from sawmill_calibration.known_geometry import to_phantom
-from sawmill_calibration.phantom_drawings import drawing_of
+from sawmill_calibration.known_geometry import drawing_of, to_phantom
 from sawmill_calibration.scans.scan import Scan, read_scan
 from sawmill_contracts.geometry import SimulationOptions
 from sawmill_contracts.phantoms import PhantomDrawing

@@ -5,8 +5,9 @@ from enum import StrEnum
 
 from pydantic import Field
 
+from sawmill_contracts.next_steps import Acknowledgement
 from sawmill_contracts.scanner_drift import DriftFinding
-from sawmill_platform.contracts.base import Contract, Identifier, Name, Time
+from sawmill_platform.contracts.base import Contract, Identifier, Time
 
 
 class AlarmKind(StrEnum):
@@ -16,23 +17,6 @@ class AlarmKind(StrEnum):
     PHANTOM_EXPIRED = "phantom-expired"
     SCANNER_QUIET = "scanner-quiet"
     DRIFT = "drift"
-
-
-class Acknowledgement(Contract):
-    """Notice that a person took of an alarm: until its end the alarm is shown and asks for nothing."""
-
-    until: Time = Field(description="End of the acknowledgement, RFC 3339.", examples=["2026-03-16T14:00:00Z"])
-    by: str = Field(description="Name of the key of the person.", examples=["technician of line 2"])
-    reason: Name = Field(description="Reason.", examples=["maintenance"])
-
-
-class KnownRed(Acknowledgement):
-    """Notice that a person took of a red scanner: it stays red, and asks for nothing until the end."""
-
-    results: frozenset[str] = Field(
-        description="Ids of the calibrations and drift checks that showed it red; another one is not covered.",
-        examples=[["example"]],
-    )
 
 
 class Alarm(Contract):

@@ -15,6 +15,9 @@ SCAN_READY = EventType.register("scan-ready")
 SCAN_REFUSED = EventType.register("scan-refused", topic="scan")
 SCAN_DELETED = EventType.register("scan-deleted", is_decision=True)
 RECONSTRUCTION_RENAMED = EventType.register("reconstruction-renamed", is_decision=True)
+RECONSTRUCTION_MARKED = EventType.register(
+    "reconstruction-marked", "a person kept, changed or removed a ruler or a region in a slice", is_decision=True
+)
 PHANTOM_CREATED = EventType.register("phantom-created")
 PHANTOM_READY = EventType.register("phantom-ready")
 PHANTOM_REFUSED = EventType.register("phantom-refused")

@@ -1,9 +1,26 @@
-"""The next step of a person with a scanner or a calibration."""
+"""The next step of a person with a scanner or a calibration, and the notice that a person took of a red one."""
 
 from pydantic import Field
 
 from sawmill_contracts.reasons import CodedReason
-from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.base import Contract, Name, Time
+
+
+class Acknowledgement(Contract):
+    """Notice that a person took of an alarm: until its end the alarm is shown and asks for nothing."""
+
+    until: Time = Field(description="End of the acknowledgement, RFC 3339.", examples=["2026-03-16T14:00:00Z"])
+    by: str = Field(description="Name of the key of the person.", examples=["technician of line 2"])
+    reason: Name = Field(description="Reason.", examples=["maintenance"])
+
+
+class KnownRed(Acknowledgement):
+    """Notice that a person took of a red scanner: it stays red, and asks for nothing until the end."""
+
+    results: frozenset[str] = Field(
+        description="Ids of the calibrations and drift checks that showed it red; another one is not covered.",
+        examples=[["example"]],
+    )
 
 
 class NextStepAnswer(Contract):
@@ -27,5 +44,11 @@ class NextStepAnswer(Contract):
     english: str | None = Field(
         None,
         description="Sentence of an answer that an earlier version stored without a code. Null: there is none.",
+        examples=[None],
+    )
+    known: KnownRed | None = Field(
+        None,
+        description="Notice that a person took of all that shows the scanner red. Null: nobody did, it has ended, or "
+        "the step is that of a calibration.",
         examples=[None],
     )

@@ -13,7 +13,7 @@ from sawmill_contracts.geometry import GivenTheta, PositiveMm
 from sawmill_contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import ChosenViews, SteppedRows
-from sawmill_platform.contracts.base import Contract, Identifier, Name, OutOfUse, Stamped
+from sawmill_platform.contracts.base import LARGEST_NUMBER, Contract, Identifier, Name, OutOfUse, Stamped
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Failure, JobState
 from sawmill_platform.contracts.kind_declarations import Schema, bounded, one_of, require, without
@@ -514,6 +514,32 @@ class ReconstructionName(Given):
     name: Name | None = Field(description="The name. Null: none.", examples=["spruce with a nail"])
 
 
+# Of one reconstruction: more than a person reads.
+MOST_MARKS = 100
+Place = tuple[CoordinateMm, CoordinateMm]
+
+
+class MarkRequest(Given):
+    """A ruler or a region in a slice; what it measures follows from its ends."""
+
+    kind: Literal["ruler", "region"] = Field(
+        description="`ruler`: the length between the ends. `region`: the values in the ellipse between two corners.",
+        examples=["ruler"],
+    )
+    slice: int = Field(ge=0, le=LARGEST_NUMBER, description="Number of the slice, from 0.", examples=[0])
+    ends_mm: tuple[Place, Place] = Field(
+        description="(x, y) of both ends or corners, mm; a picture's row is +x, a column +y.",
+        examples=[[[-20.0, 0.0], [20.0, 15.0]]],
+    )
+    note: Name | None = Field(None, description="Words about it, for people. Null: none.", examples=["dead knot"])
+
+
+class Mark(MarkRequest):
+    """A mark that is kept with a reconstruction."""
+
+    id: Identifier = Field(description="Id of the mark, which its client chose.", examples=["knot-1"])
+
+
 class ReconstructionLinks(Contract):
     """Links to a reconstruction's files."""
 
@@ -558,6 +584,9 @@ class Reconstruction(Stamped):
     number: int = Field(
         description="Number of the log among the scanner's logs, from 1; the reconstructions of one scan share it.",
         examples=[14],
+    )
+    marks: list[Mark] = Field(
+        [], description="Rulers and regions that people keep with it, the oldest first.", examples=[[]]
     )
     scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
     scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])

@@ -10,7 +10,6 @@ from functools import partial
 from itertools import product
 from math import prod
 from typing import Any
-from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -20,10 +19,6 @@ from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.output.volume_writer import fletcher32
 
 CHECKSUM_BYTES = 4
-# szip data start with the number of bytes that they unpack to (HDF5, H5Zszip.c).
-SZIP_CLAIM_BYTES = 4
-# Blocks that szip does not pack take less than this times what they unpack to.
-SZIP_GROWTH = 3
 
 # Takes stored bytes, and a limit; returns the unpacked bytes, cut off somewhere beyond the limit.
 Unpack = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
@@ -39,8 +34,7 @@ class Chunks:
         self._bytes = prod(self.shape) * self._type.get_size()
         self._converted = self._dtype.kind != "S" and not self._type.equal(self._of_numpy)
         layout = dataset.id.get_create_plist()
-        filters = (layout.get_filter(place) for place in range(layout.get_nfilters()))
-        self._unpack = [_unpack(dataset, code, values) for code, _, values, _ in filters]
+        self._unpack = [_unpack(dataset, layout.get_filter(place)[0]) for place in range(layout.get_nfilters())]
 
     def read(self, offset: tuple[int, ...]) -> NDArray[Any]:
         """Read the chunk that begins at `offset`, in its own shape and type."""
@@ -99,17 +93,9 @@ def load_kernels() -> None:
 def read_chunked(
     dataset: h5py.Dataset, into: NDArray[Any], images: NDArray[np.intp], parts: tuple[slice, ...] = ()
 ) -> None:
-    """Read images of a checked dataset in chunks, each chunk once.
+    """Read images, rising indices, of a checked dataset in chunks, each once; values too large for `into` are infinite.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-    into : (images, parts of the other axes)
-        Destination, of any type; values that the type cannot hold become infinite.
-    images : (n,) integers
-        Rising indices along the first axis.
-    parts : tuple of slice
-        Slices of the second and later axes, each with its start and stop inside the shape; omitted axes are read whole.
+    `parts` are slices of the second and later axes, with start and stop inside the shape; omitted axes are read whole.
     """
     chunks = Chunks(dataset)
     length, *across = chunks.shape
@@ -133,11 +119,9 @@ def _as_slice(rising: NDArray[np.intp]) -> slice | NDArray[np.intp]:
     return slice(first, last + 1) if last - first + 1 == len(rising) else rising
 
 
-def _unpack(dataset: h5py.Dataset, code: int, values: tuple[int, ...]) -> Unpack:
+def _unpack(dataset: h5py.Dataset, code: int) -> Unpack:
     if code == h5py.h5z.FILTER_SHUFFLE:
         return partial(_unshuffled, dataset.id.get_type().get_size())
-    if code == h5py.h5z.FILTER_SZIP:
-        return _Szip(dataset, values)
     if code == h5py.h5z.FILTER_FLETCHER32 and dataset.compression == "gzip":
         return _without_checksum
     return {
@@ -181,35 +165,3 @@ def _checked(data: NDArray[np.uint8], _: int) -> NDArray[np.uint8]:
     if fletcher32(values.tobytes()) != int.from_bytes(stored, "little"):
         raise ValueError("a chunk does not have the checksum that is stored with it")
     return values
-
-
-class _Szip:
-    """szip, which only the library unpacks: in a file in memory, with data padded so that they never end too early.
-
-    `values` (options, pixels in a block, ...): the filter's settings.
-    """
-
-    def __init__(self, dataset: h5py.Dataset, values: tuple[int, ...]) -> None:
-        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        layout.set_chunk(dataset.chunks)
-        layout.set_szip(values[0] & (h5py.h5z.SZIP_NN_OPTION_MASK | h5py.h5z.SZIP_EC_OPTION_MASK), values[1])
-        self._file = h5py.File(uuid4().hex, "w", driver="core", backing_store=False)
-        space = h5py.h5s.create_simple(dataset.chunks)
-        self._type = dataset.id.get_type()
-        self._one = h5py.h5d.create(self._file.id, b"chunk", self._type, space, layout)
-        self._bytes = prod(dataset.chunks) * self._type.get_size()
-
-    def __call__(self, data: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-        claimed = int.from_bytes(data[:SZIP_CLAIM_BYTES], "little")
-        if claimed != self._bytes:
-            return np.zeros(min(claimed, most + 1), np.uint8)
-        ones, zeros = (self._filled_up(data, byte) for byte in (b"\xff", b"\0"))
-        # The padding's bits 1 continue the data as blocks that are not packed, and fill whatever is missing. If padding
-        # with other bytes gives another result, the data ended too early.
-        return ones if np.array_equal(ones, zeros) else ones[:0]
-
-    def _filled_up(self, data: NDArray[np.uint8], byte: bytes) -> NDArray[np.uint8]:
-        unpacked = np.zeros(self._bytes, np.uint8)
-        self._one.write_direct_chunk((0,) * self._one.rank, data.tobytes() + SZIP_GROWTH * self._bytes * byte)
-        self._one.read(h5py.h5s.ALL, h5py.h5s.ALL, unpacked, self._type)
-        return unpacked

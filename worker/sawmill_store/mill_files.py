@@ -8,10 +8,23 @@ calibrations/<id>/              result.h5; report.png and overlay.png, drawn fro
 reconstructions/<id>/           volume.h5
 """
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+from sqlalchemy import or_, select
+
 from sawmill_contracts import kinds
-from sawmill_platform.files.file_store import FileStore
+from sawmill_contracts.declared_kinds import asked_kinds
+from sawmill_contracts.inspections import FILE_KEPT
+from sawmill_contracts.phantoms import PhantomState
+from sawmill_contracts.scans import ScanState
+from sawmill_platform.contracts.jobs import UNFINISHED, JobKind, JobState
+from sawmill_platform.database.clock import Clock
+from sawmill_platform.database.tables import JobRow
+from sawmill_platform.files.file_store import UPLOADED_FILE, FileStore
+from sawmill_platform.files.named_folders import Ids, NamedFolder
+from sawmill_store.mill_tables import AskedRow, PhantomRow, ScanRow, table_of
 
 SCAN_FILE = "scan.h5"
 VOLUME_FILE = "volume.h5"
@@ -27,3 +40,29 @@ class MillFiles(FileStore):
     def volume(self, reconstruction_id: str) -> Path:
         """Return the volume of a reconstruction, as `result` does."""
         return self.result(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
+
+
+def _inspected(now: Clock) -> Ids:
+    """Select the inspections whose file is kept: for `FILE_KEPT`, and longer while the job has not ended."""
+    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(UNFINISHED))
+    return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == kinds.INSPECT, kept)
+
+
+def _succeeded(kind: JobKind, _: Clock) -> Ids:
+    table = table_of(kind)
+    ended = select(table.id).join(JobRow, table.job_id == JobRow.id)
+    return ended.where(JobRow.kind == kind, JobRow.state == JobState.SUCCEEDED)
+
+
+NAMED_FOLDERS: Sequence[NamedFolder] = (
+    NamedFolder("uploads/scans", lambda _: select(ScanRow.id), UPLOADED_FILE),
+    NamedFolder("uploads/phantoms", lambda _: select(PhantomRow.id)),
+    NamedFolder("uploads/inspections", _inspected),
+    NamedFolder("scans", lambda _: select(ScanRow.id).where(ScanRow.state == ScanState.READY), SCAN_FILE),
+    NamedFolder("phantoms", lambda _: select(PhantomRow.id).where(PhantomRow.state == PhantomState.READY)),
+    *(
+        NamedFolder(declared.kind.plural, partial(_succeeded, declared.kind), declared.result_file)
+        for declared in asked_kinds()
+    ),
+)
+"""Folders of uploads, and of results by kind of job."""

@@ -177,6 +177,7 @@ class ReconstructionRow(Answered):
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
     number: Mapped[int] = mapped_column(default=_log_number)
     name: Mapped[str | None] = mapped_column(String(200))
+    marks: Mapped[list[Json]] = mapped_column(JSON, default=list)
 
 
 class DriftRow(Answered):

@@ -4,29 +4,63 @@ import time
 from collections.abc import Callable
 from typing import Self
 
-from sawmill_contracts import drifts, plans, reconstructions
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_contracts import drifts, mill_events, plans, reconstructions
 from sawmill_contracts.kinds import Answer, Ask, AskedKind
 from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS
 from sawmill_contracts.plans import Plan, PlanRequest
 from sawmill_platform.database.clock import Clock
+from sawmill_platform.database.database import Database
+from sawmill_platform.database.tables import EventRow
 from sawmill_platform.job_service_store import JobServiceStore
+from sawmill_platform.ledger.events import announce
 from sawmill_platform.settings import StorageSettings
 from sawmill_store.calibrations import Calibrations, Reconstructions
 from sawmill_store.drift.drift_charts import DriftCharts
 from sawmill_store.drift.measurements import Measurements
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_zone import MillZone
 from sawmill_store.requests.asked import Asked
 from sawmill_store.retention.retention_store import RetentionKeeper, RetentionStore
 from sawmill_store.scanners.alarms import Alarms
 from sawmill_store.scanners.history import Histories
 from sawmill_store.scanners.overviews import Overviews
 from sawmill_store.scanners.scanners import Scanners
-from sawmill_store.scans.inspections import Inspections
 from sawmill_store.scans.phantoms import Phantoms
-from sawmill_store.scans.scans import Scans
+from sawmill_store.scans.scans import Inspections, Scans
 from sawmill_store.schedules.schedules import Schedules
 from sawmill_store.subjects.mill_subjects import MILL_SUBJECTS
+
+
+class MillZone:
+    """Store of the mill's time zone: every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def get(self) -> str | None:
+        """Return the name of the zone, such as Europe/Helsinki; None where nobody has set it."""
+        with self._database.read() as session:
+            return _newest(session)
+
+    def set(self, time_zone: str, *, first: bool = False) -> None:
+        """Set the zone; with `first` only where nobody has set one."""
+        with self._database.write() as session:
+            before = _newest(session)
+            if before == time_zone or (first and before is not None):
+                return
+            detail = {"time_zone": time_zone}
+            announce(
+                session, self._database.now(), mill_events.TIME_ZONE_SET, "mill", "mill", detail=detail, decided=detail
+            )
+
+
+def _newest(session: Session) -> str | None:
+    decisions = select(EventRow.detail).where(EventRow.type == mill_events.TIME_ZONE_SET)
+    detail = session.scalar(decisions.order_by(EventRow.number.desc()).limit(1))
+    return None if detail is None else str(detail["time_zone"])
+
 
 Plans = Asked[PlanRequest, Plan]
 

@@ -6,8 +6,7 @@ from celery import Celery
 
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.celery_app import make_celery, serve
-from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+from sawmill_platform.workers.settings import ExecutionSettings, WrongVariableError, variables_checked
 from sawmill_worker.program import MILL
 
 

@@ -60,7 +60,7 @@ class MillHousekeeping(Housekeeping):
         """Add the drift checks that have ended to their scanners' charts."""
         waiting, until_s = self._mill.drift_charts.waiting(), self._monotonic() + DRIFT_S
         if waiting:  # a worker that is asked for no drift check holds no NumPy
-            from sawmill_calibration.drift_checks.chart import follow  # noqa: PLC0415
+            from sawmill_calibration.drift_checks.baselines import follow  # noqa: PLC0415
         while waiting:
             going, waiting = waiting, []
             for scanner_id in going:

@@ -31,10 +31,10 @@ import structlog
 
 from sawmill_contracts.scans import ScanSpec, ScanState
 from sawmill_contracts.watched_folders import WatchedFolder
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.contracts.given import shown
 from sawmill_platform.errors import UploadTooLarge
 from sawmill_platform.files.upload_stream import PART_BYTES
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_platform.settings import LargestUpload
 from sawmill_platform.workers.sole_service import HeldByAnother, kernel_lock
 from sawmill_store.store import Store

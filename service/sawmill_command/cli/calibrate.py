@@ -11,10 +11,9 @@ from sawmill_contracts.scanners import ScannerSpec, Tolerances
 from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import CalibrationMethod
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
-from sawmill_worker.commands.phantom_options import PhantomText, PhantomWidth, check_width
-from sawmill_worker.commands.terminal import answering, print_json, showing_progress
+from sawmill_worker.commands.options import PhantomText, PhantomWidth, check_width
+from sawmill_worker.commands.terminal import Command, answering, print_json, showing_progress
 
 app = typer.Typer()
 ReportFlag = typer.Option(
@@ -49,7 +48,7 @@ def calibrate(
     with answering(as_json=as_json), showing_progress("calibrate") as progress:
         with importing():
             from sawmill_calibration.calibration.calibrate_scan import calibrate_scan
-            from sawmill_calibration.phantom_drawings import drawing_of
+            from sawmill_calibration.known_geometry import drawing_of
             from sawmill_calibration.scans.scan_rows import open_rows
 
         drawing = drawing_of(phantom, phantom_width_mm)

@@ -3,8 +3,7 @@
 
 import typer
 
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import answering, showing_progress
+from sawmill_worker.commands.terminal import Command, answering, showing_progress
 
 app = typer.Typer()
 

@@ -12,33 +12,25 @@ from sawmill_contracts.drifts import DriftOptions
 from sawmill_contracts.scanners import Tolerances
 from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import Theta
+from sawmill_worker.commands import geometry_options
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
-from sawmill_worker.commands.geometry_options import (
-    CalibrationFlag,
-    GeometryFlag,
-    RotationOfTheta,
-    SourceToCorOfTheta,
-    ThetaFlag,
-    WithGeometry,
-    given_geometry,
-)
 from sawmill_worker.commands.terminal import answering, print_json, showing_progress
 
 app = typer.Typer()
 
 
-@app.command(cls=WithGeometry)
+@app.command(cls=geometry_options.WithGeometry)
 @from_contracts
 def drift(
     scan: shared.ScanFile,
     reading: shared.ScanFlags,
     options: Annotated[DriftOptions, Flags(rows=shared.ROWS)],
-    calibration: Annotated[Path | None, CalibrationFlag] = None,
-    geometry: Annotated[Path | None, GeometryFlag] = None,
-    theta: Annotated[Theta | None, ThetaFlag] = None,
-    source_to_cor_mm: SourceToCorOfTheta = None,
-    rotation: RotationOfTheta = None,
+    calibration: Annotated[Path | None, geometry_options.CalibrationFlag] = None,
+    geometry: Annotated[Path | None, geometry_options.GeometryFlag] = None,
+    theta: Annotated[Theta | None, geometry_options.ThetaFlag] = None,
+    source_to_cor_mm: geometry_options.SourceToCorOfTheta = None,
+    rotation: geometry_options.RotationOfTheta = None,
     views: Annotated[int | None, option(CalibrationOptions, "views")] = None,
     baseline: Annotated[
         list[Path] | None,
@@ -59,7 +51,7 @@ def drift(
     """
     if calibration is None and baseline:
         raise typer.BadParameter("--baseline comes with --calibration: nominal distances have no earlier checks.")
-    known_by = given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
     source = shared.scan_source(scan, reading, views=views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         with importing():

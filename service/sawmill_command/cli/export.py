@@ -7,9 +7,8 @@ from typing import Annotated
 import typer
 
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.geometry_options import CalibrationFlag
-from sawmill_worker.commands.terminal import answering, say
+from sawmill_worker.commands.terminal import Command, OneOf, answering, say
 
 app = typer.Typer()
 

@@ -7,9 +7,8 @@ import typer
 
 from sawmill_vocabulary import DataKind
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import option
-from sawmill_worker.commands.terminal import answering, print_json
+from sawmill_worker.commands.terminal import Command, answering, print_json
 
 app = typer.Typer()
 
@@ -53,6 +52,6 @@ def inspect(
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:
-        from sawmill_worker.commands.inspection_table import print_inspection
+        from sawmill_worker.commands.tables import print_inspection
 
         print_inspection(result)

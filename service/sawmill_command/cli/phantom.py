@@ -10,17 +10,16 @@ from sawmill_contracts.plans import PlanOptions
 from sawmill_contracts.scanners import ScannerSpec
 from sawmill_vocabulary import Theta
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
 from sawmill_worker.commands.geometry_options import ThetaFlag
-from sawmill_worker.commands.phantom_options import (
+from sawmill_worker.commands.options import (
     PhantomWidth,
     check_width,
     existing_phantom,
     existing_phantoms,
     phantom_names,
 )
-from sawmill_worker.commands.terminal import answering, print_json, say
+from sawmill_worker.commands.terminal import Command, answering, print_json, say
 
 app = typer.Typer()
 phantom_app = typer.Typer(no_args_is_help=True)
@@ -65,7 +64,7 @@ def plan(
         ]
     with answering(as_json=as_json):
         from sawmill_calibration.calibration.plan import run_plan
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
 
         drawings = [drawing_of(text, phantom_width_mm) for text in phantoms]
         plans = [run_plan(each, scanner, theta, option, log_radius_mm) for each in drawings for option in options]
@@ -97,7 +96,7 @@ def draw(
     """Draw a phantom as SVG in mm, to print at full size."""
     check_width(phantom, phantom_width_mm)
     with answering():
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
         from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 
         output.write_text(phantom_svg(drawing_of(phantom, phantom_width_mm)), encoding="utf-8")

@@ -10,18 +10,9 @@ from typer.models import OptionInfo
 from sawmill_contracts.reconstructions import ReconstructionOptions
 from sawmill_platform.attempts.importing import importing
 from sawmill_vocabulary import ReconstructionMethod, Theta
+from sawmill_worker.commands import geometry_options
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.from_contract import Flags, from_contracts
-from sawmill_worker.commands.geometry_options import (
-    CalibrationFlag,
-    GeometryFlag,
-    RotationOfTheta,
-    SourceToCorOfTheta,
-    ThetaFlag,
-    WithGeometry,
-    given_geometry,
-    position_of,
-)
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
 
 app = typer.Typer()
@@ -46,11 +37,11 @@ def _one_number(text: str) -> float:
 
 def _coordinates_of(text: str) -> tuple[float, float]:
     """Parse X and Y from X,Y (a Typer parser)."""
-    position = position_of(text)
+    position = geometry_options.position_of(text)
     return position.x, position.y
 
 
-@app.command(cls=WithGeometry)
+@app.command(cls=geometry_options.WithGeometry)
 @from_contracts
 def reconstruct(
     scan: shared.ScanFile,
@@ -65,11 +56,11 @@ def reconstruct(
             field_centre_mm={"parser": _coordinates_of, "metavar": "X,Y", "default": "0,0"},
         ),
     ],
-    theta: Annotated[Theta | None, ThetaFlag] = None,
-    source_to_cor_mm: SourceToCorOfTheta = None,
-    rotation: RotationOfTheta = None,
-    calibration: Annotated[Path | None, CalibrationFlag] = None,
-    geometry: Annotated[Path | None, GeometryFlag] = None,
+    theta: Annotated[Theta | None, geometry_options.ThetaFlag] = None,
+    source_to_cor_mm: geometry_options.SourceToCorOfTheta = None,
+    rotation: geometry_options.RotationOfTheta = None,
+    calibration: Annotated[Path | None, geometry_options.CalibrationFlag] = None,
+    geometry: Annotated[Path | None, geometry_options.GeometryFlag] = None,
     png: Annotated[Path | None, _picture("Write a picture of the middle slice.")] = None,
     mosaic: Annotated[Path | None, _picture("Write a picture of slices along the log.")] = None,
     side: Annotated[Path | None, _picture("Write what is densest, from the side.")] = None,
@@ -77,7 +68,7 @@ def reconstruct(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Reconstruct each row of a scan."""
-    known_by = given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
     if alpha_curve is not None and options.method is not ReconstructionMethod.TIKHONOV:
         raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
     source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
@@ -85,7 +76,7 @@ def reconstruct(
         with importing():
             from sawmill_calibration.reconstruction.reconstruct import run_reconstruction
             from sawmill_worker.commands.calibrated_scan import open_with_geometry
-            from sawmill_worker.commands.reconstruct import draw_volume
+            from sawmill_worker.commands.report import draw_volume
 
         with open_with_geometry(source, known_by, on_progress=progress, beside=output) as (rows, known):
             result = run_reconstruction(rows, known, options, output, rows.on_progress)

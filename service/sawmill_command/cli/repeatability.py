@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.terminal import answering, print_json
+from sawmill_worker.commands.terminal import Command, answering, print_json
 
 app = typer.Typer()
 

@@ -9,10 +9,9 @@ import typer
 from sawmill_contracts.geometry import ScannerConstants, SimulationOptions
 from sawmill_vocabulary import DataKind, Handedness, Rotation, Theta
 from sawmill_worker.commands import options as shared
-from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option
 from sawmill_worker.commands.geometry_options import Position, ThetaFlag, position_of
-from sawmill_worker.commands.phantom_options import (
+from sawmill_worker.commands.options import (
     PhantomShape,
     PhantomText,
     PhantomWidth,
@@ -20,7 +19,7 @@ from sawmill_worker.commands.phantom_options import (
     body_or_phantom,
     check_width,
 )
-from sawmill_worker.commands.terminal import answering, say
+from sawmill_worker.commands.terminal import Command, answering, say
 
 app = typer.Typer()
 
@@ -84,7 +83,7 @@ def simulate(
         import numpy as np
 
         from sawmill_calibration import simulation
-        from sawmill_calibration.phantom_drawings import drawing_of
+        from sawmill_calibration.known_geometry import drawing_of
         from sawmill_tomography.geometry.geometry import FanBeamGeometry
         from sawmill_tomography.phantoms.log_model import log_slices
 

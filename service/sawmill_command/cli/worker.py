@@ -9,7 +9,7 @@ import typer
 
 from sawmill_contracts import kinds as job_kinds  # noqa: F401 - registers the kinds
 from sawmill_platform.contracts.jobs import JobKind
-from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.terminal import Command
 
 app = typer.Typer()
 
@@ -52,7 +52,7 @@ def worker(
     ] = None,
 ) -> None:
     """Run one embedded worker next to a service that uses the same data folder."""
-    from sawmill_platform.workers.variables import WrongVariableError, variables_checked
+    from sawmill_platform.workers.settings import WrongVariableError, variables_checked
     from sawmill_worker.poller import run
 
     if data is not None:

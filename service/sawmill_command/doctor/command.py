@@ -12,9 +12,8 @@ from sawmill_command.data_option import settings_of
 from sawmill_command.doctor import machine, store
 from sawmill_command.doctor.machine import DoctorFinding, State, bad, good
 from sawmill_platform.settings import StorageSettings
-from sawmill_platform.workers.settings import ExecutionSettings
+from sawmill_platform.workers.settings import ExecutionSettings, WrongVariableError, variables_checked
 from sawmill_platform.workers.sole_service import serving_process
-from sawmill_platform.workers.variables import WrongVariableError, variables_checked
 from sawmill_service.settings import ServiceSettings
 from sawmill_vocabulary.version import VERSION
 

@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import sawmill_tomography as tomography
-from sawmill_calibration.capacity import memory_available
+from sawmill_calibration.failures import memory_available
 from sawmill_platform.attempts.limits import DATA_BYTES
 from sawmill_platform.confinement import landlock
 from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured
 from sawmill_platform.files.file_store import is_read_only, refuse_half_restored
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.settings import ExecutionSettings
-from sawmill_service.http.limits.open_files import files_needed, possible_connections
-from sawmill_service.http.listening import ListenError, listen
+from sawmill_service.http.listening import ListenError, files_needed, listen, possible_connections
 from sawmill_service.pages.system.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_tomography.kernel_cache import holds_all

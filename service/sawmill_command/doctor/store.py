@@ -8,9 +8,9 @@ from pathlib import Path
 from sawmill_command.doctor.machine import DoctorFinding, State, bad, good, watch
 from sawmill_platform.backups.taking import newest_backup
 from sawmill_platform.contracts.webhooks import Webhook, WebhookState
-from sawmill_platform.database.report import DatabaseReport
 from sawmill_platform.errors import FolderUnavailable, StorageError, StorageFull, StorageMisconfigured
 from sawmill_platform.files.folder_identity import refuse_used
+from sawmill_platform.job_service_store import DatabaseReport
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.webhooks.webhook_store import WebhookStore
 from sawmill_platform.workers.housekeeping import TOLERABLE_S

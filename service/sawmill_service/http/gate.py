@@ -9,13 +9,14 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_platform.acting import acting_as
 from sawmill_platform.errors import StorageError
+from sawmill_platform.ledger.events import acting_as
 from sawmill_service.access import (
     ANYBODY,
     CHALLENGES,
     LOGIN,
     LOOPBACK,
+    SESSION_COOKIE,
     Access,
     Caller,
     came_in_over_loopback,
@@ -25,7 +26,6 @@ from sawmill_service.http.bodies.body_sums import checked
 from sawmill_service.http.limits.rates import Rates, who
 from sawmill_service.http.problems import COME_BACK, Refused, is_navigation, refusal_response
 from sawmill_service.http.route_rules import NoKey, no_key, rules_of
-from sawmill_service.http.session_cookie import NAME
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 
@@ -168,7 +168,9 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
 
 def _is_browser(headers: Headers) -> bool:
     """Return whether a page of ours sent this: a challenge of HTTP Basic would open the browser's password window."""
-    return ("sec-fetch-mode" in headers or NAME in headers.get("cookie", "")) and "authorization" not in headers
+    return (
+        "sec-fetch-mode" in headers or SESSION_COOKIE in headers.get("cookie", "")
+    ) and "authorization" not in headers
 
 
 def _login_before(scope: Scope, headers: Headers) -> str:
@@ -177,7 +179,7 @@ def _login_before(scope: Scope, headers: Headers) -> str:
     if of_form := scope["method"] != "GET":
         page = urlsplit(headers.get("referer", ""))
         path, query = page.path or "/", page.query
-    ended = {"ended": "true"} if of_form or NAME in headers.get("cookie", "") else {}
+    ended = {"ended": "true"} if of_form or SESSION_COOKIE in headers.get("cookie", "") else {}
     return f"{LOGIN}?{urlencode({'next': path + (f'?{query}' if query else ''), **ended})}"
 
 

@@ -1,20 +1,54 @@
-"""Rules of a route, declared in its decorator: who may use it, and how large its body may be."""
+"""Rules of a route, declared in its decorator: who may use it, and how large its body may be; `?fields=` of lists."""
 # ruff: noqa: ANN401 - options of FastAPI's decorators are passed on
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute, iter_route_contexts
+from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.routing import BaseRoute, compile_path
 from starlette.types import Scope as RequestScope
 
+from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.http.responses.short_items import Handler, is_page, with_short_items
+from sawmill_service.http.bodies.sent_json import unknown
 from sawmill_service.settings import ServiceSettings
+
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+def with_short_items(page: Any, answer: Handler) -> Handler:
+    """Return a handler of this type of page that leaves out the fields of items that the query does not name."""
+    known = set(_names(page.model_fields["items"].annotation))
+
+    async def shortened(request: Request) -> Response:
+        response = await answer(request)
+        names = request.query_params.get("fields", "").split(",")
+        if names == [""]:
+            return response
+        if errors := [unknown(("fields", name), [name], known) for name in names if name not in known]:
+            raise RequestValidationError(errors)
+        whole = json.loads(bytes(response.body))
+        items = [{name: item[name] for name in names if name in item} for item in whole["items"]]
+        return JSONResponse(whole | {"items": items})
+
+    return shortened
+
+
+def _names(annotation: Any) -> Iterable[str]:
+    """Yield the names of the fields of items, which may be of several types."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield from (field.alias or name for name, field in annotation.model_fields.items())
+    for each in get_args(getattr(annotation, "__value__", annotation)):
+        yield from _names(each)
+
 
 Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
 # A scanner's settings, with a token.
@@ -56,7 +90,24 @@ class Route(APIRoute):
     def get_route_handler(self) -> Handler:
         """Return the handler; a list's shortens its items to the fields of the query."""
         answer = super().get_route_handler()
-        return with_short_items(self.response_model, answer) if is_page(self.response_model) else answer
+        return (
+            with_short_items(self.response_model, answer)
+            if (isinstance(self.response_model, type) and issubclass(self.response_model, Page))
+            else answer
+        )
+
+
+def _adding(method: str) -> Callable[..., Callable[[Endpoint], Endpoint]]:
+    """Make the decorator of a router that adds routes of a method."""
+
+    def at(router: "Router", path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
+        def add(endpoint: Endpoint) -> Endpoint:
+            router.add_api_route(path, endpoint, methods=[method], **options)
+            return endpoint
+
+        return add
+
+    return at
 
 
 class Router(APIRouter):
@@ -82,32 +133,11 @@ class Router(APIRouter):
         needs = needs or (self._reading if route.methods == {"GET"} else None)
         route.rule = None if needs is None else Rule(needs, max_body, max_form_bytes)
 
-    def get(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a GET route."""
-        return self._adding("GET", path, options)
-
-    def post(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a POST route."""
-        return self._adding("POST", path, options)
-
-    def put(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a PUT route."""
-        return self._adding("PUT", path, options)
-
-    def patch(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a PATCH route."""
-        return self._adding("PATCH", path, options)
-
-    def delete(self, path: str, **options: Any) -> Callable[[Endpoint], Endpoint]:
-        """Add a DELETE route."""
-        return self._adding("DELETE", path, options)
-
-    def _adding(self, method: str, path: str, options: dict[str, Any]) -> Callable[[Endpoint], Endpoint]:
-        def add(endpoint: Endpoint) -> Endpoint:
-            self.add_api_route(path, endpoint, methods=[method], **options)
-            return endpoint
-
-        return add
+    get = _adding("GET")
+    post = _adding("POST")
+    put = _adding("PUT")
+    patch = _adding("PATCH")
+    delete = _adding("DELETE")
 
 
 class RouteRules:

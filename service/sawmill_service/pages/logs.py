@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Annotated, Any
+from urllib.parse import quote
 
 from fastapi import Query, Response
 from fastapi.responses import RedirectResponse
@@ -57,7 +58,8 @@ def rename(reconstruction_id: Identifier, page: ThePage, store: TheStore, fields
     except ValidationError as error:
         return _log_page(page, store, reconstruction_id, status=422, problem=placed_complaint(error))
     store.reconstructions.rename(reconstruction_id, named.name)
-    return RedirectResponse(f"/logs/{reconstruction_id}", status_code=303)
+    beside = fields.get("beside", "")
+    return RedirectResponse(f"/logs/{reconstruction_id}{beside and '?beside=' + quote(beside)}", status_code=303)
 
 
 @router.get("/logs/{reconstruction_id}")
@@ -84,6 +86,7 @@ def _log_page(
         status=status,
         problem=problem,
         log=log,
+        marks=[mark.model_dump(mode="json") for mark in log.marks],
         job=next((job for job in jobs if not job.state.ended), jobs[0]),
         volumes=[_volume(store.files, each, calibrations) for each in shown if each.result],
         shown=shown,

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Path, Request, Response
 from fastapi.responses import RedirectResponse
 
-from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.http.problems import Refused, is_navigation
 from sawmill_service.http.route_rules import NoKey, Router

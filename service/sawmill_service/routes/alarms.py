@@ -1,20 +1,26 @@
-"""/v1/alarms."""
+"""/v1/alarms, and the notices that people take of alarms and of red scanners."""
 
+from datetime import datetime
 from typing import Annotated
+from zoneinfo import ZoneInfo
 
 from fastapi import Query
 from pydantic import AwareDatetime, Field
 
 from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.next_steps import KnownRed
+from sawmill_mill.alarms import shift_end
 from sawmill_platform.contracts.base import Identifier, Name, Page
 from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
-from sawmill_service.dependencies import TheAlarms
+from sawmill_service.dependencies import TheAlarms, TheStore
 from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router
+from sawmill_service.scanner_conditions import condition_of
+from sawmill_store.store import Store
 
 router = Router(tags=["scanners"], reading=Scope.READ)
 
@@ -35,10 +41,13 @@ def list_alarms(
 
 
 class AcknowledgementRequest(Given):
-    """Until when and why a person takes notice of an alarm."""
+    """Until when and why a person takes notice of an alarm or of a red scanner."""
 
-    until: AwareDatetime = Field(
-        description="End, RFC 3339 with an offset, in the future.", examples=["2036-03-16T14:00:00+02:00"]
+    until: AwareDatetime | None = Field(
+        None,
+        description="End, RFC 3339 with an offset, in the future; of a red scanner within 31 days. Null: the end of "
+        "the shift, at 6, 14 or 22 o'clock of the mill's time zone.",
+        examples=["2036-03-16T14:00:00+02:00"],
     )
     reason: Name = Field(description="Reason, for the scanner's history and the audit.", examples=["maintenance"])
 
@@ -52,7 +61,26 @@ class AcknowledgementRequest(Given):
 )
 @repeatable
 def acknowledge_alarm(
-    scanner_id: Identifier, kind: AlarmKind, alarms: TheAlarms, acknowledge: Sent[AcknowledgementRequest]
+    scanner_id: Identifier, kind: AlarmKind, store: TheStore, acknowledge: Sent[AcknowledgementRequest]
 ) -> Alarm:
     """Take notice of an alarm until a time: it stays open and is shown, and asks nobody for anything until then."""
-    return alarms.acknowledge(scanner_id, kind, acknowledge.until, acknowledge.reason)
+    return store.alarms.acknowledge(scanner_id, kind, _end_of(acknowledge, store), acknowledge.reason)
+
+
+@router.post(
+    "/v1/scanners/{scanner_id}/red/acknowledge",
+    needs=Scope.ACTIVATE,
+    summary="Acknowledge a red scanner",
+    openapi_extra=trying(body={"reason": "the bearing is ordered"}),
+    responses=refuses("scanner-not-found", "scanner-not-red", "acknowledgement-ended"),
+)
+@repeatable
+def acknowledge_red(scanner_id: Identifier, store: TheStore, acknowledge: Sent[AcknowledgementRequest]) -> KnownRed:
+    """Take notice of all that shows a scanner red: it stays red, asks for nothing, and its next step has `known`."""
+    red = condition_of(store, store.scanners.get(scanner_id)).red_results
+    return store.alarms.acknowledge_red(scanner_id, red, _end_of(acknowledge, store), acknowledge.reason)
+
+
+def _end_of(acknowledge: AcknowledgementRequest, store: Store) -> datetime:
+    """Return the end that a person gave, or that of the shift."""
+    return acknowledge.until or shift_end(datetime.now(ZoneInfo(store.mill_zone.get() or "UTC")))

@@ -15,9 +15,9 @@ from sawmill_platform.contracts.jobs import JobState, Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheCaller, TheSettings, TheWake, part
 from sawmill_service.http.bodies.sent_json import Strictly
+from sawmill_service.http.document.described_answers import Responses, refuses, refuses_ask
 from sawmill_service.http.document.old_names import announce, announced
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import Responses, refuses, refuses_ask
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Dated, RequestPriority, accept
 from sawmill_service.http.responses.waiting import TheWaiting

@@ -10,8 +10,7 @@ from sawmill_platform.contracts.audit import AuditEntry
 from sawmill_platform.contracts.base import Page
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheAudit
-from sawmill_service.http.document.described_answers import SAVED
-from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.document.described_answers import SAVED, refuses
 from sawmill_service.http.responses.answers import NumberedPaging
 from sawmill_service.http.responses.conditional import check_conditions
 from sawmill_service.http.route_rules import Router

@@ -15,9 +15,8 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheCalibrations, TheStore
 from sawmill_service.drawing import FIGURE_BYTES, CalibrationPicture, calibration_picture, report_picture
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import stored
+from sawmill_service.http.document.described_answers import refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Hdf5, Png, file

@@ -12,8 +12,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheInspections, ThePlaces, TheSettings, TheWake
+from sawmill_service.http.document.described_answers import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.responses.answers import RequestPriority, accept
 from sawmill_service.http.route_rules import Router

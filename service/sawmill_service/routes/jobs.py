@@ -17,8 +17,7 @@ from sawmill_platform.errors import Conflict, StorageUnavailable
 from sawmill_platform.ledger.events import JobNumbers
 from sawmill_service.dependencies import TheEvents, TheJobs, TheSettings, TheStopping
 from sawmill_service.event_feed import LastEventId
-from sawmill_service.http.document.described_answers import events
-from sawmill_service.http.document.refusals import refuses
+from sawmill_service.http.document.described_answers import events, refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging, accept
 from sawmill_service.http.responses.waiting import TheWaiting

@@ -9,8 +9,8 @@ from sawmill_platform.contracts.base import Contract, Identifier, Name, Page
 from sawmill_platform.contracts.keys import Key, KeyRequest, KeyRotation, NewKey, Scope
 from sawmill_service.dependencies import TheCaller, TheKeys
 from sawmill_service.http.bodies.sent_json import Sent
+from sawmill_service.http.document.described_answers import refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging
 from sawmill_service.http.route_rules import Router

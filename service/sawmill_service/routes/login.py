@@ -7,10 +7,9 @@ from fastapi import Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse
 
-from sawmill_platform.acting import acting_as
 from sawmill_platform.contracts.keys import Scope
-from sawmill_platform.keys.key_store import hash_of
-from sawmill_platform.keys.sessions import hash_of_link
+from sawmill_platform.keys.key_store import hash_of, hash_of_link
+from sawmill_platform.ledger.events import acting_as
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheSessions
 from sawmill_service.http.bodies.forms import TheForm

@@ -13,9 +13,8 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import ThePhantoms, ThePlaces, TheSettings, TheWake
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED, drawn
+from sawmill_service.http.document import described_answers
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.http.responses.answers import Paging, RequestPriority, Svg, accept
@@ -68,7 +67,7 @@ class PictureUpload(Given, PhantomPicture):
     status_code=201,
     summary="Draw a phantom",
     openapi_extra=trying(body=EXAMPLE),
-    responses=LOCATED,
+    responses=described_answers.LOCATED,
 )
 @repeatable
 def create_phantom(drawing: Sent[PhantomRequest], phantoms: ThePhantoms, response: Response) -> StoredPhantom:
@@ -85,7 +84,7 @@ def create_phantom(drawing: Sent[PhantomRequest], phantoms: ThePhantoms, respons
     status_code=202,
     summary="Upload a phantom's picture",
     openapi_extra=trying_file("image/png", "/static/phantom.png"),
-    responses=refuses_upload(*OF_UPLOAD_ID, *OF_QUEUE),
+    responses=described_answers.refuses_upload(*described_answers.OF_UPLOAD_ID, *described_answers.OF_QUEUE),
 )
 async def upload_phantom_picture(
     upload: Annotated[PictureUpload, Query()],
@@ -117,7 +116,7 @@ async def upload_phantom_picture(
     return await run_in_threadpool(repeatable.once_with, received, accepted, in_body=upload.upload_id is None)
 
 
-@router.get("", summary="List phantoms, newest first", responses=refuses("invalid-cursor"))
+@router.get("", summary="List phantoms, newest first", responses=described_answers.refuses("invalid-cursor"))
 def list_phantoms(paging: Annotated[Paging, Query()], phantoms: ThePhantoms) -> Page[StoredPhantom]:
     """List phantoms; the built-in ones are `l-shape` and `rectangle-with-hole`."""
     return phantoms.page(after=paging.after, limit=paging.limit)
@@ -127,7 +126,7 @@ def list_phantoms(paging: Annotated[Paging, Query()], phantoms: ThePhantoms) -> 
     "/{phantom_id}",
     summary="Get a phantom",
     openapi_extra=trying(phantom_id="l-shape"),
-    responses=refuses("phantom-not-found"),
+    responses=described_answers.refuses("phantom-not-found"),
 )
 async def get_phantom(phantom_id: Identifier, phantoms: ThePhantoms, waiting: TheWaiting) -> StoredPhantom:
     """Return the phantom's outlines in mm; null while its picture is being traced. `wait` waits for the tracing."""
@@ -139,7 +138,7 @@ async def get_phantom(phantom_id: Identifier, phantoms: ThePhantoms, waiting: Th
     response_class=Svg,
     summary="Draw a phantom to print at full size",
     openapi_extra=trying(phantom_id="l-shape"),
-    responses=drawn("phantom-not-found", "phantom-without-drawing"),
+    responses=described_answers.drawn("phantom-not-found", "phantom-without-drawing"),
 )
 def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms) -> Response:
     """Draw an SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
@@ -156,7 +155,8 @@ def get_drawing(phantom_id: Identifier, request: Request, phantoms: ThePhantoms)
     status_code=201,
     summary="Measure a phantom again",
     openapi_extra=trying(phantom_id="l-shape", body=MEASURED),
-    responses=LOCATED | refuses("phantom-not-found", "phantom-without-drawing", "measurement-of-another-phantom"),
+    responses=described_answers.LOCATED
+    | described_answers.refuses("phantom-not-found", "phantom-without-drawing", "measurement-of-another-phantom"),
 )
 @repeatable
 def measure_phantom(
@@ -177,7 +177,7 @@ def measure_phantom(
     status_code=204,
     summary="Delete an unused phantom",
     openapi_extra=trying(phantom_id="example-spare"),
-    responses=refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
+    responses=described_answers.refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
 )
 def delete_phantom(phantom_id: Identifier, phantoms: ThePhantoms) -> None:
     """Delete a phantom. Refused (409) for a built-in one, and while scans or calibrations refer to it."""

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 from sawmill_contracts import kinds
 from sawmill_contracts import reconstructions as contract
 from sawmill_contracts.choices import Axis
-from sawmill_contracts.reconstructions import Reconstruction, ReconstructionName
+from sawmill_contracts.reconstructions import MarkRequest, Reconstruction, ReconstructionName
 from sawmill_contracts.row_ranges import STEPPED_ROWS, parse_span
 from sawmill_platform.contracts.base import LARGEST_NUMBER, Identifier
 from sawmill_platform.contracts.given import Given
@@ -23,9 +23,8 @@ from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import BYTES_PER_VALUE, FIGURE_BYTES, check_slice, drawn_alpha_curve, result_of
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.described_answers import OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.answers import Hdf5, Png, file
 from sawmill_service.http.responses.drawn import picture
@@ -150,7 +149,7 @@ def get_slice(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.images import image_png, image_png16
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         path = reconstructions.files.volume(reconstruction_id)
@@ -229,7 +228,7 @@ def get_side_view(
 
     def draw() -> bytes:
         from sawmill_calibration.pictures.log_pictures import side_view_png
-        from sawmill_calibration.pictures.windows import window_of
+        from sawmill_calibration.pictures.pages import window_of
         from sawmill_formats.output import volume_reader
 
         view = volume_reader.side_view(reconstructions.files.volume(reconstruction_id), shape, query.along)
@@ -275,7 +274,7 @@ def get_volume(reconstruction_id: Identifier, request: Request, reconstructions:
     result_of(reconstructions, reconstruction_id)
     files = reconstructions.files
     path = files.unverified(kinds.RECONSTRUCT, reconstruction_id, VOLUME_FILE)
-    name = f"reconstruction-{reconstruction_id}.h5"
+    name = f"{reconstructions.file_name(reconstruction_id)}.h5"
     return file(request, path, Hdf5.media_type, save_as=name, digest=files.verified.digest)
 
 
@@ -292,6 +291,39 @@ def rename_reconstruction(
     """Give a reconstruction a name of its own, or none; the history of names is in the audit."""
     renamed: Reconstruction = linked(contract.DECLARATION, reconstructions.rename(reconstruction_id, named.name))
     return renamed
+
+
+@router.put(
+    "/{reconstruction_id}/marks/{mark_id}",
+    needs=Scope.SUBMIT,
+    summary="Keep a mark in a slice",
+    openapi_extra=trying(
+        mark_id="knot-1", body={"kind": "ruler", "slice": 0, "ends_mm": [[-20.0, 0.0], [20.0, 15.0]], "note": "knot"}
+    ),
+    responses=refuses(*OF_RESULT, "slice-not-found", "too-many-marks"),
+)
+def mark_reconstruction(
+    reconstruction_id: Identifier, mark_id: Identifier, mark: Sent[MarkRequest], reconstructions: TheReconstructions
+) -> Reconstruction:
+    """Keep a ruler or a region under an id of your choice, in place of the mark that has it; everybody sees it."""
+    check_slice(result_of(reconstructions, reconstruction_id), mark.slice)
+    marked: Reconstruction = linked(contract.DECLARATION, reconstructions.mark(reconstruction_id, mark_id, mark))
+    return marked
+
+
+@router.delete(
+    "/{reconstruction_id}/marks/{mark_id}",
+    needs=Scope.SUBMIT,
+    status_code=204,
+    summary="Remove a mark",
+    openapi_extra=trying(mark_id="knot-1"),
+    responses=refuses("reconstruction-not-found"),
+)
+def unmark_reconstruction(
+    reconstruction_id: Identifier, mark_id: Identifier, reconstructions: TheReconstructions
+) -> None:
+    """Remove a ruler or a region; one that is not there is no error."""
+    reconstructions.mark(reconstruction_id, mark_id, None)
 
 
 def window_to_draw(query: WindowQuery, usual: Window) -> Window:

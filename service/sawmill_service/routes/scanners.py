@@ -20,13 +20,12 @@ from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheDriftCharts, TheHistory, TheMeasurements, TheScanners, TheStore
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED, NAMED
+from sawmill_service.http.document.described_answers import LOCATED, NAMED, refuses
 from sawmill_service.http.document.old_names import ACTIVATIONS, OLD
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.scanner_conditions import condition_of
 
@@ -209,7 +208,8 @@ def list_measurements(
 )
 def get_scanner_step(scanner_id: Identifier, store: TheStore) -> NextStepAnswer:
     """Return what a person does next, by the newest calibration, movement, failures, alarms and what is in use."""
-    return condition_of(store, store.scanners.get(scanner_id)).step.answer
+    condition = condition_of(store, store.scanners.get(scanner_id))
+    return condition.step.answer.model_copy(update={"known": condition.known})
 
 
 @router.get(

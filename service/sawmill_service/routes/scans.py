@@ -13,9 +13,16 @@ from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheFiles, TheScans, TheSettings, TheWake
 from sawmill_service.drawing import BYTES_PER_VALUE, ready_scan, scan_thumbnail
-from sawmill_service.http.document.described_answers import drawn, stored
+from sawmill_service.http.document.described_answers import (
+    OF_QUEUE,
+    OF_SCAN,
+    OF_UPLOAD_ID,
+    drawn,
+    refuses,
+    refuses_upload,
+    stored,
+)
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.http.repeats import TheRepeatableWithFile
 from sawmill_service.http.responses.answers import Dated, Png, RequestPriority, accept
 from sawmill_service.http.responses.drawn import kept_picture, picture

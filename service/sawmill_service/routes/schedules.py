@@ -9,12 +9,11 @@ from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheSchedules
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.described_answers import LOCATED, refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.responses.answers import Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 
 router = Router(prefix="/v1/schedules", tags=["schedules"], reading=Scope.READ)

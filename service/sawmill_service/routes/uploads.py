@@ -17,12 +17,11 @@ from sawmill_platform.files.upload_stream import in_parts
 from sawmill_platform.uploads.upload_parts import UploadPart
 from sawmill_platform.uploads.upload_store import UploadQuota, WrongOffset
 from sawmill_service.dependencies import TheCaller, TheSettings, TheTransfers, TheUploads
-from sawmill_service.http.bodies.announced_part import HEADERS, AnnouncedPart, announced_part
+from sawmill_service.http.bodies.body_sums import HEADERS, AnnouncedPart, announced_part
 from sawmill_service.http.bodies.sent_content import BYTES, SentContent
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import offset_answered, with_some
+from sawmill_service.http.document.described_answers import offset_answered, refuses, refuses_upload, with_some
 from sawmill_service.http.document.openapi_document import trying, trying_file
-from sawmill_service.http.document.refusals import refuses, refuses_upload
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import repeatable
 from sawmill_service.http.route_rules import Router

@@ -19,9 +19,8 @@ from sawmill_platform.contracts.given import Given
 from sawmill_platform.contracts.keys import Scope
 from sawmill_service.dependencies import TheReconstructions
 from sawmill_service.drawing import BYTES_PER_VALUE, check_slice, result_of, volume_thumbnail
-from sawmill_service.http.document.described_answers import NAMED, drawn, stored
+from sawmill_service.http.document.described_answers import NAMED, OF_RESULT, drawn, refuses, stored
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import OF_RESULT, refuses
 from sawmill_service.http.responses.answers import Jpeg, Png, unchanging
 from sawmill_service.http.responses.drawn import Npy, Nrrd, Tiff, exported, kept_picture, picture
 from sawmill_service.http.route_rules import Router
@@ -99,7 +98,7 @@ def get_slice_array(
     factor = _averaged_pixels(result, query)
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import averaged, npy
+        from sawmill_calibration.pictures.images import averaged, npy
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -114,7 +113,7 @@ def get_slice_array(
             headers["X-Height-Mm"] = repr(image.height_mm)
         return npy(averaged(image.data, factor)), headers
 
-    name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
+    name = f"{reconstructions.file_name(reconstruction_id)}, slice {index}.npy"
     made_of, size_bytes = (reconstruction_id, index, factor, "npy"), _slice_bytes(result)
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
 
@@ -139,8 +138,7 @@ def get_slice_jpeg(
     window = window_to_draw(query, result.value_range)
 
     def draw() -> bytes:
-        from sawmill_calibration.pictures.arrays import averaged
-        from sawmill_calibration.pictures.images import jpeg
+        from sawmill_calibration.pictures.images import averaged, jpeg
         from sawmill_formats.output import volume_reader
 
         image = volume_reader.volume_slice(reconstructions.files.volume(reconstruction_id), result.shape, index)
@@ -179,7 +177,7 @@ def get_side_array(
     slices, *size = shape
 
     def read() -> tuple[bytes, Mapping[str, str]]:
-        from sawmill_calibration.pictures.arrays import npy
+        from sawmill_calibration.pictures.images import npy
         from sawmill_calibration.pictures.log_pictures import densest_of
         from sawmill_formats.output import volume_reader
 
@@ -187,7 +185,7 @@ def get_side_array(
         most = (query.max_size or slices, query.max_size or max(size))
         return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
-    name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
+    name = f"{reconstructions.file_name(reconstruction_id)}, side along {query.along}.npy"
     size_bytes = BYTES_PER_VALUE * slices * max(size)
     made_of = (reconstruction_id, "side", query, "npy")
     return unchanging(picture(request, made_of, read, size_bytes=size_bytes, answer=Npy, save_as=name))
@@ -242,7 +240,7 @@ def _export(
             yield image.data.astype("<f4", copy=False).reshape(-1).data.cast("B")
 
     length = len(header) + _FLOAT32_BYTES * math.prod(shape)
-    name = f"reconstruction-{reconstruction_id}.{suffix}"
+    name = f"{reconstructions.file_name(reconstruction_id)}.{suffix}"
     return exported(request, answer, length, _slice_bytes(result) + len(header), pieces(), save_as=name)
 
 
@@ -265,6 +263,6 @@ def get_reconstruction_thumbnail(
 @router.get("/v1/color-maps", summary="Get the colour maps")
 def list_color_maps() -> dict[ColorMap, list[Color]]:
     """List each map's 256 colours (red, green, blue of 255), from a window's low end to its high end."""
-    from sawmill_calibration.pictures.windows import color_table
+    from sawmill_calibration.pictures.pages import color_table
 
     return {name: color_table(name).tolist() for name in ColorMap}

@@ -1,35 +1,76 @@
-"""/v1/webhooks."""
+"""/v1/webhooks, and for the OpenAPI document the messages to webhooks, which nobody posts to this service."""
 
 from functools import partial
 from typing import Annotated
 
-from fastapi import Query, Response
+from fastapi import APIRouter, Header, Query, Response
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_platform.contracts.base import Identifier, Page
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.contracts.webhooks import (
     Delivery,
+    EventMessage,
     NewWebhook,
     Webhook,
     WebhookRequest,
     WebhookRotation,
     WebhookTest,
+    WebhookTestMessage,
     destination_of,
 )
 from sawmill_service.dependencies import TheSettings, TheWebhooks
 from sawmill_service.http.bodies.sent_json import Sent
-from sawmill_service.http.document.described_answers import LOCATED
+from sawmill_service.http.document.described_answers import LOCATED, refuses
 from sawmill_service.http.document.openapi_document import trying
-from sawmill_service.http.document.refusals import refuses
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.repeats import TheRepeatable, repeatable
 from sawmill_service.http.responses.answers import NumberedPaging, Paging
-from sawmill_service.http.responses.edits import REPLACED, TAGGED, ThePrecondition, tagged
+from sawmill_service.http.responses.conditional import REPLACED, TAGGED, ThePrecondition, tagged
 from sawmill_service.http.route_rules import Router
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.webhooks.couriers import send_test
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
+
+messages = APIRouter(tags=["webhook messages"], generate_unique_id_function=lambda route: route.name)
+
+MessageId = Annotated[
+    str,
+    Header(
+        alias="webhook-id",
+        description="Id of the message: the same in every attempt to deliver it.",
+        examples=["msg_5d1c8e2c0a7b4f6e9d0c5b8f3f1e2a77"],
+    ),
+]
+SentAt = Annotated[
+    int,
+    Header(
+        alias="webhook-timestamp",
+        description="Time of the attempt, seconds since 1970.",
+        examples=[1772429464],
+    ),
+]
+Signatures = Annotated[
+    str,
+    Header(
+        alias="webhook-signature",
+        description="One or two signatures with a space between: `v1,` and base64 of HMAC-SHA256 of "
+        "`webhook-id.webhook-timestamp.body`.",
+        examples=["v1,K5oZfzN95Z9UVu1EsfQmfVNQhnkZ2pj9o9NDN/H/pI4="],
+    ),
+]
+RECEIVED = "Any status from 200 to 299: the message was received. The message is sent again after any other status."
+
+
+@messages.post("event", status_code=204, summary="An event", response_description=RECEIVED)
+def post_event(message: EventMessage, message_id: MessageId, sent_at: SentAt, signatures: Signatures) -> None:
+    """Receive an event: posted to each webhook whose `events` name what happened, in the order of the events."""
+
+
+@messages.post("webhook-test", status_code=204, summary="A test", response_description=RECEIVED)
+def post_test(message: WebhookTestMessage, message_id: MessageId, sent_at: SentAt, signatures: Signatures) -> None:
+    """Receive a test message: posted by `POST /v1/webhooks/{webhook_id}/test`."""
+
 
 router = Router(prefix="/v1/webhooks", tags=["webhooks"], reading=Scope.ADMIN)
 

@@ -13,9 +13,9 @@ from PIL import Image
 
 from sawmill_calibration.pictures.images import image_png, image_png16, sinogram_png
 from sawmill_calibration.pictures.log_pictures import TILE_PX, mosaic_png, side_view_png, spread
+from sawmill_calibration.pictures.pages import painted, window_of
 from sawmill_calibration.pictures.phantom_drawing import phantom_svg
 from sawmill_calibration.pictures.round_numbers import round_length, ticks
-from sawmill_calibration.pictures.windows import painted, window_of
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_vocabulary import ColorMap, Disc, Polygon
 
@@ -163,7 +163,6 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
             "sawmill_calibration.pictures.log_pictures",
             "sawmill_calibration.pictures.pages",
             "sawmill_calibration.pictures.round_numbers",
-            "sawmill_calibration.pictures.windows",
         ]
     )
 

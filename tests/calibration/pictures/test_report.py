@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from page_text import text_of
+from asgi import text_of
 from PIL import Image
 from results import FRAME, THETA, calibration_result, comparison
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input import field_names
 from sawmill_formats.input.angles import AngleList, AngleSteps, parse_angles, read_angles_file
-from sawmill_formats.input.contents import FileContents, held
+from sawmill_formats.input.contents import DEGREES, LENGTHS_MM, RADIANS, FileContents, held, length_of, to_degrees
 from sawmill_formats.input.reading import agree_on_angles
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
@@ -115,7 +114,7 @@ def of_each(factors):
 
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_MM))
 def test_a_length_is_read_in_its_unit(unit, factor):
-    assert field_names.length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (
+    assert length_of(np.array([2.5]), f" {unit.upper() if unit.isascii() else unit} ") == (
         2.5 * factor,
         None,
     )
@@ -124,11 +123,9 @@ def test_a_length_is_read_in_its_unit(unit, factor):
 @pytest.mark.parametrize(("unit", "factor"), of_each(IN_DEGREES))
 def test_an_angle_is_read_in_its_unit(unit, factor):
     for written in (unit, unit.upper(), f" {unit.title()} "):
-        np.testing.assert_allclose(
-            field_names.to_degrees(np.array([0.5, -2.0]), written), [0.5 * factor, -2.0 * factor]
-        )
+        np.testing.assert_allclose(to_degrees(np.array([0.5, -2.0]), written), [0.5 * factor, -2.0 * factor])
 
 
 def test_every_unit_is_tried():
-    assert set(field_names.LENGTHS_MM) == {unit for unit, _ in of_each(IN_MM)}
-    assert {unit for unit, _ in of_each(IN_DEGREES)} == field_names.DEGREES | field_names.RADIANS
+    assert set(LENGTHS_MM) == {unit for unit, _ in of_each(IN_MM)}
+    assert {unit for unit, _ in of_each(IN_DEGREES)} == DEGREES | RADIANS

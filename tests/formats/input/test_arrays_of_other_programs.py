@@ -7,8 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scan_files import each_refusal, read_scan, refusal, refused
-from scan_writers import hdf5, npz
+from scan_files import each_refusal, hdf5, npz, read_scan, refusal, refused
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.hdf5 import open_hdf5

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scan_files import each_refusal
-from scan_writers import hdf5, mat, npy, npz
+from scan_files import each_refusal, hdf5, mat, npy, npz
 
-from sawmill_calibration.scans.averaged_rays import AveragedRays
+from sawmill_calibration.scans.prepare import AveragedRays
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps
-from sawmill_formats.input.averaged import AveragedRows
+from sawmill_formats.input.canonical import AveragedRows
 from sawmill_formats.input.reading import reading_scan
 
 VIEWS, CELLS = 9, 64

@@ -18,7 +18,6 @@ STACK = np.random.default_rng(5).integers(0, 9, SHAPE).astype(np.uint8)
 WHOLE = STACK.tobytes()
 STEPS = AngleSteps(0.0, 60.0)
 NOT_WHOLE = WHOLE[:100]
-SZIP_CLAIM = struct.pack("<I", len(WHOLE))
 
 
 def with_checksum(data):
@@ -38,7 +37,6 @@ def dataset_of(file, stored, *filters, skipped=0, libver="earliest"):
             "shuffle": layout.set_shuffle,
             "deflate": lambda: layout.set_deflate(4),
             "lzf": lambda: layout.set_filter(h5py.h5z.FILTER_LZF, h5py.h5z.FLAG_OPTIONAL, (0,)),
-            "szip": lambda: layout.set_szip(h5py.h5z.SZIP_NN_OPTION_MASK, 8),
             "checksum": layout.set_fletcher32,
         }[each]()
     with h5py.File(file, "w", libver=libver) as h5:
@@ -70,13 +68,8 @@ def file(tmp_path):
         (["deflate"], zlib.compress(WHOLE)[:-5], 0),
         (["shuffle", "deflate", "checksum"], with_checksum(zlib.compress(NOT_WHOLE)), 0),
         (["lzf"], b"\x03abcd", 0),
-        (["szip"], SZIP_CLAIM + b"\xff" * 9, 0),
-        (["szip"], struct.pack("<I", 64) + b"\xff" * 99, 0),
-        (["szip"], SZIP_CLAIM, 0),
-        (["szip"], b"\1", 0),
         (["deflate"], NOT_WHOLE, 1),
         (["lzf"], NOT_WHOLE, 1),
-        (["szip"], NOT_WHOLE, 1),
         (["shuffle", "deflate"], NOT_WHOLE, 2),
         (["deflate", "checksum"], with_checksum(NOT_WHOLE), 1),
         (["deflate", "checksum"], WHOLE[:-1], 3),
@@ -228,8 +221,6 @@ def test_data_in_one_piece_shorter_than_declared_are_refused(file, layout):
         {"shuffle": True},
         {"compression": "gzip", "shuffle": True, "fletcher32": True},
         {"compression": "lzf", "shuffle": True},
-        {"compression": "szip", "compression_opts": ("nn", 8)},
-        {"compression": "szip", "compression_opts": ("ec", 16), "shuffle": True, "fletcher32": True},
         {"fletcher32": True},
     ],
 )

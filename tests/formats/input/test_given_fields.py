@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import tifffile
-from scan_files import CELLS, ROWS, refused
-from scan_writers import hdf5, mat, npz, zipped
+from scan_files import CELLS, ROWS, hdf5, mat, npz, refused, zipped
 
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.reading import reading_scan

@@ -4,7 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from scan_writers import hdf5, mat, npz, tiff_bytes
+from scan_files import hdf5, mat, npz, tiff_bytes
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleSteps

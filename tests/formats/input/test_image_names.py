@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input.contents import FieldKind
 from sawmill_formats.input.image_names import sorted_images
-from sawmill_formats.input.wanted import FieldKind
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 ANGLES = [f"{angle:g}" for angle in np.arange(0.5, 360.0, 4.0)]

@@ -5,8 +5,7 @@ import resource
 import h5py
 import numpy as np
 import pytest
-from scan_files import CELLS, ROWS, VIEWS, refused
-from scan_writers import hdf5
+from scan_files import CELLS, ROWS, VIEWS, hdf5, refused
 
 from sawmill_formats.input.angles import AngleSteps
 from sawmill_formats.input.hdf5.links import FILES_KEPT_FREE

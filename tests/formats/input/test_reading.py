@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 import tifffile
-from scan_files import read_scan
-from scan_writers import hdf5, zipped
+from scan_files import hdf5, read_scan, zipped
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AngleList, AngleSteps

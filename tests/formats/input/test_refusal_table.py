@@ -14,8 +14,7 @@ import numpy as np
 import scipy.io
 import tifffile
 from PIL import Image
-from scan_files import each_refusal, refusal
-from scan_writers import hdf5, mat, npy, npz, zipped
+from scan_files import each_refusal, hdf5, mat, npy, npz, refusal, zipped
 
 from sawmill_formats.input.angles import AngleList, AngleSteps
 

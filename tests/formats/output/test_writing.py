@@ -14,7 +14,7 @@ from scan_files import read_scan, read_stored_scan
 
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.hdf5 import whole_hdf5
-from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.own import is_own_scan
 from sawmill_formats.nexus import unit_of, write_mapping
 from sawmill_formats.output.calibration_file import NamedArray, write_calibration
 from sawmill_formats.output.scan_writer import write_raw_scan, write_scan

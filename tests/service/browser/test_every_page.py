@@ -4,9 +4,9 @@ import re
 
 import mill_states
 import pytest
+from missing_parts import first_by_day
 from page_checks import LARGEST_PAGE_BYTES, axe_findings, overflowing, page_bytes, shot, small_targets
 from playwright.sync_api import Page
-from tiers import first_by_day
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 

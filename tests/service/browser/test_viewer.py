@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from damaged_files import written_by_its_job
 from page_checks import overflowing, shot, small_targets
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
+from results import written_by_its_job
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest
@@ -35,9 +35,6 @@ WATCH = """() => {
   new MutationObserver(see).observe(pane, {attributeFilter: ["data-shown", "data-values"]});
 }"""
 HERE = """name => performance.getEntriesByType("resource").some(entry => entry.name.includes(`/slices/${name}`))"""
-# Nothing is transferred of what the browser has kept.
-TRANSFERRED = """() => performance.getEntriesByType("resource")
-  .filter(entry => entry.name.includes("/slices/") && entry.transferSize > 0).map(entry => entry.name)"""
 LOCAL = """time => new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "short"}).format(new Date(time))"""
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
@@ -195,48 +192,6 @@ def test_a_picture_comes_first_and_the_values_when_the_slider_rests(site, logs):
 
 
 @pytest.mark.nightly
-def test_the_window_holds_for_the_picture_while_the_values_are_on_their_way(site, logs):
-    page = site.open("/logs/example?slice=10")
-    shows(page, 10)
-    page.route("**/*.npy?*", lambda _: None)  # they never come
-    page.keyboard.press("ArrowRight")
-    expect(page.locator(".pane")).to_have_attribute("data-shown", "11")
-    with page.expect_response("**/11.jpg?*window_high=2*"):
-        page.locator("#high").fill("2")
-    expected = 255 * np.clip(logs["example"][11] / 2, 0, 1)
-    # JPEG is not exact, least of all where the window cuts the values off.
-    page.wait_for_function(
-        f"""expected => {{
-      const {{data}} = ({PIXELS})();
-      return expected.every((grey, n) => Math.abs(data[4 * n] - grey) < 12);
-    }}""",
-        arg=expected.ravel().tolist(),
-    )
-
-
-@pytest.mark.nightly
-@pytest.mark.usefixtures("logs")
-def test_a_slice_that_was_seen_is_not_fetched_again(site):
-    page = site.open("/logs/example?slice=10")
-    shows(page, 10)
-    page.wait_for_function(HERE, arg="11.jpg")  # the last one that is fetched ahead
-    page.keyboard.press("ArrowRight")
-    shows(page, 11)
-    page.wait_for_function(HERE, arg="13.jpg")
-    assert {name.rpartition("/")[2].partition("?")[0] for name in page.evaluate(TRANSFERRED)} == {
-        *("10.npy", "11.npy"),
-        *(f"{index}.jpg" for index in range(8, 14)),
-    }
-    page.evaluate("performance.clearResourceTimings()")
-    page.keyboard.press("ArrowLeft")
-    shows(page, 10)
-    assert page.evaluate(TRANSFERRED) == []
-    page.reload()
-    shows(page, 10)
-    assert page.evaluate(TRANSFERRED) == []
-
-
-@pytest.mark.nightly
 def test_a_drag_over_a_hundred_slices_fetches_the_first_and_the_last(site, store):
     put_volume(store, "example", asymmetric(120), row_pitch_mm=10.0, first_slice_mm=0.0)
     page = site.open("/logs/example?slice=60&low=0&high=20")
@@ -277,7 +232,7 @@ def fingers(page: Page) -> Callable[..., None]:
 
 
 def test_a_knot_is_measured_with_gloves(site, logs):
-    """The view, the ruler and the region stay in the address, and the ± is that of the calibration."""
+    """Rulers and regions stay with the log, for every browser; the ± is that of the calibration and of the pixels."""
     page = site.open("/logs/example?slice=10", viewport={"width": 800, "height": 1280}, has_touch=True, locale="fi-FI")
     shows(page, 10)
     press = fingers(page)
@@ -294,14 +249,26 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     assert zoomed["width"] == pytest.approx(4 * before, rel=0.01)
     assert zoomed["x"] + zoomed["width"] / 2 == pytest.approx(middle[0], abs=2)
 
-    # 100 mm along y: the field of 400 mm is as wide as the stage, four times enlarged.
+    # One finger scrolls the page, until a tool takes hold of the picture.
+    scrolled = []
+    for _ in range(2):
+        press(middle)
+        for up in (20, 60, 120):
+            press((middle[0], middle[1] - up), kind="touchMove")
+        press(kind="touchEnd")
+        scrolled.append(page.evaluate("scrollY"))
+        page.evaluate("scrollTo(0, 0)")
+        page.get_by_role("button", name="Siirrä").click()
+    assert scrolled[0] > 50 > scrolled[1] == 0
     page.get_by_role("button", name="Mittaa").click()
+
+    # 100 mm along y: the field of 400 mm is as wide as the stage, four times enlarged.
     mm = 4 * min(box["width"], box["height"]) / 400
     press((middle[0] - 40 * mm, middle[1]))
     press((middle[0] + 20 * mm, middle[1]), kind="touchMove")
     press(kind="touchEnd")
     measured = page.locator(".measured")
-    expect(measured).to_contain_text(re.compile(r"Pituus 60(,0)? ± 0,"))
+    expect(measured).to_contain_text(re.compile(r"Pituus 60(,0)? ± "))
     # An end is moved to where it should be.
     press((middle[0] + 20 * mm + 10, middle[1]))
     press((middle[0] + 40 * mm, middle[1]), kind="touchMove")
@@ -312,14 +279,19 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     expected = np.hypot(
         0.8 * known["scale_uncertainty_percent"], np.sqrt(2) * known["predicted_ray_error_mm"]["upper_95"]
     )
-    assert (error, overflowing(page) + small_targets(page)) == (pytest.approx(expected, abs=0.06), [])
+    # Of two pixels each anywhere within its own, 95 % are less than 0.776 pixels further or nearer.
+    assert error == pytest.approx(np.hypot(expected, 0.776 * PIXEL_MM), abs=0.06)
+    assert overflowing(page) + small_targets(page) == []
+    page.get_by_label("Huomautus").fill("oksa")
+    page.get_by_label("Huomautus").blur()
     shot(page, "viewer-ruler-800-light-fi")
 
-    page.wait_for_url(re.compile(r"view=.*ruler="))
+    page.wait_for_url(re.compile(r"view=.*mark="))
     page.reload()
     shows(page, 10)
     expect(measured).to_contain_text("Pituus 80")
     assert page.locator(".pane canvas").bounding_box()["width"] == pytest.approx(4 * before, rel=0.01)
+    page.evaluate("scrollTo(0, 0)")
     for _ in range(2):
         page.touchscreen.tap(*middle)
     page.wait_for_function("width => document.querySelector('.pane canvas').clientWidth <= width", arg=before + 1)
@@ -337,6 +309,22 @@ def test_a_knot_is_measured_with_gloves(site, logs):
     low = page.locator("#low").input_value()
     page.get_by_role("button", name="Oksat").click()
     expect(page.locator("#low")).not_to_have_value(low)
+    page.wait_for_load_state("networkidle")
+    second = site.open("/logs/example?slice=3", accept_downloads=True)
+    rows = second.locator("#marks li")
+    expect(rows).to_have_text([re.compile("Slice 10: 80 ± 9.7 mm"), re.compile(r"Slice 10: \d.*1/mm")])
+    expect(rows.first.get_by_label("Note")).to_have_value("oksa")
+    rows.first.get_by_role("button").first.click()
+    shows(second, 10)
+    expect(second.locator(".measured")).to_contain_text("Length 80 ± 9.7 mm")
+    rows.nth(1).get_by_label("Remove").click()
+    with second.expect_download() as download:
+        second.get_by_role("button", name="Save the list").click()
+    header, line = download.value.path().read_text("utf-8-sig").splitlines()
+    kept = dict(zip(header.split(","), line.split(","), strict=True))
+    assert (kept['"kind"'], kept['"note"'], kept['"height_mm"']) == ('"ruler"', '"oksa"', '"100"')
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")  # it is looked at again
+    expect(page.locator("#marks li")).to_have_count(1)
 
 
 def test_two_logs_move_together_by_height(site, logs):

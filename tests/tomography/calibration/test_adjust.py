@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from missing_parts import first_by_day
 from scipy.ndimage import gaussian_filter1d
-from tiers import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tiers import first_by_day
+from missing_parts import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.errors import CalibrationError

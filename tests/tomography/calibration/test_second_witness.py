@@ -17,7 +17,8 @@ from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_tomography.projection.simulate import simulate_stack
 from sawmill_vocabulary import Agreement, DetectorEstimate, MovedBody, Rotation
 
-SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
+# Cells of 4.5 mm, in which growth rings are lost, move the u_c of a log on the axis by up to three deviations.
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=512, detector_pitch_mm=2.25)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
 TRUE = THETA.source_frame(SCANNER.source_to_cor_mm)
 VIEWS, LOG_ROWS, AT = 180, 8, 90
@@ -68,7 +69,7 @@ def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
     # The phantom's own fit finds the slip too; the log need not mend it, and must not spoil it.
     assert any("The phantom moved at view" in reason for reason in heard.judgement.reasons)
-    assert off(heard) < min(off(alone) + 0.01, heard.findings.error_bars.predicted_ray_error.upper_95_mm)
+    assert off(heard) < off(alone) + 0.003
 
 
 def test_of_twenty_views_the_log_is_heard_by_pairs_of_them(full_turn):

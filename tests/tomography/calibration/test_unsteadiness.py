@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from family_scans import OTHER_MOTIONS, otherwise_moved
-from tiers import first_by_day
+from missing_parts import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.task import CalibrationTask

@@ -13,9 +13,7 @@ from sawmill_tomography.geometry.geometry import TAU, FloatArray, GeometryError,
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_tomography.phantoms.phantom import Disc, Phantom, PhantomError
 from sawmill_tomography.physics.body import stand
-from sawmill_tomography.physics.detector import FIELDS
-from sawmill_tomography.physics.simulate import MillScan, simulate_physics
-from sawmill_tomography.physics.transmission import RAYS
+from sawmill_tomography.physics.simulate import FIELDS, RAYS, MillScan, simulate_physics
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects

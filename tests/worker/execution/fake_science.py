@@ -26,8 +26,7 @@ from sawmill_formats.output.scan_layout import DATA
 from sawmill_formats.output.scan_writer import write_scan
 from sawmill_formats.output.volume_writer import new_reconstruction
 from sawmill_platform.attempts.attempt import main
-from sawmill_platform.attempts.protocol import Succeeded, to_line
-from sawmill_platform.attempts.work import Attempt, Needs
+from sawmill_platform.attempts.protocol import Attempt, Needs, Succeeded, to_line
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind, Job
 from sawmill_platform.files.file_store import work_of
@@ -36,7 +35,7 @@ from sawmill_vocabulary import Progress
 
 sys.path.append(str(Path(__file__).parents[2] / "support"))
 import results
-from damaged_files import make_endless
+from results import make_endless
 
 Behaviour = Callable[[Attempt], dict[str, Any]]
 LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")

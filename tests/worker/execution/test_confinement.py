@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from missing_parts import skip_without
+from missing_parts import both_ways, skip_without
 from results import RESULTS, SCANNER_SPEC, THETA, answer_of
 from structlog.testing import capture_logs
-from tiers import both_ways
 
 from sawmill_contracts import kinds
 from sawmill_contracts.calibrations import CalibrationRequest

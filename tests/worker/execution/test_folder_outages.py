@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 from live_service import wait_until
+from machine_faults import at_call, refusing
 from structlog.testing import capture_logs
-from system_calls import at_call, refusing
 
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.jobs.job_store import Jobs

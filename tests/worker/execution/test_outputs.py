@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 import results
-from damaged_files import DAMAGES
+from results import DAMAGES
 from scan_files import new_volume
 
 from sawmill_contracts import kinds

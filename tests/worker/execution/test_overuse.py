@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from sawmill_contracts.kinds import RECONSTRUCT
+from sawmill_platform.attempts.limits import DEEPEST, SMALL_BYTES, overuse
 from sawmill_platform.attempts.protocol import Begun
-from sawmill_platform.confinement.overuse import DEEPEST, SMALL_BYTES, overuse
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import FolderUnavailable, StorageFull
 

@@ -5,8 +5,7 @@ import time
 from collections.abc import Callable
 
 import pytest
-from live_service import running, wait_until
-from write_lock import write_lock
+from live_service import running, wait_until, write_lock
 
 from sawmill_contracts import kinds
 from sawmill_platform.attempts.failures import duration

@@ -12,24 +12,22 @@ from dataclasses import replace
 
 import pytest
 import results
-from live_service import running, wait_until
-from machine_faults import database_away
+from live_service import running, wait_until, write_lock
+from machine_faults import at_call, database_away, refusing
+from missing_parts import both_ways, fresh_by_night
 from structlog.contextvars import merge_contextvars
 from structlog.testing import capture_logs
-from system_calls import at_call, refusing
-from tiers import both_ways, fresh_by_night
-from write_lock import write_lock
 
 from sawmill_contracts import kinds
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_contracts.scans import ScanState
-from sawmill_platform.acting import Actor, acting_as
 from sawmill_platform.attempts.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_platform.attempts.protocol import CHANNEL, Ready, to_line
 from sawmill_platform.attempts.runner import Runner
 from sawmill_platform.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_platform.errors import StorageFull, StorageUnavailable
 from sawmill_platform.jobs.job_store import Jobs
+from sawmill_platform.ledger.events import Actor, acting_as
 from sawmill_platform.workers.poller import run_worker
 from sawmill_store.store import Store
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from live_service import descendants, running, wait_until
+from machine_faults import at_call, refusing
 from structlog.testing import capture_logs
-from system_calls import at_call, refusing
 
 from sawmill_platform.contracts.jobs import JobState
 from sawmill_platform.settings import StorageSettings

@@ -22,7 +22,7 @@ from sawmill_contracts.phantoms import BUILT_IN_PHANTOMS, PhantomDrawing, Phanto
 from sawmill_contracts.plans import PlanRequest, PlanResult
 from sawmill_contracts.scans import ScanReading, ScanShape, ScanSpec
 from sawmill_platform.attempts.limits import DATA_BYTES
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import FailureKind, JobKind
 from sawmill_platform.errors import DamagedResult, StorageFull, StorageUnavailable

@@ -51,7 +51,7 @@ def exposed(scanner, theta, turn):
     log, rng = LogModel.random(61), np.random.default_rng(62)
     geometry, cells = FanBeamGeometry(scanner, theta, turn(VIEWS)), DetectorCells.of(scanner)
     heights = 30.0 + 3.0 * np.arange(ROWS)
-    rows = [project(log.slice_at(z), cells, geometry.frame, geometry.angles_rad, rays_per_cell=1) for z in heights]
+    rows = [project(log.slice_at(z).moved(6.0, -4.0), cells, geometry.frame, geometry.angles_rad) for z in heights]
     air = PHOTONS * (1.0 + 0.03 * rng.standard_normal(128))
     counts = rng.poisson(0.95 * air * np.exp(-np.stack(rows, axis=1))) + DARK
     shape = (1, ROWS, 128)

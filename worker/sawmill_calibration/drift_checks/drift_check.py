@@ -9,40 +9,16 @@ from numpy.typing import NDArray
 
 from sawmill_calibration.failures import refused
 from sawmill_calibration.known_geometry import GivenGeometry, KnownGeometry
-from sawmill_calibration.scans.averaged_rays import of_masked_rays
+from sawmill_calibration.scans.prepare import of_masked_rays
 from sawmill_calibration.scans.scan_rows import ScanRows
 from sawmill_calibration.view_vectors import AnyGeometry, ImportedGeometry
+from sawmill_contracts import drifts
 from sawmill_contracts.choices import DriftMethod
-from sawmill_contracts.drifts import (
-    DetectorDeviation,
-    DetectorGeometry,
-    DriftBaseline,
-    DriftResult,
-    KnownBaseline,
-    TurnDisturbance,
-)
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.scanners import Tolerances
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.calibration.sinogram_data import refuse_log_beyond_source
-from sawmill_tomography.drift.change import (
-    DISTANCE_NOT_SEEN,
-    ENCODER_NOT_SEEN,
-    FLAT_FIELD_CHANGE_NOT_SEEN,
-    FLAT_FIELD_NOT_SEEN,
-    NOT_SEEN,
-    SIGNIFICANT,
-    ConjugateFit,
-    DetectorFit,
-    Disturbance,
-    DriftChange,
-    DriftError,
-    disturbed_turn,
-    drift_change,
-    likely_cause,
-    seen_vector,
-    zero_offset_mm,
-)
+from sawmill_tomography.drift import change
 from sawmill_tomography.drift.detector_fit import detector_fit
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta, cell_centres_mm
 from sawmill_tomography.sinograms.present_rows import rows_of_all
@@ -80,8 +56,8 @@ def check_drift(
     log_radius_mm: float | None = None,
     tolerance_mm: float = 0.5,
     tolerance_scale_percent: float = 0.5,
-    baselines: tuple[KnownBaseline, ...] = (),
-) -> DriftResult:
+    baselines: tuple[drifts.KnownBaseline, ...] = (),
+) -> drifts.DriftResult:
     """Compare a scan of a log with a calibration, or find the COR from a given geometry.
 
     Parameters
@@ -118,19 +94,19 @@ def check_drift(
     start = calibrated if nominal is None else with_coarse_column(scanner, calibrated, mean.sinogram, angles_rad)
     try:
         fit = detector_fit(scanner, mean.sinogram, angles_rad, start, calibration.rotation, deviations=mean.deviations)
-    except DriftError as error:
+    except change.DriftError as error:
         masked = of_masked_rays(scan.remarks)
         if masked is None or error.code not in MASKED_CAUSES:
             raise
-        raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
+        raise change.DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
     came = () if scan.averaged_rows is None else scan.remarks
     covariance = None if calibration.covariance is None else np.array(calibration.covariance)
-    absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    absolute = change.drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     method = _method(fit)
     baseline = next((each for each in baselines if each.method == method), None)
     changed, zero = absolute, None
     if baseline is not None:
-        changed = drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
+        changed = change.drift_change(scanner, calibrated, covariance, fit, zero=baseline.offset, radius_mm=radius_mm)
         zero = _reported(baseline, scanner, calibrated, fit, changed, radius_mm)
     turned_over = fit.rotation is not calibration.rotation
     within = None if nominal else _within(changed, reference, zero, turned_over=turned_over)
@@ -139,11 +115,11 @@ def check_drift(
         if nominal is None
         else found_column(nominal, fit)
     )
-    return DriftResult(
-        measured=_detector(seen_vector(fit)),
+    return drifts.DriftResult(
+        measured=_detector(change.seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
         covariance=fit.covariance.tolist(),
-        calibrated=_detector(seen_vector(calibrated)),
+        calibrated=_detector(change.seen_vector(calibrated)),
         change=_detector(absolute.change),
         change_standard_deviation=_deviation(fit, absolute.deviation),
         significance=_deviation(fit, absolute.significance),
@@ -196,10 +172,10 @@ def mean_of_common_rows(
 
 
 def _within(
-    changed: DriftChange, reference: _Reference, zero: DriftBaseline | None, *, turned_over: bool
+    changed: change.DriftChange, reference: _Reference, zero: drifts.DriftBaseline | None, *, turned_over: bool
 ) -> bool | None:
     # A scale that this scan hardly determines is no reason for an alarm, and neither are rays.
-    allowed = max(reference.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
+    allowed = max(reference.tolerance_scale_percent / 100.0, change.SIGNIFICANT * changed.scale_deviation)
     if turned_over or _is_far(zero, reference) or abs(changed.scale_change) > allowed:
         return False
     limit_mm, error_mm = _limit_mm(reference, changed), TWO_SIDED_95 * changed.ray_change_uncertainty_mm
@@ -208,7 +184,7 @@ def _within(
     return True if error_mm <= limit_mm else None
 
 
-def _limit_mm(reference: _Reference, changed: DriftChange) -> float:
+def _limit_mm(reference: _Reference, changed: change.DriftChange) -> float:
     """Return the distance in mm that a log must see: without a movement that of a calibration that passes."""
     if changed.moved:
         return reference.tolerance_mm
@@ -220,29 +196,29 @@ def _calibration_limit_mm(calibration: KnownGeometry) -> float:
     return Tolerances().predicted_ray_error_mm if limits is None else limits.tolerance_mm
 
 
-def _is_far(zero: DriftBaseline | None, reference: _Reference) -> bool:
+def _is_far(zero: drifts.DriftBaseline | None, reference: _Reference) -> bool:
     """Return whether the first logs were already out of tolerance: a baseline must not hide an earlier move."""
     return zero is not None and zero.ray_offset_mm > reference.tolerance_mm
 
 
 def _reason(
     reference: _Reference,
-    fit: DetectorFit,
-    changed: DriftChange,
-    zero: DriftBaseline | None,
+    fit: change.DetectorFit,
+    changed: change.DriftChange,
+    zero: drifts.DriftBaseline | None,
     *,
     within: bool | None,
     turned_over: bool,
 ) -> Reason:
-    of_the_turn = disturbed_turn(fit)
+    of_the_turn = change.disturbed_turn(fit)
     of_the_detector = _of_the_detector(reference, changed, zero, within=within, turned_over=turned_over)
     return LogMessage.DISTURBED_TURN(of_the_detector, *of_the_turn) if of_the_turn else of_the_detector
 
 
 def _of_the_detector(
     reference: _Reference,
-    changed: DriftChange,
-    zero: DriftBaseline | None,
+    changed: change.DriftChange,
+    zero: drifts.DriftBaseline | None,
     *,
     within: bool | None,
     turned_over: bool,
@@ -256,7 +232,7 @@ def _of_the_detector(
     if within is None:
         known = {"moved_mm": changed.ray_change_mm, "allowed_mm": _limit_mm(reference, changed)}
         return LogMessage.UNCERTAIN(**known, error_mm=TWO_SIDED_95 * changed.ray_change_uncertainty_mm)
-    cause = likely_cause(reference.calibration.source_frame, changed)
+    cause = change.likely_cause(reference.calibration.source_frame, changed)
     if not within and changed.ray_change_mm > allowed_mm:
         cause = LogMessage.MOVED(cause, **moved)
     elif not within:
@@ -270,47 +246,51 @@ def _of_the_detector(
     return cause if zero is None else LogMessage.SINCE_BASELINE(cause, looks=zero.checks)
 
 
-def _method(fit: DetectorFit) -> DriftMethod:
-    return "opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs"
+def _method(fit: change.DetectorFit) -> DriftMethod:
+    return "opposite-rays" if isinstance(fit, change.ConjugateFit) else "view-pairs"
 
 
 def _reported(
-    baseline: KnownBaseline,
+    baseline: drifts.KnownBaseline,
     scanner: Scanner,
     calibrated: SourceFrame,
-    fit: DetectorFit,
-    changed: DriftChange,
+    fit: change.DetectorFit,
+    changed: change.DriftChange,
     radius_mm: float,
-) -> DriftBaseline:
-    return DriftBaseline(
+) -> drifts.DriftBaseline:
+    return drifts.DriftBaseline(
         **dict(baseline),
-        ray_offset_mm=zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
+        ray_offset_mm=change.zero_offset_mm(scanner, calibrated, baseline.offset, radius_mm=radius_mm),
         change=_detector(changed.change),
         change_standard_deviation=_deviation(fit, changed.deviation),
         significance=_deviation(fit, changed.significance),
     )
 
 
-def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
-    of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
-    of_distance = [DISTANCE_NOT_SEEN] if fit.distance_held else []
-    return [*NOT_SEEN, *of_distance, *([] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN])]
+def _not_seen(fit: change.DetectorFit, zero: drifts.DriftBaseline | None) -> list[str]:
+    of_flat_field = change.FLAT_FIELD_NOT_SEEN if zero is None else change.FLAT_FIELD_CHANGE_NOT_SEEN
+    of_distance = [change.DISTANCE_NOT_SEEN] if fit.distance_held else []
+    return [
+        *change.NOT_SEEN,
+        *of_distance,
+        *([] if isinstance(fit, change.ConjugateFit) else [of_flat_field, change.ENCODER_NOT_SEEN]),
+    ]
 
 
-def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
+def _disturbance(each: change.Disturbance, amplitude: float) -> drifts.TurnDisturbance:
     if each.part == "encoder":
-        return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
-    return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
+        return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
+    return drifts.TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
 
 
-def _detector(values: FloatArray) -> DetectorGeometry:
+def _detector(values: FloatArray) -> drifts.DetectorGeometry:
     column, tilt, distance = (float(value) for value in values)
-    return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
+    return drifts.DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
 
 
-def _deviation(fit: DetectorFit, values: FloatArray) -> DetectorDeviation:
+def _deviation(fit: change.DetectorFit, values: FloatArray) -> drifts.DetectorDeviation:
     column, tilt, distance = (float(value) for value in values)
-    return DetectorDeviation(
+    return drifts.DetectorDeviation(
         cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance
     )
 
@@ -336,7 +316,7 @@ def with_coarse_column(
     return replace(frame, cor_column_mm=float(np.clip(column, u[0], u[-1])))
 
 
-def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Theta:
+def corrected_theta(geometry: GivenGeometry, fit: change.DetectorFit) -> Theta:
     """Set u_c and tau to the scan's values at the given SDD, which a ruler measures better than a log shows it."""
     detector = fit.at_distance(geometry.source_frame.source_to_detector_mm)
     corrected = replace(geometry.source_frame, cor_column_mm=detector.cor_column_mm, tilt_rad=detector.tilt_rad)
@@ -344,7 +324,7 @@ def corrected_theta(geometry: GivenGeometry, fit: DetectorFit) -> Theta:
     return corrected.theta(geometry.scanner.source_to_cor_mm, source_shift_sign=sign)
 
 
-def found_column(geometry: GivenGeometry, fit: DetectorFit) -> str:
+def found_column(geometry: GivenGeometry, fit: change.DetectorFit) -> str:
     """Describe what was found and what was kept, in one sentence each, with the `--theta` for a reconstruction."""
     theta, given_sdd_mm = corrected_theta(geometry, fit), geometry.source_frame.source_to_detector_mm
     detector = fit.at_distance(given_sdd_mm)
@@ -362,6 +342,6 @@ def found_column(geometry: GivenGeometry, fit: DetectorFit) -> str:
     if fit.rotation is not geometry.rotation:
         sentence += f"; the views turn {fit.rotation.value}, not {geometry.rotation.value}"
     distance, deviation = fit.source_to_detector_mm, fit.deviation[2]
-    if abs(distance - given_sdd_mm) > SIGNIFICANT * deviation > 0.0:
+    if abs(distance - given_sdd_mm) > change.SIGNIFICANT * deviation > 0.0:
         sentence += f"; the scan itself shows an SDD of {distance:.5g} ± {deviation:.2g} mm: check the distances"
     return sentence

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.pages import LOG_WINDOW, Window, window_of
 from sawmill_calibration.pictures.panels import (
     draw_frame_pairs,
     draw_log,
@@ -26,7 +27,6 @@ from sawmill_calibration.pictures.panels import (
     localise,
 )
 from sawmill_calibration.pictures.report_numbers import calibration_table
-from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, window_of
 from sawmill_contracts.calibrations import CalibrationResult, FoundGeometry
 from sawmill_mill.next_step import NextStep, step_alone
 from sawmill_vocabulary import ReconstructionMethod
@@ -51,20 +51,7 @@ def report_png(
 def report_figure(
     result: CalibrationResult, arrays: CalibrationArrays, step: NextStep, reader: Reader = ENGLISH
 ) -> Figure:
-    """Draw the report of a calibration.
-
-    Parameters
-    ----------
-    step : NextStep
-        The next step, which stands at the top.
-    reader : Reader
-        Language of sentences and panels; the table is in English.
-
-    Raises
-    ------
-    ValueError
-        The numbers of views and angles differ.
-    """
+    """Draw the report of a calibration, the next step at the top, or raise `ValueError` for other numbers of angles."""
     lines = list(_lines(result, step, reader))
     heights = {"head": 1.0 + LINE_IN * len(lines), "found": 6.1, "fit": 5.4, "pairs": 6.4}
     if arrays.log is not None:

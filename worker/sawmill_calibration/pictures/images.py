@@ -1,4 +1,4 @@
-"""Images and sinograms as PNG, with NumPy and Pillow only.
+"""Images and sinograms as PNG, with NumPy and Pillow only, and as arrays for programs that apply a window themselves.
 
 A PNG's row is +x and its column is +y (docs/look-up/conventions.md#axes).
 """
@@ -11,20 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
-from sawmill_calibration.pictures.pages import (
-    Layout,
-    draw_bottom_axis,
-    draw_color_bar,
-    draw_left_axis,
-    draw_orientation,
-    draw_panel,
-    draw_scale_bar,
-    encoded,
-    font_of,
-    page_of,
-)
+from sawmill_calibration.pictures import pages
+from sawmill_calibration.pictures.pages import Window, by_stripes, labelled_views, painted, shaded, to_unit, window_of
 from sawmill_calibration.pictures.round_numbers import round_length
-from sawmill_calibration.pictures.windows import Window, by_stripes, labelled_views, shaded, to_unit, window_of
 from sawmill_vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
@@ -72,14 +61,14 @@ def image_png(
     shown = window or window_of(image)
     factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
     size = image.shape[1] * factor, image.shape[0] * factor
-    layout = Layout.around(size, axis_labels=False, title=title is not None)
-    page, draw = page_of(layout, title, color_map)
-    draw_panel(page, layout, image, shown, color_map)
-    draw_color_bar(draw, page, layout, shown, unit, color_map)
+    layout = pages.Layout.around(size, axis_labels=False, title=title is not None)
+    page, draw = pages.page_of(layout, title, color_map)
+    pages.draw_panel(page, layout, image, shown, color_map)
+    pages.draw_color_bar(draw, page, layout, shown, unit, color_map)
     if pixel_mm is not None:
-        draw_scale_bar(draw, layout, pixel_mm / factor)
-    draw_orientation(draw, layout)
-    return encoded(page)
+        pages.draw_scale_bar(draw, layout, pixel_mm / factor)
+    pages.draw_orientation(draw, layout)
+    return pages.encoded(page)
 
 
 def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Window) -> bytes:
@@ -103,9 +92,9 @@ def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Windo
     left, bottom, thickness = side // 25, panel.height - side // 25, max(4, side // 100)
     right = left + round(length_mm / field_mm * side)
     draw.rectangle((left, bottom - thickness, right, bottom), fill="white", outline="black")
-    place, font = ((left + right) / 2, bottom - 2 * thickness), font_of(side // 22)
+    place, font = ((left + right) / 2, bottom - 2 * thickness), pages.font_of(side // 22)
     draw.text(place, f"{length_mm:g} mm", fill="white", stroke_fill="black", stroke_width=2, font=font, anchor="mb")
-    return encoded(panel)
+    return pages.encoded(panel)
 
 
 def jpeg(image: NDArray[np.floating[Any]], window: Window, color_map: ColorMap = ColorMap.GREY) -> bytes:
@@ -157,7 +146,7 @@ def image_png16(
         text.add_text(name, repr(float(value)))
     text.add_text("pixel_mm", repr(float(pixel_mm)))
     text.add_text("first_pixel_mm", ",".join(repr(float(place)) for place in first_pixel_mm))
-    return encoded(Image.fromarray(grey), text)
+    return pages.encoded(Image.fromarray(grey), text)
 
 
 def sinogram_png(
@@ -184,15 +173,15 @@ def sinogram_png(
     if len(angles_deg) != views:
         raise ValueError(f"a sinogram of {views} views needs as many angles, not {len(angles_deg)}")
     shown = window_of(sinogram)
-    layout = Layout.around((_enlarged(cells), _enlarged(views)), axis_labels=True, title=True)
-    page, draw = page_of(layout, None)
-    draw_panel(page, layout, sinogram, shown, ColorMap.GREY)
-    draw_color_bar(draw, page, layout, shown, unit)
+    layout = pages.Layout.around((_enlarged(cells), _enlarged(views)), axis_labels=True, title=True)
+    page, draw = pages.page_of(layout, None)
+    pages.draw_panel(page, layout, sinogram, shown, ColorMap.GREY)
+    pages.draw_color_bar(draw, page, layout, shown, unit)
     half = cells * pitch_mm / 2
-    draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")
+    pages.draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")
     marks = [((view + 0.5) / views, label) for view, label in labelled_views(angles_deg)]
-    draw_left_axis(draw, layout, marks, "angle of the view, degrees")
-    return encoded(page)
+    pages.draw_left_axis(draw, layout, marks, "angle of the view, degrees")
+    return pages.encoded(page)
 
 
 def _check_two_dimensional(name: str, values: NDArray[Any]) -> None:
@@ -202,3 +191,55 @@ def _check_two_dimensional(name: str, values: NDArray[Any]) -> None:
 
 def _enlarged(length: int) -> int:
     return length * max(1, -(-SMALLEST_SIDE_PX // length))
+
+
+THUMBNAIL_PX = 160
+Float32 = NDArray[np.float32]
+
+
+def averaged(image: NDArray[np.floating[Any]], factor: int) -> Float32:
+    """Average blocks of factor x factor pixels; an incomplete last block is averaged over the pixels that it has.
+
+    Parameters
+    ----------
+    image : (x, y) float
+    factor : int
+        Side of a block, 1 or more; 1 leaves the image unchanged.
+
+    Returns
+    -------
+    (ceil(x / factor), ceil(y / factor)) float32
+    """
+    single = image.astype(np.float32, copy=False)
+    return single if factor == 1 else np.asarray(Image.fromarray(single).reduce(factor))
+
+
+def npy(values: NDArray[Any]) -> bytes:
+    """Return the bytes of an NPY file, version 1.0 (numpy.org, NEP 1), in C order."""
+    stream = BytesIO()
+    np.lib.format.write_array(stream, np.ascontiguousarray(values), version=(1, 0), allow_pickle=False)
+    return stream.getvalue()
+
+
+def thumbnail_png(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:
+    """Draw a small square grey picture with nothing around the image, for an image of any shape.
+
+    Parameters
+    ----------
+    image : (row, column) float
+    window : (low, high), optional
+        Values shown black and white; the 0.1 and 99.9 percentiles by default.
+    """
+    return pages.encoded(Image.fromarray(painted(small_square(image, THUMBNAIL_PX, window), ColorMap.GREY)))
+
+
+def small_square(image: NDArray[np.floating[Any]], side_px: int, window: Window | None = None) -> Float32:
+    """Reduce an image of any shape to a square, from 0 for black to 1 for white; the window as in `thumbnail_png`."""
+    shown = window or window_of(image)
+    small = Image.fromarray(by_stripes(image, lambda stripe: to_unit(stripe, shown).astype(np.float32)))
+    return np.asarray(small.resize((side_px, side_px), Image.Resampling.BOX))
+
+
+def grey_png(grey: bytes, side_px: int) -> bytes:
+    """Encode a square picture of one byte for each pixel, from 0 for black to 255 for white."""
+    return pages.encoded(Image.frombytes("L", (side_px, side_px), grey))

@@ -8,23 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from sawmill_calibration.pictures.pages import (
-    INK,
-    PAPER,
-    Layout,
-    Span,
-    draw_bottom_axis,
-    draw_color_bar,
-    draw_left_axis,
-    draw_orientation,
-    draw_panel,
-    draw_scale_bar,
-    encoded,
-    font_of,
-    page_of,
-)
+from sawmill_calibration.pictures import pages
+from sawmill_calibration.pictures.pages import Window, shaded, window_of
 from sawmill_calibration.pictures.round_numbers import ticks
-from sawmill_calibration.pictures.windows import Window, shaded, window_of
 from sawmill_vocabulary import ColorMap
 
 TILE_PX = 256
@@ -79,25 +65,27 @@ def mosaic_png(
         raise ValueError("a mosaic needs at least one slice")
     side = len(tiles[0])
     panel, corners = _laid_out([Image.fromarray(tile) for tile in tiles], side)
-    layout = Layout.around(panel.size, axis_labels=False, title=title is not None)
-    page, draw = page_of(layout, title, color_map, framed=False)
+    layout = pages.Layout.around(panel.size, axis_labels=False, title=title is not None)
+    page, draw = pages.page_of(layout, title, color_map, framed=False)
     page.paste(panel, (layout.left, layout.top))
-    font = font_of(_STRIP_PX - 8)
+    font = pages.font_of(_STRIP_PX - 8)
     for label, (left, top) in zip(labels, corners, strict=True):
-        draw.text((layout.left + left, layout.top + top + _STRIP_PX // 2), label, fill=INK, font=font, anchor="lm")
-    draw_color_bar(draw, page, layout, window, unit, color_map)
+        draw.text(
+            (layout.left + left, layout.top + top + _STRIP_PX // 2), label, fill=pages.INK, font=font, anchor="lm"
+        )
+    pages.draw_color_bar(draw, page, layout, window, unit, color_map)
     if pixel_mm is not None:
-        draw_scale_bar(draw, layout, pixel_mm * size / side, across_px=side)
-    draw_orientation(draw, layout)
-    return encoded(page)
+        pages.draw_scale_bar(draw, layout, pixel_mm * size / side, across_px=side)
+    pages.draw_orientation(draw, layout)
+    return pages.encoded(page)
 
 
 def side_view_png(
     densest: NDArray[np.floating[Any]],
     *,
-    across_mm: Span,
+    across_mm: pages.Span,
     across: str,
-    along_mm: Span | None,
+    along_mm: pages.Span | None,
     unit: str,
     window: Window | None = None,
     color_map: ColorMap = ColorMap.GREY,
@@ -129,16 +117,16 @@ def side_view_png(
         raise ValueError(f"a side view is two-dimensional, not of shape {densest.shape}")
     shown = window or window_of(densest)
     size = width, height = _side_view_size(densest.shape, across_mm, along_mm)
-    layout = Layout.around(size, axis_labels=True, title=True)
-    page, draw = page_of(layout, None, color_map)
-    draw_panel(page, layout, densest_of(densest.T, (height, width)), shown, color_map)
-    draw_color_bar(draw, page, layout, shown, unit, color_map)
+    layout = pages.Layout.around(size, axis_labels=True, title=True)
+    page, draw = pages.page_of(layout, None, color_map)
+    pages.draw_panel(page, layout, densest_of(densest.T, (height, width)), shown, color_map)
+    pages.draw_color_bar(draw, page, layout, shown, unit, color_map)
     span = along_mm or (-0.5, len(densest) - 0.5)
-    draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")
+    pages.draw_bottom_axis(draw, layout, span, "slice" if along_mm is None else "along the log, mm")
     low, high = across_mm
     marks = [((value - low) / (high - low), f"{value:g}") for value in ticks(low, high)]
-    draw_left_axis(draw, layout, marks, f"{across}, mm" if title is None else f"{across}, mm     {title}")
-    return encoded(page)
+    pages.draw_left_axis(draw, layout, marks, f"{across}, mm" if title is None else f"{across}, mm     {title}")
+    return pages.encoded(page)
 
 
 def _tile(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
@@ -156,13 +144,13 @@ def _laid_out(tiles: list[Image.Image], side: int) -> tuple[Image.Image, list[tu
     columns = math.ceil(math.sqrt(len(tiles)))
     step, line = side + _GAP_PX, side + _GAP_PX + _STRIP_PX
     corners = [(n % columns * step, n // columns * line) for n in range(len(tiles))]
-    panel = Image.new(tiles[0].mode, (columns * step - _GAP_PX, corners[-1][1] + line - _GAP_PX), PAPER)
+    panel = Image.new(tiles[0].mode, (columns * step - _GAP_PX, corners[-1][1] + line - _GAP_PX), pages.PAPER)
     for tile, (left, top) in zip(tiles, corners, strict=True):
         panel.paste(tile, (left, top + _STRIP_PX))
     return panel, corners
 
 
-def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | None) -> tuple[int, int]:
+def _side_view_size(shape: tuple[int, ...], across_mm: pages.Span, along_mm: pages.Span | None) -> tuple[int, int]:
     """Return (width, height) of the panel."""
     slices, pixels = shape
     lines = -(-pixels // -(-pixels // _HIGHEST_PX))

@@ -18,8 +18,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import Formatter
 from numpy.typing import NDArray
 
+from sawmill_calibration.pictures.pages import LOG_WINDOW, Window, labelled_views, window_of
 from sawmill_calibration.pictures.round_numbers import round_length
-from sawmill_calibration.pictures.windows import LOG_WINDOW, Window, labelled_views, window_of
 from sawmill_contracts.calibrations import FoundGeometry
 from sawmill_vocabulary import Theta
 from sawmill_vocabulary.messages import ENGLISH, N_, Reader
@@ -98,17 +98,7 @@ def show_image(
 def draw_phantom(
     figure: FigureBase, ax: Axes, image: Array, field_mm: float, outlines: Array, reader: Reader = ENGLISH
 ) -> None:
-    """Draw a phantom's reconstruction with the drawing's outlines over the image.
-
-    Parameters
-    ----------
-    image : (x, y) float
-        The reconstruction; all 0 where there is no image.
-    field_mm : float
-        Side of the image.
-    outlines : (points, 2) float
-        Closed outlines as (x, y) in mm, NaN between two outlines.
-    """
+    """Draw a reconstruction (x, y), 0 where there is none, and closed outlines (points, 2), mm, NaN between two."""
     shown = show_image(ax, image, field_mm, window_of(image, *LOG_WINDOW))
     if len(outlines):
         ax.plot(outlines[:, 1], outlines[:, 0], color=OUTLINE, linewidth=1.4)
@@ -129,17 +119,7 @@ def draw_log(ax: Axes, image: Array, field_mm: float, window: Window) -> AxesIma
 
 
 def draw_residual(figure: FigureBase, residual: Array, angles_deg: Array, pitch_mm: float, reader: Reader) -> None:
-    """Draw measured minus model, with the profile over the views at the side and over the cells below.
-
-    Parameters
-    ----------
-    residual : (views, detector) float
-        The residual, in the unit of the sinogram.
-    angles_deg : (views,) float
-        Each view's angle.
-    pitch_mm : float
-        Distance between detector cells.
-    """
+    """Draw measured minus model (views, detector), with the profile over the views and over the cells."""
     views, cells = residual.shape
     half_mm = cells * pitch_mm / 2
     grid = figure.add_gridspec(2, 2, width_ratios=(3.2, 1), height_ratios=(2.4, 1))
@@ -201,13 +181,7 @@ def draw_search(figure: FigureBase, history: Array, final: float, reader: Reader
 
 
 def draw_frame_pairs(figure: FigureBase, covariance: NDArray[np.float64]) -> None:
-    """Draw the 95 % ellipse of each pair of source frame parameters, as deviations from the answer.
-
-    Parameters
-    ----------
-    covariance : (5, 5) float64
-        Covariance of (psi, R, SDD, u_c, tau) in rad and mm; a parameter whose row is zero was fixed and is left out.
-    """
+    """Draw the 95 % ellipse of each pair of (psi, R, SDD, u_c, tau), rad and mm; one with variance 0 was fixed."""
     free = [index for index in range(len(FRAME)) if covariance[index, index] > 0.0]
     scale = np.array([FRAME[index][2] for index in free])
     shown = covariance[np.ix_(free, free)] / np.outer(scale, scale)

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.capacity import check_memory
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import check_memory, refused
 from sawmill_calibration.reconstruction.method_findings import (
     BlockFindings,
     CurvePoints,

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.capacity import check_disk, memory_available
 from sawmill_calibration.checkpoints import NOTHING_KEPT, Keeper
+from sawmill_calibration.failures import check_disk, memory_available
 from sawmill_calibration.reconstruction.block_solvers import (
     BlockSolver,
     Images,

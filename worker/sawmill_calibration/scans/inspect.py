@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.pictures.arrays import small_square
+from sawmill_calibration.failures import memory_available
+from sawmill_calibration.pictures.images import small_square
 from sawmill_calibration.result_file import read_saved_calibration
 from sawmill_calibration.scans.scan_rows import links_offered
 from sawmill_contracts.inspections import (
@@ -28,10 +28,9 @@ from sawmill_contracts.scans import ScanShape
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AnglesGiven
 from sawmill_formats.input.canonical import CanonicalScan
-from sawmill_formats.input.contents import FileContents, Projections
+from sawmill_formats.input.contents import FileContents, Projections, alike_together
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
-from sawmill_formats.input.own.scan import OwnKind, own_kind
-from sawmill_formats.input.parts import alike_together
+from sawmill_formats.input.own import OwnKind, own_kind
 from sawmill_formats.input.picture import is_picture, picture_parts
 from sawmill_formats.input.reading import canonical_scan, reading_bounds, reading_contents
 from sawmill_formats.input.recognising import Format, recognise

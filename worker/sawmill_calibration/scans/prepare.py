@@ -1,4 +1,7 @@
-"""Preparation of a scan into the file that every job uses: corrected line integrals, in bounded memory."""
+"""Preparation of a scan into the file that every job uses: corrected line integrals, in bounded memory.
+
+Masked rays of a scan that was sent as the mean over rows are interpolated, with larger standard deviations.
+"""
 
 import math
 from collections.abc import Collection, Mapping
@@ -10,16 +13,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_calibration.capacity import check_disk_for_scan
-from sawmill_calibration.scans.averaged_rays import AveragedRays
+from sawmill_calibration.failures import check_disk_for_scan
 from sawmill_calibration.scans.row_alignment import AlignedRows, Views, align_rows
 from sawmill_contracts.scans import PrepareOptions
-from sawmill_formats.input.canonical import CanonicalScan
+from sawmill_formats.input.canonical import AveragedRows, CanonicalScan
 from sawmill_formats.output.scan_writer import RowsPresent, new_scan
 from sawmill_tomography.preparing.line_integrals import SATURATION, Exposure
 from sawmill_tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_tomography.sinograms.air import DecidedAirCorrection
-from sawmill_tomography.sinograms.present_rows import present_rows
+from sawmill_tomography.sinograms.present_rows import bridge_masked, present_rows
 from sawmill_tomography.sinograms.screening import usable_views
 from sawmill_vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 from sawmill_vocabulary.messages import Reason, numbered, selected
@@ -32,6 +34,46 @@ WINDOW_BYTES = 128 * 2**20
 # The largest drift of the source since the flat fields, as a line integral: a quarter fewer counts. A level beyond it
 # is not air (tests/worker/jobs/test_prepare.py).
 LARGEST_DRIFT = 0.3
+
+
+class AveragedRays:
+    """Rays of a scan (views, 1, detector) that was sent as a mean of rows; deviations are 0 where not known."""
+
+    def __init__(self, averaged: AveragedRows, shape: tuple[int, int, int]) -> None:
+        self._averaged, self._shape, self._masked, self._samples = averaged, shape, 0, 0
+        self.deviations = None if averaged.deviations is None else averaged.deviations.copy()
+
+    def bridge(self, samples: NDArray[np.float32], first_view: int) -> None:
+        """Interpolate masked rays, NaN in (views, 1, detector), in place; their deviations are at least the median."""
+        rays = samples[:, 0]
+        masked = np.isnan(rays)
+        self._samples += masked.size
+        if not masked.any():
+            return
+        self._masked += int(masked.sum())
+        bridged = rays.astype(np.float64)
+        missed = bridge_masked(bridged, masked)
+        rays[...] = bridged
+        if self.deviations is None:
+            self.deviations = np.zeros(self._shape[::2], np.float32)
+        for deviations, misses, gaps in zip(self.deviations[first_view:], missed, masked, strict=False):
+            deviations[gaps] = np.maximum(misses[gaps], np.median(deviations[~gaps]))
+
+    def remarks(self) -> tuple[Reason, ...]:
+        """Report what was sent, and how it was changed."""
+        alone = self._averaged.deviations is None
+        came = PreparingMessage.MEAN_OF_ROWS if alone else PreparingMessage.MEAN_WITH_DEVIATIONS
+        masked = (
+            PreparingMessage.RAYS_MASKED(masked=self._masked, samples=self._samples)
+            if self._masked
+            else PreparingMessage.NO_RAY_MASKED()
+        )
+        return came(rows=self._averaged.rows), masked
+
+
+def of_masked_rays(remarks: Collection[str]) -> str | None:
+    """Select the remark on a prepared scan that reports masked rays; None if no ray was masked."""
+    return next(selected(remarks, PreparingMessage.RAYS_MASKED), None)
 
 
 @dataclass(frozen=True)

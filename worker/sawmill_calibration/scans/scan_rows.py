@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import memory_available, refused
 from sawmill_calibration.scans.prepare import Stack, prepare_scan
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.row_ranges import parse_rows
 from sawmill_contracts.scans import PrepareOptions, UnregisteredScanOptions
 from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.angles import AnglesGiven
-from sawmill_formats.input.own.scan import is_own_scan
+from sawmill_formats.input.own import is_own_scan
 from sawmill_formats.input.reading import reading_scan
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
 from sawmill_formats.reading_apart import read_apart

@@ -11,11 +11,10 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds
-from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.contents import FileContents, Wanted
 from sawmill_formats.input.npy import read_npz
 from sawmill_formats.input.tiff.pages import TiffPages, open_pages
 from sawmill_formats.input.tiff.several_files import TiffFile, is_tiff, read_files
-from sawmill_formats.input.wanted import Wanted
 
 MOST_MEMBERS = 100_000
 ENCRYPTED = 0x1

@@ -1,29 +1,117 @@
-"""The one form into which every readable file is brought."""
+"""The one form into which every readable file is brought, also one of the mean over detector rows."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
+from sawmill_formats.input import plausible
 from sawmill_formats.input.arrays import check_fields
-from sawmill_formats.input.averaged import AveragedRows
 from sawmill_formats.input.contents import Projections
-from sawmill_formats.input.plausible import (
-    LINE_INTEGRALS,
-    SampleRange,
-    SamplesOutside,
-    check_angles,
-    check_finite,
-    range_of_counts,
-)
 from sawmill_vocabulary import DetectorModule
 from sawmill_vocabulary.messages import Reason, selected
 from sawmill_vocabulary.reading_messages import ReadingMessage
+
+# Share of a view's rays. Masked rays are interpolated, and a log's shadow is a third of the detector or more.
+MOST_MASKED = 0.2
+# Least line integral of air. The beam behind air is the flat field's but for the tube's drift: e times as many counts
+# are impossible.
+LEAST_AIR = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedRows:
+    """Origin of a scan's one row as a mean over rows."""
+
+    rows: int  # the number of detector rows whose line integrals were averaged
+    # (views, detector) float32, or None: the standard deviation of each mean; infinite where a ray is masked
+    deviations: NDArray[np.float32] | None
+
+    @classmethod
+    def of(cls, rows: int, shape: tuple[int, ...], deviations: NDArray[np.float32] | None) -> Self:
+        """Check the shapes of the projections as they were sent, and of their deviations: `wrong-shape`."""
+        if len(shape) == 3 and shape[1] != 1:
+            raise UnreadableScan(
+                "wrong-shape",
+                f"averaged_rows says that {rows} rows were averaged, so projections are (views, detector), and these "
+                f"are (views, rows, detector) = {shape}: send their mean over the rows, or leave averaged_rows out",
+            )
+        if deviations is None:
+            return cls(rows, None)
+        if deviations.shape != shape:
+            raise UnreadableScan(
+                "wrong-shape",
+                f"deviations have the shape {deviations.shape} and the line integrals {shape}; there must be one of "
+                "each line integral",
+            )
+        return cls(rows, deviations.reshape(shape[0], shape[-1]))
+
+    def mask(self, samples: NDArray[np.float32], first_view: int) -> None:
+        """Make the masked rays among samples (views, 1, detector) NaN, in place, and check the samples."""
+        if self.deviations is not None:
+            deviations = self.deviations[first_view : first_view + len(samples)]
+            _check_deviations(deviations, samples[:, 0], first_view)
+            samples[:, 0][np.isinf(deviations)] = np.nan
+        masked = np.isnan(samples).sum(axis=(1, 2))
+        view = int(np.argmax(masked))
+        if masked[view] > MOST_MASKED * samples.shape[2]:
+            raise UnreadableScan(
+                "not-finite",
+                f"{masked[view]} of {samples.shape[2]} rays of view {first_view + view} are masked, as NaN or by an "
+                f"infinite deviation; at most {MOST_MASKED:.0%} may be: leave the view out, with its angle",
+            )
+        for view, image in enumerate(samples, first_view):
+            plausible.check_finite("view", view, np.where(np.isnan(image), np.float32(0.0), image))
+        _check_logarithms(samples[:, 0])
+
+
+def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32], first_view: int) -> None:
+    # A number that only means "not known" would be used as a weight next to real deviations.
+    largest = float(np.max(np.abs(rays), where=np.isfinite(rays), initial=0.0))
+    wrong = ~((deviations > 0.0) & ((deviations <= largest) | np.isinf(deviations))) & ~np.isnan(rays)
+    if wrong.any():
+        view, cell = (int(i) for i in np.unravel_index(np.argmax(wrong), wrong.shape))
+        raise UnreadableScan(
+            "out-of-range",
+            f"the standard deviation of view {first_view + view}, cell {cell} is {deviations[view, cell]:g}; it must "
+            f"be above 0, not above the largest line integral ({largest:.3g}), and infinite where the ray is masked",
+        )
+
+
+def _check_logarithms(rays: NDArray[np.float32]) -> None:
+    """Refuse values too large for a logarithm, that are no logarithm of counts over flats, or fall behind the log."""
+    take = (
+        "take -ln((counts - dark) / (flat - dark)) of every row first and average that over the rows, because -ln of a "
+        "mean is not the mean of -ln"
+    )
+    largest = float(np.nanmax(rays))
+    if largest > plausible.LARGEST_LOGARITHM:
+        raise UnreadableScan(
+            "contradiction",
+            f"the values reach {largest:.3g} and no -ln of a transmission is above {plausible.LARGEST_LOGARITHM:.0f}, "
+            f"so they are counts or in another unit: {take}",
+        )
+    profile = plausible.profile_of(rays)
+    level = plausible.level_of_air(profile)
+    if plausible.falls(profile):
+        raise UnreadableScan(
+            "contradiction",
+            f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, as counts "
+            f"and transmissions do, and line integrals rise: {take}",
+        )
+    if level < LEAST_AIR:
+        raise UnreadableScan(
+            "contradiction",
+            f"the values are {level:.3g} at the detector's ends, where air has nearly 0, as where counts were not "
+            f"divided by the flat field: {take}",
+        )
+
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
 SAME_DIRECTION_RAD = np.deg2rad(1e-6)
@@ -59,9 +147,9 @@ class CanonicalScan:
         check_scan(self)
 
     @cached_property
-    def sample_range(self) -> SampleRange:
+    def sample_range(self) -> plausible.SampleRange:
         """Range of the samples: of counts, with the flat fields, else of line integrals."""
-        return LINE_INTEGRALS if self.flats is None else range_of_counts(self.flats, self.darks)
+        return plausible.LINE_INTEGRALS if self.flats is None else plausible.range_of_counts(self.flats, self.darks)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -100,7 +188,7 @@ class CanonicalScan:
         views, rows, _ = self.shape
         step_views, step_rows = self.block_shape(window_bytes)
         missing = np.zeros((views, rows), bool)
-        outside = SamplesOutside(self.sample_range, math.prod(self.shape))
+        outside = plausible.SamplesOutside(self.sample_range, math.prod(self.shape))
         for first_view in range(0, views, step_views):
             for first_row in range(0, rows, step_rows):
                 at = slice(first_view, min(first_view + step_views, views))
@@ -112,7 +200,9 @@ class CanonicalScan:
         for view in np.flatnonzero(missing.any(axis=1)):
             _check_ends(int(view), missing[view])
 
-    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: SamplesOutside) -> "Block":
+    def _block(
+        self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: plausible.SamplesOutside
+    ) -> "Block":
         samples = self.projections.read(views, rows)
         if self.counts and self.rows_missing:
             samples[~samples.any(axis=2)] = np.nan
@@ -134,7 +224,7 @@ class CanonicalScan:
             if missing[view].any() and not self.rows_missing:
                 raise self._lacking(first_view + view, first_row, missing[view])
             present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
-            check_finite("view", first_view + view, present, first_row)
+            plausible.check_finite("view", first_view + view, present, first_row)
         return missing
 
     def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
@@ -168,7 +258,7 @@ def check_scan(scan: CanonicalScan) -> None:
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
             for index, image in enumerate(fields):
-                check_finite(name, index, image)
+                plausible.check_finite(name, index, image)
     if scan.counts:
         _ = scan.sample_range  # which the fields themselves must satisfy
 
@@ -195,7 +285,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
 
 
 def _check_angles(angles_rad: NDArray[np.float64]) -> None:
-    check_angles(np.rad2deg(angles_rad))
+    plausible.check_angles(np.rad2deg(angles_rad))
     standing = np.abs(np.remainder(np.diff(angles_rad) + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
     if standing.any():
         view = int(np.argmax(standing))

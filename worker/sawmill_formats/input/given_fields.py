@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated, quoted
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.contents import FieldKind, FileContents, Wanted
 from sawmill_formats.input.recognising import recognise
-from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary.messages import Reason, numbered
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

@@ -10,8 +10,7 @@ from statistics import median_low
 from typing import NamedTuple
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.field_names import kinds_in, words_of
-from sawmill_formats.input.wanted import FieldKind
+from sawmill_formats.input.contents import FieldKind, kinds_in, words_of
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

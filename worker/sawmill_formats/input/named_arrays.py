@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import as_float32, check_scan_dimensions
-from sawmill_formats.input.contents import FileAngles, FileContents, Projections
-from sawmill_formats.input.field_names import kind_of, to_degrees, with_similar_fields
-from sawmill_formats.input.wanted import Wanted
+from sawmill_formats.input.contents import (
+    FileAngles,
+    FileContents,
+    Projections,
+    Wanted,
+    kind_of,
+    to_degrees,
+    with_similar_fields,
+)
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, as_float32, check_number_type, check_scan_dimensions, check_size
-from sawmill_formats.input.contents import FileContents, Projections, held
+from sawmill_formats.input.contents import FileContents, Projections, Wanted, held
 from sawmill_formats.input.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
-from sawmill_formats.input.wanted import Wanted
 
 # Format of a header's own length, for the versions that hold plain arrays.
 LENGTHS = {(1, 0): "<H", (2, 0): "<I"}

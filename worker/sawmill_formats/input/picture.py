@@ -12,7 +12,7 @@ from PIL import Image
 
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO
-from sawmill_formats.input.parts import Part, PartKind
+from sawmill_formats.input.contents import Part, PartKind
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_PICTURE_PIXELS = 64 * 2**20

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan
-from sawmill_formats.input.field_names import RADIANS
+from sawmill_formats.input.contents import RADIANS
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

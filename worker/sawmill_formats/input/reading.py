@@ -11,14 +11,21 @@ from numpy.typing import NDArray
 from sawmill_formats.errors import UnreadableScan, library_errors_translated
 from sawmill_formats.input.angles import AngleList, AnglesGiven, AngleSteps
 from sawmill_formats.input.arrays import MAX_BYTES, Bounds, as_fields
-from sawmill_formats.input.averaged import AveragedRows
-from sawmill_formats.input.canonical import CanonicalScan
-from sawmill_formats.input.contents import FileContents, FilePitch, Projections, fields_in_order, in_order, named_axes
+from sawmill_formats.input.canonical import AveragedRows, CanonicalScan
+from sawmill_formats.input.contents import (
+    FieldKind,
+    FileContents,
+    FilePitch,
+    Projections,
+    Wanted,
+    fields_in_order,
+    in_order,
+    named_axes,
+)
 from sawmill_formats.input.given_fields import with_fields, without_odd_fields
 from sawmill_formats.input.hdf5.links import LinkedFilesOnDisk
 from sawmill_formats.input.plausible import closes, unit_of_angles_asked
 from sawmill_formats.input.recognising import recognise
-from sawmill_formats.input.wanted import FieldKind, Wanted
 from sawmill_vocabulary import WIDEST_CELL_MM
 from sawmill_vocabulary.messages import Reason, selected
 from sawmill_vocabulary.reading_messages import ReadingMessage

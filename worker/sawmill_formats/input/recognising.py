@@ -9,17 +9,14 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 from sawmill_formats.errors import UnreadableScan, check_regular, quoted
 from sawmill_formats.input.archives import is_npz, members, opened, read_zip
 from sawmill_formats.input.arrays import Bounds
-from sawmill_formats.input.contents import FileContents
+from sawmill_formats.input.contents import FileContents, Part, PartKind, Wanted
 from sawmill_formats.input.hdf5.any_layout import read_hdf5
 from sawmill_formats.input.hdf5.listing import hdf5_parts
 from sawmill_formats.input.image_names import natural_key
-from sawmill_formats.input.matlab.mat5 import read_mat5
-from sawmill_formats.input.matlab.mat5_variables import list_variables
+from sawmill_formats.input.mat5 import list_variables, read_mat5
 from sawmill_formats.input.npy import read_header, read_npy
-from sawmill_formats.input.parts import Part, PartKind
-from sawmill_formats.input.tiff.folder import folder_parts, read_folder
 from sawmill_formats.input.tiff.pages import opened_tiff, page_type, read_tiff
-from sawmill_formats.input.wanted import Wanted
+from sawmill_formats.input.tiff.several_files import folder_parts, read_folder
 
 
 def mat5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_formats import errors
 from sawmill_formats.detector_modules import (
     MOST_MODULES,
     OFFSET,
@@ -21,14 +22,8 @@ from sawmill_formats.detector_modules import (
     modules_after_first,
     translation,
 )
-from sawmill_formats.errors import (
-    NotAsWritten,
-    OutOfRange,
-    check_index,
-    damage_reported,
-    library_errors_translated,
-)
 from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.output import scan_layout
 from sawmill_formats.output.own_hdf5 import (
     CHECKED,
     check_chunk,
@@ -40,19 +35,6 @@ from sawmill_formats.output.own_hdf5 import (
     reading_own,
     values_at,
     values_of,
-)
-from sawmill_formats.output.scan_layout import (
-    AIR_LEVEL,
-    ANGLES,
-    CELL_PITCH,
-    DATA,
-    DEVIATIONS,
-    MODULE,
-    ROW_PITCH,
-    ROWS_PRESENT,
-    SATURATED_SHARE,
-    USABLE,
-    VIEWS_LEFT_OUT,
 )
 from sawmill_vocabulary import DetectorModule
 
@@ -99,7 +81,7 @@ class OpenScan:
 
 def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.integer] | None) -> NDArray[np.float32]:
     # Chunks span the views, or many of them: reading all views of a row and choosing afterwards costs little.
-    with library_errors_translated("HDF5"):
+    with errors.library_errors_translated("HDF5"):
         stack: NDArray[np.float32] = dataset[:, slice(selected.start, selected.stop, selected.step), :]
     return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
@@ -132,53 +114,53 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
         The file is damaged, or another one.
     """
     with ExitStack() as files:
-        with damage_reported(path.name):
+        with errors.damage_reported(path.name):
             file = files.enter_context(open_hdf5(path))
-            opened = _opened(file, needed(dataset_at(file, DATA, filters=CHECKED), DATA).shape)
+            opened = _opened(file, needed(dataset_at(file, scan_layout.DATA, filters=CHECKED), scan_layout.DATA).shape)
             check_chunks(opened.data)
         yield opened
 
 
 def _opened(file: h5py.File, shape: Shape) -> OpenScan:
     views, rows, detector = shape
-    data = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+    data = needed(dataset_at(file, scan_layout.DATA, shape, CHECKED), scan_layout.DATA)
     present, usable_rows = _rows_present(file, (views, rows))
-    pitch_mm, row_pitch = float(values_of(file, CELL_PITCH, ())), values_at(file, ROW_PITCH, ())
+    pitch_mm, row_pitch = float(values_of(file, scan_layout.CELL_PITCH, ())), values_at(file, scan_layout.ROW_PITCH, ())
     return OpenScan(
         shape=shape,
-        angles_rad=np.deg2rad(values_of(file, ANGLES, (views,))),
+        angles_rad=np.deg2rad(values_of(file, scan_layout.ANGLES, (views,))),
         detector_pitch_mm=pitch_mm,
         row_pitch_mm=None if row_pitch is None else float(row_pitch),
         data=data,
-        air_level=dataset_at(file, AIR_LEVEL, (rows, detector)),
+        air_level=dataset_at(file, scan_layout.AIR_LEVEL, (rows, detector)),
         present=present,
         usable_rows=usable_rows,
-        deviations=dataset_at(file, DEVIATIONS, shape),
+        deviations=dataset_at(file, scan_layout.DEVIATIONS, shape),
         detector_modules=_modules(file, detector, pitch_mm),
         views_left_out=_views_left_out(file, views),
-        saturated_share=float(values_at(file, SATURATED_SHARE, ()) or 0.0),
+        saturated_share=float(values_at(file, scan_layout.SATURATED_SHARE, ()) or 0.0),
     )
 
 
 def _views_left_out(file: h5py.File, views: int) -> tuple[int, ...]:
-    numbers = values_at(file, VIEWS_LEFT_OUT)
+    numbers = values_at(file, scan_layout.VIEWS_LEFT_OUT)
     if numbers is None:
         return ()
     if numbers.dtype.kind not in "iu" or numbers.ndim != 1 or not ((numbers >= 0) & (numbers < views)).all():
-        raise NotAsWritten(f"its views that are left out are no numbers of its {views} views")
+        raise errors.NotAsWritten(f"its views that are left out are no numbers of its {views} views")
     return tuple(numbers.tolist())
 
 
 def _modules(file: h5py.File, cells: int, pitch_mm: float) -> tuple[DetectorModule, ...]:
     placed: list[PlacedModule] = []
     try:
-        while len(placed) < MOST_MODULES and group_at(file, where := MODULE % len(placed)) is not None:
+        while len(placed) < MOST_MODULES and group_at(file, where := scan_layout.MODULE % len(placed)) is not None:
             (_, first), (_, of_module) = (values_of(file, f"{where}/{name}", (2,)).tolist() for name in (ORIGIN, SIZE))
             start_mm, step_mm = (_translation(file, f"{where}/{name}") for name in (OFFSET, STEP))
             placed.append(PlacedModule(first, of_module, start_mm, step_mm))
         return modules_after_first(placed, cells, pitch_mm) if placed else ()
     except ModulesUnusable as error:
-        raise NotAsWritten(f"its modules cannot be used: {error}") from error
+        raise errors.NotAsWritten(f"its modules cannot be used: {error}") from error
 
 
 def _translation(file: h5py.File, path: str) -> NDArray[np.float64]:
@@ -189,12 +171,12 @@ def _translation(file: h5py.File, path: str) -> NDArray[np.float64]:
 def _rows_present(
     file: h5py.File, shape: tuple[int, int]
 ) -> tuple[NDArray[np.bool_], tuple[int, int]] | tuple[None, None]:
-    present = dataset_at(file, ROWS_PRESENT, shape)
+    present = dataset_at(file, scan_layout.ROWS_PRESENT, shape)
     if present is None:
         return None, None
-    first, last = (int(row) for row in present.attrs[USABLE])
+    first, last = (int(row) for row in present.attrs[scan_layout.USABLE])
     if not 0 <= first < last <= shape[1]:
-        raise NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
+        raise errors.NotAsWritten(f"its usable rows are {first}:{last} of {shape[1]}")
     return present[()].astype(bool), (first, last)
 
 
@@ -223,17 +205,19 @@ def sinogram(path: Path, shape: Shape, row: int) -> Sinogram:
         The file is damaged, or another one.
     """
     views, rows, _ = shape
-    check_index("row", row, rows)
+    errors.check_index("row", row, rows)
     with reading_own(path) as file:
-        scan = needed(dataset_at(file, DATA, shape, CHECKED), DATA)
+        scan = needed(dataset_at(file, scan_layout.DATA, shape, CHECKED), scan_layout.DATA)
         for first in range(0, views, scan.chunks[0]):
             check_chunk(scan, (first, row, 0))
-        data, angles_deg = scan[:, row, :], values_of(file, ANGLES, (views,)).astype(np.float64)
+        data, angles_deg = scan[:, row, :], values_of(file, scan_layout.ANGLES, (views,)).astype(np.float64)
         there = np.ones(views, bool)
-        present = values_at(file, ROWS_PRESENT, (views, rows))
+        present = values_at(file, scan_layout.ROWS_PRESENT, (views, rows))
         if present is not None:
             there = present[:, row].astype(bool)
             if not there.any():
-                raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
+                raise errors.OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
         there[list(_views_left_out(file, views))] = False
-        return Sinogram(data=data[there], angles_deg=angles_deg[there], pitch_mm=float(values_of(file, CELL_PITCH, ())))
+        return Sinogram(
+            data=data[there], angles_deg=angles_deg[there], pitch_mm=float(values_of(file, scan_layout.CELL_PITCH, ()))
+        )

@@ -14,20 +14,7 @@ from sawmill_formats import nxtomo
 from sawmill_formats.detector_modules import ACROSS, CLASS, OFFSET, ORIGIN, SIZE, STEP, PlacedModule, placed_modules
 from sawmill_formats.hdf5 import whole_hdf5
 from sawmill_formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
-from sawmill_formats.output.scan_layout import (
-    AIR_LEVEL,
-    DATA,
-    DEVIATIONS,
-    LINE_INTEGRALS,
-    MODULE,
-    PROVENANCE,
-    ROW_SHIFT_DEVIATIONS,
-    ROW_SHIFTS,
-    ROWS_PRESENT,
-    SATURATED_SHARE,
-    USABLE,
-    VIEWS_LEFT_OUT,
-)
+from sawmill_formats.output import scan_layout
 from sawmill_vocabulary import DetectorModule
 
 
@@ -64,23 +51,23 @@ class NewScan:
         known.
         """
         if views_left_out:
-            self.data.file[VIEWS_LEFT_OUT] = np.array(views_left_out, np.int32)
+            self.data.file[scan_layout.VIEWS_LEFT_OUT] = np.array(views_left_out, np.int32)
         if rows_present is not None:
-            self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
-            self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable
+            self.data.file[scan_layout.ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
+            self.data.file[scan_layout.ROWS_PRESENT].attrs[scan_layout.USABLE] = rows_present.usable
         if deviations is not None:
-            write_scalar(self.data.file, DEVIATIONS, deviations[:, np.newaxis], "1")
+            write_scalar(self.data.file, scan_layout.DEVIATIONS, deviations[:, np.newaxis], "1")
         if air_level is not None:
-            write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
+            write_scalar(self.data.file, scan_layout.AIR_LEVEL, air_level.astype(np.float32), "counts")
         if saturated_share is not None:
-            write_scalar(self.data.file, SATURATED_SHARE, saturated_share, "1")
-        group = new_group(self.data.file, PROVENANCE, "NXcollection")
+            write_scalar(self.data.file, scan_layout.SATURATED_SHARE, saturated_share, "1")
+        group = new_group(self.data.file, scan_layout.PROVENANCE, "NXcollection")
         for name, text in provenance.items():
             group[name] = text
         if row_shifts is not None:
-            write_scalar(group, ROW_SHIFTS, row_shifts, "row")
+            write_scalar(group, scan_layout.ROW_SHIFTS, row_shifts, "row")
         if row_shift_deviations is not None:
-            write_scalar(group, ROW_SHIFT_DEVIATIONS, row_shift_deviations, "row")
+            write_scalar(group, scan_layout.ROW_SHIFT_DEVIATIONS, row_shift_deviations, "row")
 
 
 @contextmanager
@@ -123,10 +110,10 @@ def new_scan(
             # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
             storage={"fletcher32": True},
         )
-        file[DATA].attrs["long_name"] = LINE_INTEGRALS
+        file[scan_layout.DATA].attrs["long_name"] = scan_layout.LINE_INTEGRALS
         if detector_modules:
             _write_modules(file, placed_modules(detector_modules, detector, detector_pitch_mm), rows)
-        yield NewScan(file[DATA])
+        yield NewScan(file[scan_layout.DATA])
 
 
 def write_scan(
@@ -217,7 +204,7 @@ def write_raw_scan(
             pitches_mm=(detector_pitch_mm, row_pitch_mm),
             storage=PACKED,
         )
-        data, first = file[DATA], 0
+        data, first = file[scan_layout.DATA], 0
         for images in (darks, flats, counts):
             data[first : first + len(images)] = images
             first += len(images)
@@ -225,7 +212,7 @@ def write_raw_scan(
 
 def _write_modules(file: h5py.File, modules: Sequence[PlacedModule], rows: int) -> None:
     for number, module in enumerate(modules):
-        group = new_group(file, MODULE % number, CLASS)
+        group = new_group(file, scan_layout.MODULE % number, CLASS)
         group[ORIGIN], group[SIZE] = [0, module.first], [rows, module.cells]
         for name, translation in ((OFFSET, module.start_mm), (STEP, module.step_mm)):
             length = float(np.linalg.norm(translation))

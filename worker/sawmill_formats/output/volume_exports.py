@@ -95,7 +95,7 @@ def nrrd_header(grid: "VolumeGrid", unit: str) -> bytes:
         f"space origin: ({x_mm!r},{y_mm!r},{grid.first_height_mm or 0.0!r})",
         f'space units: "mm" "mm" "{along}"',
         "kinds: domain domain domain",
-        f'sample units: "{unit}"',
+        f"sample units: {unit}",
         "endian: little",
         "encoding: raw",
     )

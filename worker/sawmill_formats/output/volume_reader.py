@@ -12,18 +12,7 @@ from numpy.typing import NDArray
 
 from sawmill_formats import nexus as layout
 from sawmill_formats.errors import NotAsWritten, NotStored, check_index
-from sawmill_formats.output.own_hdf5 import (
-    PACKED,
-    check_members,
-    dataset_at,
-    group_at,
-    needed,
-    read_packed,
-    reading_own,
-    unit_of,
-    values_at,
-    values_of,
-)
+from sawmill_formats.output import own_hdf5
 
 Axis = Literal["x", "y"]
 Shape = tuple[int, int, int]
@@ -85,25 +74,25 @@ def check_volume(path: Path, shape: Shape) -> None:
     DamagedResult
         It does not; every function here raises this.
     """
-    with reading_own(path) as file:
-        check_members(file, path, 4 * math.prod(shape))
+    with own_hdf5.reading_own(path) as file:
+        own_hdf5.check_members(file, path, 4 * math.prod(shape))
         _grid(file, shape)
-        needed(_values(file, layout.VALUES, shape), layout.VALUES)
+        own_hdf5.needed(_values(file, layout.VALUES, shape), layout.VALUES)
         for along in get_args(Axis):
-            dataset_at(file, f"{layout.side_view(along)}/data", _side_shape(shape, along), PACKED)
+            own_hdf5.dataset_at(file, f"{layout.side_view(along)}/data", _side_shape(shape, along), own_hdf5.PACKED)
 
 
 def volume_grid(path: Path, shape: Shape) -> VolumeGrid:
     """Read the positions of the slices and pixels of volume.h5."""
-    with reading_own(path) as file:
+    with own_hdf5.reading_own(path) as file:
         return _grid(file, shape)[0]
 
 
 def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64] | None]:
     """Read the positions of slices and pixels, and the height of each slice; None where slices have no spacing."""
-    z_mm = values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
-    x_mm = values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
-    y_mm = values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])
+    z_mm = own_hdf5.values_at(file, f"{layout.RECONSTRUCTION}/z", shape[:1])
+    x_mm = own_hdf5.values_of(file, f"{layout.RECONSTRUCTION}/x", shape[1:2])
+    y_mm = own_hdf5.values_of(file, f"{layout.RECONSTRUCTION}/y", shape[2:])
     grid = VolumeGrid(
         shape=shape,
         pixel_mm=float(x_mm[1] - x_mm[0]),
@@ -115,7 +104,7 @@ def _grid(file: h5py.File, shape: Shape) -> tuple[VolumeGrid, NDArray[np.float64
 
 
 def _values(file: h5py.File, name: str, shape: Shape) -> h5py.Dataset | None:
-    return dataset_at(file, f"{layout.RECONSTRUCTION}/{name}", shape, PACKED)
+    return own_hdf5.dataset_at(file, f"{layout.RECONSTRUCTION}/{name}", shape, own_hdf5.PACKED)
 
 
 def volume_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
@@ -137,16 +126,16 @@ def volume_slices(path: Path, shape: Shape, indices: Iterable[int]) -> Iterator[
     OutOfRange
         The volume has no such slice.
     """
-    with reading_own(path) as file:
-        yield from _slices(file, needed(_values(file, layout.VALUES, shape), layout.VALUES), indices)
+    with own_hdf5.reading_own(path) as file:
+        yield from _slices(file, own_hdf5.needed(_values(file, layout.VALUES, shape), layout.VALUES), indices)
 
 
 def _slices(file: h5py.File, values: h5py.Dataset, indices: Iterable[int]) -> Iterator[VolumeSlice]:
-    (grid, heights_mm), unit = _grid(file, values.shape), unit_of(values)
+    (grid, heights_mm), unit = _grid(file, values.shape), own_hdf5.unit_of(values)
     for index in indices:
         check_index("slice", index, len(values))
         yield VolumeSlice(
-            data=read_packed(values, index, index + 1)[0],
+            data=own_hdf5.read_packed(values, index, index + 1)[0],
             index=index,
             height_mm=None if heights_mm is None else float(heights_mm[index]),
             pixel_mm=grid.pixel_mm,
@@ -163,7 +152,7 @@ def deviation_slice(path: Path, shape: Shape, index: int) -> VolumeSlice:
     OutOfRange, NotStored
         The volume has no such slice, or no standard deviations.
     """
-    with reading_own(path) as file:
+    with own_hdf5.reading_own(path) as file:
         deviations = _values(file, layout.DEVIATION, shape)
         if deviations is None:
             raise NotStored("no-deviation", "this volume has no standard deviations: only earlier versions made them")
@@ -178,15 +167,15 @@ def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
     NotStored
         The volume was reconstructed by another method, or is empty.
     """
-    with reading_own(path) as file:
-        group = group_at(file, layout.ALPHA_CURVE)
+    with own_hdf5.reading_own(path) as file:
+        group = own_hdf5.group_at(file, layout.ALPHA_CURVE)
         if group is None:
             raise NotStored("no-alpha-curve", "no alpha was chosen: not by method tikhonov, or nothing there to see")
-        points = needed(dataset_at(file, f"{layout.ALPHA_CURVE}/alphas"), "alphas").shape
+        points = own_hdf5.needed(own_hdf5.dataset_at(file, f"{layout.ALPHA_CURVE}/alphas"), "alphas").shape
         if len(points) != 1 or points[0] > MOST_POINTS:
             raise NotAsWritten(f"its alphas have the shape {points}")
         return {
-            name: values_of(file, f"{layout.ALPHA_CURVE}/{name}", () if name == "alpha" else points)
+            name: own_hdf5.values_of(file, f"{layout.ALPHA_CURVE}/{name}", () if name == "alpha" else points)
             for name in layout.ALPHA_COLUMNS
             if name in group
         }
@@ -200,23 +189,23 @@ def side_view(path: Path, shape: Shape, along: Axis) -> SideView:
     NotStored
         The volume was written before side views were stored.
     """
-    with reading_own(path) as file:
+    with own_hdf5.reading_own(path) as file:
         view = layout.side_view(along)
         side_shape = _side_shape(shape, along)
-        data = dataset_at(file, f"{view}/data", side_shape, PACKED)
+        data = own_hdf5.dataset_at(file, f"{view}/data", side_shape, own_hdf5.PACKED)
         if data is None:
             raise NotStored("no-side-view", "this volume was written without side views: reconstruct the scan again")
         across = "y" if along == "x" else "x"
-        across_mm = values_of(file, f"{view}/{across}", side_shape[1:])
-        along_mm = values_at(file, f"{view}/z", side_shape[:1])
+        across_mm = own_hdf5.values_of(file, f"{view}/{across}", side_shape[1:])
+        along_mm = own_hdf5.values_at(file, f"{view}/z", side_shape[:1])
         pixel_mm = float(across_mm[1] - across_mm[0])
         return SideView(
-            data=read_packed(data, 0, len(data)),
+            data=own_hdf5.read_packed(data, 0, len(data)),
             across=across,
             across_mm=_ends(across_mm, pixel_mm),
             # A single slice has no spacing: it is shown as thick as its pixels are wide.
             along_mm=None if along_mm is None else _ends(along_mm, pixel_mm),
-            unit=unit_of(data),
+            unit=own_hdf5.unit_of(data),
         )
 
 

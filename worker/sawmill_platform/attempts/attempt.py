@@ -19,22 +19,11 @@ from typing import Any, BinaryIO
 
 import structlog
 
+from sawmill_platform.attempts import protocol
 from sawmill_platform.attempts.failures import failure_of
 from sawmill_platform.attempts.forking import REQUESTS, TBB, serve
 from sawmill_platform.attempts.limits import keep_to, limits_of, peak_memory_bytes
-from sawmill_platform.attempts.protocol import (
-    CHANNEL,
-    Assignment,
-    Begun,
-    Failed,
-    Kept,
-    ProgressMade,
-    Ready,
-    Succeeded,
-    to_line,
-)
 from sawmill_platform.attempts.threading_layer import load
-from sawmill_platform.attempts.work import Attempt, Work
 from sawmill_platform.confinement.confinement import confine_to, installation, move_into
 from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobKind
@@ -48,7 +37,7 @@ from sawmill_vocabulary import Progress
 STORED_FROM = 0.95
 
 
-def main(work: Work[Any]) -> None:
+def main(work: protocol.Work[Any]) -> None:
     """Run one attempt, or none if the supervisor ends first; as a template, fork one attempt for each request."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
@@ -59,21 +48,21 @@ def main(work: Work[Any]) -> None:
         work.warm_up()
         serve(socket.socket(fileno=int(os.environ[REQUESTS])), attempt)
     else:
-        with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+        with open(int(os.environ[protocol.CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
             work.warm_up()
             attempt(channel)
 
 
-def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) -> None:
+def _attempt(channel: BinaryIO, work: protocol.Work[Any], settings: ExecutionSettings) -> None:
     """Wait for the assignment on standard input, run it, and send the answer."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
-        channel.write(to_line(Ready()))
+        channel.write(protocol.to_line(protocol.Ready()))
     except BrokenPipeError:  # the supervisor was killed in the mean time
         return
     line = _line_from(supervisor)
     if line:
-        assignment = Assignment.model_validate_json(line)
+        assignment = protocol.Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
             attempt = _attempt_at(assignment, work, channel)
             answer, error = _answer(
@@ -83,7 +72,7 @@ def _attempt(channel: BinaryIO, work: Work[Any], settings: ExecutionSettings) ->
                 assignment.job.kind,
             )
             # Before logging: a log that cannot be written must not lose the answer.
-            channel.write(to_line(answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})))
+            channel.write(protocol.to_line(answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})))
             _log(answer, error)
 
 
@@ -100,24 +89,26 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(run: Callable[[], dict[str, object]], kind: JobKind) -> tuple[Succeeded | Failed, Exception | None]:
+def _answer(
+    run: Callable[[], dict[str, object]], kind: JobKind
+) -> tuple[protocol.Succeeded | protocol.Failed, Exception | None]:
     """Return the attempt's answer, and the exception if it was not foreseen."""
     try:
-        return Succeeded(result=run()), None
+        return protocol.Succeeded(result=run()), None
     except JobFailure as error:
-        return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
+        return protocol.Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except InvalidOutput as error:
-        return Failed(failure=Failure(kind=FailureKind.INTERNAL, code=error.code, detail=str(error))), None
+        return protocol.Failed(failure=Failure(kind=FailureKind.INTERNAL, code=error.code, detail=str(error))), None
     except MemoryError as error:
         traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
-        return Failed(failure=failure_of(error, kind)), None
+        return protocol.Failed(failure=failure_of(error, kind)), None
     except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
         failure = failure_of(error, kind)
-        return Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
+        return protocol.Failed(failure=failure), error if failure.kind is FailureKind.INTERNAL else None
 
 
 @contextmanager
-def _gone_files_are_outages(attempt: Attempt[Any]) -> Iterator[None]:
+def _gone_files_are_outages(attempt: protocol.Attempt[Any]) -> Iterator[None]:
     """Raise `FolderUnavailable` if the block failed because a file of the attempt was not in its place.
 
     The kind of exception that a library raised does not matter. The supervisor looks later, when a data folder that was
@@ -140,28 +131,34 @@ def _with_causes(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
-def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
+def _log(answer: protocol.Succeeded | protocol.Failed, error: Exception | None) -> None:
     log = structlog.get_logger()
     if error is not None:
         log.error("job-failed-unexpectedly", exc_info=error)
-    elif isinstance(answer, Failed):
+    elif isinstance(answer, protocol.Failed):
         log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
-def _attempt_at(assignment: Assignment, work: Work[Any], channel: BinaryIO) -> Attempt[Any]:
+def _attempt_at(assignment: protocol.Assignment, work: protocol.Work[Any], channel: BinaryIO) -> protocol.Attempt[Any]:
     def report(progress: Progress) -> None:
-        channel.write(to_line(ProgressMade(progress=replace(progress, fraction=STORED_FROM * progress.fraction))))
+        channel.write(
+            protocol.to_line(
+                protocol.ProgressMade(progress=replace(progress, fraction=STORED_FROM * progress.fraction))
+            )
+        )
 
     def announce(names: Sequence[str]) -> None:
-        channel.write(to_line(Kept(names=list(names))))
+        channel.write(protocol.to_line(protocol.Kept(names=list(names))))
 
-    attempt: Attempt[Any] = work.attempt(assignment.job, assignment.given_json, assignment.output, report, announce)
+    attempt: protocol.Attempt[Any] = work.attempt(
+        assignment.job, assignment.given_json, assignment.output, report, announce
+    )
     return attempt
 
 
 def _run(
-    attempt: Attempt[Any],
-    work: Work[Any],
+    attempt: protocol.Attempt[Any],
+    work: protocol.Work[Any],
     settings: ExecutionSettings,
     supervisor: BinaryIO,
     channel: BinaryIO,
@@ -179,7 +176,7 @@ def _run(
         confine_to(attempt.given, attempt.output)
     # Not earlier: the function confines the threads that are started from then on.
     threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
-    channel.write(to_line(Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
+    channel.write(protocol.to_line(protocol.Begun(data_bytes=limits.data_bytes, file_bytes=limits.file_bytes)))
     if to_check is not None:
         work.check(attempt, to_check)
         return {}

@@ -14,18 +14,7 @@ from typing import IO, Protocol
 import structlog
 from pydantic import ValidationError
 
-from sawmill_platform.attempts.protocol import (
-    CHANNEL,
-    LONGEST_LINE_BYTES,
-    LONGEST_SENTENCE_BYTES,
-    MESSAGE,
-    AnyMessage,
-    Assignment,
-    Failed,
-    Ready,
-    Succeeded,
-    to_line,
-)
+from sawmill_platform.attempts import protocol
 
 # Time from SIGKILL until a process that still runs is given up.
 UNDYING_S = 10.0
@@ -90,16 +79,16 @@ class AttemptProcess:
                     raise AttemptNotStarted(f"a process stood still for {timeout_s:g} s before it was ready")
                 deadline, left_s = time.monotonic() + timeout_s, timeout_s
             for message in self.receive(left_s):
-                if isinstance(message, Ready):
+                if isinstance(message, protocol.Ready):
                     self._ready = True
             if self.hung_up:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
 
-    def assign(self, assignment: Assignment) -> None:
+    def assign(self, assignment: protocol.Assignment) -> None:
         """Send the attempt's assignment; if the process has died by now, `receive` finds out."""
         if self._process.stdin is None:
             raise AssertionError("standard input is a pipe")
-        line = to_line(assignment)
+        line = protocol.to_line(assignment)
         with suppress(OSError):  # the process continues without it; but a stopped process must not stop its supervisor
             fcntl(self._process.stdin.fileno(), F_SETPIPE_SZ, max(len(line), PIPE_BYTES))
         try:
@@ -112,7 +101,7 @@ class AttemptProcess:
         """Process id; None if the process has ended, or the id is not known yet."""
         return self._process.pid if self.alive else None
 
-    def receive(self, timeout_s: float) -> list[AnyMessage]:
+    def receive(self, timeout_s: float) -> list[protocol.AnyMessage]:
         """Return the messages that arrive within a time; none if no message arrives, or the process `hung_up`."""
         waiting = select.poll()
         waiting.register(self._channel, select.POLLIN)
@@ -121,20 +110,20 @@ class AttemptProcess:
         data = self._channel.read(65_536)
         self.hung_up = not data
         self._unread += data
-        if len(self._unread) > LONGEST_LINE_BYTES:
-            raise AttemptTalksNonsense(f"a line of more than {LONGEST_LINE_BYTES} bytes")
+        if len(self._unread) > protocol.LONGEST_LINE_BYTES:
+            raise AttemptTalksNonsense(f"a line of more than {protocol.LONGEST_LINE_BYTES} bytes")
         if b"\n" not in data:
             return []
         *lines, self._unread = self._unread.split(b"\n")
         try:
             # PostgreSQL stores no text with a NUL, which a stranger's file may have put into a sentence.
-            messages = [MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
+            messages = [protocol.MESSAGE.validate_json(line.replace(rb"\u0000", rb"\ufffd")) for line in lines]
         except ValidationError as error:
             raise AttemptTalksNonsense(str(error)) from error
         for line, message in zip(lines, messages, strict=True):
-            if len(line) > LONGEST_SENTENCE_BYTES and not isinstance(message, Succeeded):
+            if len(line) > protocol.LONGEST_SENTENCE_BYTES and not isinstance(message, protocol.Succeeded):
                 raise AttemptTalksNonsense(f"{len(line)} bytes of {message.kind!r}")
-            self._answered |= isinstance(message, Succeeded | Failed)
+            self._answered |= isinstance(message, protocol.Succeeded | protocol.Failed)
         return messages
 
     def end(self, grace_s: float) -> int:
@@ -207,7 +196,7 @@ class FreshProcesses:
                 stdout=2,  # what libraries print must not mix with a command's JSON
                 pass_fds=[writing],
                 start_new_session=True,
-                env={**self._environment, CHANNEL: str(writing)},
+                env={**self._environment, protocol.CHANNEL: str(writing)},
             )
         except OSError:
             os.close(reading)

@@ -13,6 +13,7 @@ import structlog
 from pydantic import ValidationError
 
 from sawmill_platform.attempts.failures import LIMITS_MET, died, duration, failure_of
+from sawmill_platform.attempts.limits import overuse
 from sawmill_platform.attempts.patience import Patience
 from sawmill_platform.attempts.process import (
     AttemptNotStarted,
@@ -22,7 +23,6 @@ from sawmill_platform.attempts.process import (
     processor_s_of,
 )
 from sawmill_platform.attempts.protocol import AnyMessage, Assignment, Begun, Failed, Kept, ProgressMade, Succeeded
-from sawmill_platform.confinement.overuse import overuse
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_platform.contracts.kind_declarations import declaration_of, reading_limit_s

@@ -9,12 +9,17 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import JSON, Column, Connection, DateTime, MetaData, Table, inspect, text
+from sqlalchemy import JSON, Column, Connection, DateTime, MetaData, Table, delete, func, insert, inspect, select, text
 from sqlalchemy.types import TypeEngine
 
 from sawmill_platform.backups.backup import open_plain
-from sawmill_platform.database.tables import Base, UtcDateTime
-from sawmill_platform.errors import Damaged, StorageUnavailable
+from sawmill_platform.database.database import Database, has_tables, known_revision
+from sawmill_platform.database.engines import make_engine
+from sawmill_platform.database.tables import Base, ClockRow, UtcDateTime
+from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
+from sawmill_platform.files.file_store import refuse_half_restored
+from sawmill_platform.settings import StorageSettings
+from sawmill_platform.workers.sole_service import sole_service
 
 SQLITE_FILE = "sawmill.db"
 _BLOCK_BYTES = 2**20
@@ -91,3 +96,50 @@ def _as_stored(kind: TypeEngine[Any]) -> TypeEngine[Any]:
     if isinstance(kind, DateTime):
         return UtcDateTime()
     return JSON(none_as_null=True) if isinstance(kind, JSON) else kind
+
+
+_BATCH = 500
+
+
+def copy_rows(source: StorageSettings, target: StorageSettings) -> int:
+    """Copy all rows in one transaction and bring them up to date; the file of SQLite stays as it was.
+
+    Returns
+    -------
+    int
+        Number of rows that were copied.
+
+    Raises
+    ------
+    BackupRefused
+        There are no rows on SQLite, the target is no PostgreSQL, or it is not empty.
+    StorageMisconfigured, StorageUnavailable
+        The service runs, a database cannot be used, or the rows are of a later version.
+    """
+    if target.is_one_file:
+        raise BackupRefused("set SAWMILL_DATABASE_URL to an empty PostgreSQL database")
+    if not source.is_made:
+        raise BackupRefused(f"there is no file of SQLite in {str(source.data_folder)!r}: give its folder with --data")
+    refuse_half_restored(source.data_folder)
+    with (
+        sole_service(source),
+        closing(Database(make_engine(source.url))) as old,
+        closing(Database(make_engine(target.url, target.database_password_file))) as new,
+        old.snapshot() as rows,
+    ):
+        with new.snapshot() as connection:
+            if has_tables(connection):
+                raise BackupRefused("the database of SAWMILL_DATABASE_URL is not empty: give an empty one")
+        if (revision := known_revision(rows)) is None:
+            raise BackupRefused("the file of SQLite has no tables: there is nothing to copy")
+        tables = tables_of(rows)
+        with new.filled(revision, lambda into: _copy(rows, into, tables)) as session:
+            session.execute(delete(ClockRow))  # a server has its own time
+            continue_counting(session.connection())
+        return sum(rows.scalar(select(func.count()).select_from(table)) or 0 for table in tables)
+
+
+def _copy(rows: Connection, into: Connection, tables: list[Table]) -> None:
+    for table in tables:
+        for batch in rows.execution_options(yield_per=_BATCH).execute(select(table)).mappings().partitions():
+            into.execute(insert(table), [dict(row) for row in batch])

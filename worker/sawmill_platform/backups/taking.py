@@ -19,19 +19,8 @@ from typing import NamedTuple
 from pydantic import ValidationError
 from sqlalchemy import inspect
 
-from sawmill_platform.backups.backup import (
-    DATA,
-    DATABASE,
-    MANIFEST,
-    SUMS,
-    Manifest,
-    alone_with,
-    copied,
-    counted,
-    read_sums,
-)
+from sawmill_platform.backups import backup
 from sawmill_platform.backups.database_copy import write_database
-from sawmill_platform.backups.named_files import Named, find_named, named_by
 from sawmill_platform.contracts.base import Contract, Time
 from sawmill_platform.database.database import Database, known_revision
 from sawmill_platform.database.engines import make_engine
@@ -39,7 +28,7 @@ from sawmill_platform.database.tables import DataFolderRow
 from sawmill_platform.errors import BackupRefused, Damaged, StorageUnavailable
 from sawmill_platform.files.file_store import LAST_BACKUP, refuse_half_restored
 from sawmill_platform.files.folder_identity import check_identity
-from sawmill_platform.files.named_folders import NamedFolder
+from sawmill_platform.files.named_folders import Named, NamedFolder, find_named, named_by
 from sawmill_platform.files.whole_files import flush_names, flushed_file_system, whole_file
 from sawmill_platform.settings import StorageSettings
 from sawmill_vocabulary import ProgressCallback
@@ -58,7 +47,7 @@ class Taken(NamedTuple):
     """A complete backup: its folder, its manifest, the number of its files, and the bytes that were not linked."""
 
     path: Path
-    manifest: Manifest
+    manifest: backup.Manifest
     number_of_files: int
     copied_bytes: int
 
@@ -99,7 +88,7 @@ def take_backup(
     if into.resolve().is_relative_to(folder.resolve()):
         raise BackupRefused(f"{str(into)!r} lies in the data folder {str(folder)!r}: give a folder on another disk")
     with (
-        alone_with(into / _LOCK, "backup into"),
+        backup.alone_with(into / _LOCK, "backup into"),
         closing(Database(make_engine(settings.url, settings.database_password_file))) as database,
     ):
         for remains in into.glob(".sawmill-*.partial"):
@@ -130,7 +119,7 @@ def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
 
     The backup just taken stays and counts, even where a wrong clock gave other backups later times.
     """
-    with alone_with(into / _LOCK, "backup into"):
+    with backup.alone_with(into / _LOCK, "backup into"):
         earlier = [path for path in backups_in(into) if path.name != taken.name]
         old = earlier[: max(len(earlier) + 1 - keep, 0)]
         for path in old:
@@ -163,20 +152,20 @@ def _earlier(into: Path) -> tuple[Path, Mapping[str, str]]:
     """Find the newest readable backup of a folder; return its folder and its sums."""
     for path in reversed(backups_in(into)):
         with suppress(Damaged):  # an older one will do; `restore --check` says what is wrong with it
-            return path, read_sums(path)
+            return path, backup.read_sums(path)
     return into, {}
 
 
 def _fill(
     database: Database, folders: Iterable[NamedFolder], files: "_Files", on_progress: ProgressCallback
-) -> Manifest:
+) -> backup.Manifest:
     """Copy rows and files, and write the manifest and, last of all, the sums."""
     part, lacking_before = files.part, None
     for _ in range(_MOST_PASSES):
         taken_at = datetime.now(UTC)
         revision, named = _copy_rows(database, folders, files)
         found, lacking = find_named(files.folder, named)
-        for path in counted(found, on_progress):
+        for path in backup.counted(found, on_progress):
             try:
                 files.add(path, found[path])
             except Damaged:  # gone, or its disk cannot read it
@@ -189,18 +178,18 @@ def _fill(
         raise StorageUnavailable(f"files went away in each of {_MOST_PASSES} passes over the data folder: try later")
     files.remove_all_but(found)
     kind = "sqlite" if database.engine.dialect.name == "sqlite" else "postgresql"
-    manifest = Manifest(version=VERSION, revision=revision, database=kind, taken_at=taken_at, lacking=lacking)
-    (part / MANIFEST).write_text(manifest.model_dump_json(indent=1))
-    others = [MANIFEST, *(f"{DATABASE}/{path.name}" for path in (part / DATABASE).iterdir())]
-    sums = files.sums | {path: copied(part / path) for path in others}
-    (part / SUMS).write_text("".join(f"{sums[path]}  {path}\n" for path in sorted(sums)))
+    manifest = backup.Manifest(version=VERSION, revision=revision, database=kind, taken_at=taken_at, lacking=lacking)
+    (part / backup.MANIFEST).write_text(manifest.model_dump_json(indent=1))
+    others = [backup.MANIFEST, *(f"{backup.DATABASE}/{path.name}" for path in (part / backup.DATABASE).iterdir())]
+    sums = files.sums | {path: backup.copied(part / path) for path in others}
+    (part / backup.SUMS).write_text("".join(f"{sums[path]}  {path}\n" for path in sorted(sums)))
     return manifest
 
 
 def _copy_rows(database: Database, folders: Iterable[NamedFolder], files: "_Files") -> tuple[str, list[Named]]:
     """Copy the rows of this instant, and return their revision and the paths that they name."""
-    if (files.part / DATABASE).exists():
-        shutil.rmtree(files.part / DATABASE)
+    if (files.part / backup.DATABASE).exists():
+        shutil.rmtree(files.part / backup.DATABASE)
     with database.snapshot() as connection:
         revision = known_revision(connection)
         if revision is None:
@@ -208,7 +197,7 @@ def _copy_rows(database: Database, folders: Iterable[NamedFolder], files: "_File
         names = inspect(connection).get_table_names()
         if DataFolderRow.__tablename__ in names:
             check_identity(connection, files.folder)
-        write_database(connection, files.part / DATABASE)
+        write_database(connection, files.part / backup.DATABASE)
         return revision, named_by(connection, folders, names)
 
 
@@ -228,7 +217,7 @@ class _Files:
 
     def add(self, path: str, most_bytes: int | None) -> None:
         """Link or copy a file, or raise `Damaged` if it has gone or cannot be read."""
-        name, target = f"{DATA}/{path}", self.part / DATA / path
+        name, target = f"{backup.DATA}/{path}", self.part / backup.DATA / path
         try:
             status = (self.folder / path).stat()
         except FileNotFoundError as error:
@@ -248,7 +237,7 @@ class _Files:
                     break
         else:
             try:
-                self.sums[name] = copied(self.folder / path, target, most_bytes)
+                self.sums[name] = backup.copied(self.folder / path, target, most_bytes)
             except Damaged:
                 target.unlink(missing_ok=True)
                 raise
@@ -257,7 +246,7 @@ class _Files:
 
     def remove_all_but(self, found: Iterable[str]) -> None:
         """Remove files that the last pass did not find."""
-        for name in self.sums.keys() - {f"{DATA}/{path}" for path in found}:
+        for name in self.sums.keys() - {f"{backup.DATA}/{path}" for path in found}:
             self._remove(name)
 
     def _remove(self, name: str) -> None:

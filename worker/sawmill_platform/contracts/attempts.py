@@ -1,4 +1,4 @@
-"""Input of an attempt at a job, and its failure."""
+"""Input of an attempt at a job, its failure, and its folder for checkpoints."""
 
 from pathlib import Path
 
@@ -19,3 +19,8 @@ class JobFailure(Exception):  # noqa: N818 - the contract's word
     def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
         super().__init__(detail)
         self.kind, self.code, self.detail = kind, code, detail
+
+
+def checkpoints_of(output: Path) -> Path:
+    """Return the folder, within an attempt's own, for checkpoints, which are no results."""
+    return output / "kept"

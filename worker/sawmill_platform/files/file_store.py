@@ -35,6 +35,7 @@ from uuid import uuid4
 
 import structlog
 
+from sawmill_platform.contracts.attempts import checkpoints_of
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.errors import (
     FolderUnavailable,
@@ -436,11 +437,6 @@ def refuse_half_restored(folder: Path) -> None:
         raise StorageMisconfigured(
             f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
         )
-
-
-def checkpoints_of(output: Path) -> Path:
-    """Return the folder, within an attempt's own, for checkpoints, which are no results."""
-    return output / _KEPT
 
 
 def work_of(output: Path) -> Path:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from sqlalchemy import func, literal_column, select, update
 from sqlalchemy.orm import Session
 
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind, JobState, Priority
 from sawmill_platform.database.database import Database, lock_files_of
@@ -22,7 +21,7 @@ from sawmill_platform.database.paging import new_id, refuse_taken
 from sawmill_platform.database.tables import EventRow, JobDependencyRow, JobRow
 from sawmill_platform.errors import QueueFull
 from sawmill_platform.jobs.wait_estimate import FIRST_COME, WaitEstimates
-from sawmill_platform.ledger.events import record
+from sawmill_platform.ledger.events import actor, record
 from sawmill_platform.settings import StorageSettings
 
 _LOCK = "places in the queue"

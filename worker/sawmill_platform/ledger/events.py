@@ -1,6 +1,9 @@
-"""Events, written in the transaction of the change itself; `ledger/event_reader.py` reads new ones."""
+"""Events with their actors, written in the transaction of the change itself; `event_reader.py` reads new ones."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from typing import Any, NamedTuple
@@ -9,7 +12,6 @@ import structlog
 from sqlalchemy import and_, func, inspect, select
 from sqlalchemy.orm import Session
 
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import JOB_ENDS, EventType
 from sawmill_platform.contracts.events import Event
@@ -19,6 +21,37 @@ from sawmill_platform.database.database import AFTER_COMMIT, Database
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventClass, EventRow, JobRow, Json
 from sawmill_platform.ledger.event_reader import EventReader, published
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A person or program that acts, with the name that the audit and the jobs show."""
+
+    name: str  # name of the key, or another name of the actor
+    key_id: str | None = None  # id of the key; None: no key
+    address: str | None = None  # address from which the request came; None: there is no request
+    request_id: str | None = None  # id of the request
+    of_service: bool = False  # True if the service acts by itself
+
+
+THE_SERVICE = Actor("the service", of_service=True)
+_ACTING = ContextVar("acting", default=THE_SERVICE)
+
+
+def actor() -> Actor:
+    """Return the actor of this thread or task; the service itself if none is set."""
+    return _ACTING.get()
+
+
+@contextmanager
+def acting_as(somebody: Actor) -> Iterator[None]:
+    """Set the actor within the block, and in the threads and tasks that the block starts with its context."""
+    token = _ACTING.set(somebody)
+    try:
+        yield
+    finally:
+        _ACTING.reset(token)
+
 
 # Key in the detail of an attempt's end, if the attempt reported the value.
 PEAK_MEMORY = "peak_memory_bytes"

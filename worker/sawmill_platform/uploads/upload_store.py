@@ -12,7 +12,6 @@ from functools import partial
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.uploads import UPLOAD_KEPT, Upload, UploadRequest, UploadState
@@ -23,7 +22,7 @@ from sawmill_platform.errors import Conflict, NotFound, StorageFull
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.files.folder_identity import check_identity
 from sawmill_platform.files.upload_stream import Received
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import actor, announce
 from sawmill_platform.uploads.upload_parts import UploadPart, announce_deleted, lost
 
 _QUOTA_LOCK = "uploads"

@@ -31,8 +31,7 @@ from sawmill_platform.jobs.wait_estimate import Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.broker_report import report_of
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_platform.workers.opening import open_store
-from sawmill_platform.workers.program import WorkerProgram, say_if_crowded
+from sawmill_platform.workers.program import WorkerProgram, open_store, say_if_crowded
 from sawmill_platform.workers.settings import ExecutionSettings
 
 RUN_JOB = "sawmill.run_job"

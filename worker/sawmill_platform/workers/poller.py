@@ -16,8 +16,7 @@ from sawmill_platform.errors import StorageError, StorageFull, StorageUnavailabl
 from sawmill_platform.jobs.wait_estimate import ANY, Selection
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.logs import configure_logs
-from sawmill_platform.workers.opening import open_store
-from sawmill_platform.workers.program import S, WorkerProgram
+from sawmill_platform.workers.program import S, WorkerProgram, open_store
 from sawmill_platform.workers.settings import ExecutionSettings
 
 # Idle time of the short lane: its memory is worth keeping while somebody works with short jobs, and no longer.

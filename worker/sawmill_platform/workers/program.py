@@ -1,4 +1,4 @@
-"""The program of a worker, with its share of the machine's cores, and the start of its attempts."""
+"""The program of a worker: its store, its share of the machine's cores, and the start of its attempts."""
 
 import json
 import os
@@ -16,6 +16,7 @@ from sawmill_platform.attempts.limits import cores
 from sawmill_platform.attempts.process import AttemptStarter, FreshProcesses
 from sawmill_platform.attempts.template import Template, template_library
 from sawmill_platform.attempts.threading_layer import configure_threads
+from sawmill_platform.errors import FolderUnavailable, StorageMisconfigured, StorageUnavailable
 from sawmill_platform.job_service_store import JobServiceStore
 from sawmill_platform.settings import StorageSettings
 from sawmill_platform.workers.housekeeping import Housekeeping
@@ -121,3 +122,45 @@ def say_if_crowded(settings: ExecutionSettings, *, on_cores: int | None = None) 
         structlog.get_logger().warning(
             "more-workers-than-cores", workers=settings.workers, cores=on_cores, remedy="start fewer workers"
         )
+
+
+_FIRST_WAIT_S = 0.5
+_LONGEST_WAIT_S = 10.0
+
+
+def open_store(open_once: Callable[[], S], stop: threading.Event) -> S | None:
+    """Open a store; wait for a database that does not answer yet and for a data folder that is not there yet.
+
+    Parameters
+    ----------
+    open_once
+        Function that opens the store, or raises `StorageUnavailable`.
+    stop
+        Event that ends the waiting.
+
+    Returns
+    -------
+    store or None
+        None if `stop` was set before.
+
+    Raises
+    ------
+    StorageMisconfigured
+        Waiting would not help: a wrong URL or password, no such database.
+    StorageFull, OSError
+        The data folder cannot be used.
+    """
+    wait_s, logged = _FIRST_WAIT_S, ""
+    while not stop.is_set():
+        try:
+            return open_once()
+        except StorageMisconfigured:
+            raise
+        except StorageUnavailable as error:
+            if str(error) != logged:
+                awaited = "data-folder-awaited" if isinstance(error, FolderUnavailable) else "database-awaited"
+                structlog.get_logger().warning(awaited, reason=str(error))
+                logged = str(error)
+            stop.wait(wait_s)
+            wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
+    return None

@@ -1,6 +1,6 @@
 """Charts of scanners' drift checks: each check that counts goes into its chart once, in the order of the ends.
 
-The caller passes the function that computes a chart (`sawmill_calibration/drift_checks/chart.py`). A chart has the
+The caller passes the function that computes a chart (`sawmill_calibration/drift_checks/baselines.py`). A chart has the
 first drift checks since its activation, as many as its row says, and continues with the next checks. Checks that wait
 for their chart are marked in their own rows. The chart is computed between two transactions: nobody waits for that.
 """

@@ -1,4 +1,4 @@
-"""Requests that a job answers: one store for every declared kind (`sawmill_platform/contracts/kind_declarations.py`).
+"""Requests that a job answers: one store for every declared kind.
 
 The rows of a kind are in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
 stored row had to move: `mill_tables.OWN_TABLES` names them.
@@ -22,8 +22,8 @@ from sawmill_platform.database.paging import created_between, narrowed, new_id, 
 from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import Invalid
 from sawmill_platform.jobs.queue_limits import Places, queue_job
+from sawmill_store import mill_tables
 from sawmill_store.mill_files import MillFiles
-from sawmill_store.mill_tables import OWN_TABLES, Answered, ScanRow, table_of
 from sawmill_store.requests.references import found_asked, looked_up, read_asked
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
@@ -96,10 +96,10 @@ class Asked(Generic[Ask, Answer]):
         job_id: str | None = None,
         priority: Priority = Priority.INTERACTIVE,
         given: Mapping[str, str] = NOTHING,
-    ) -> Answered:
+    ) -> mill_tables.Answered:
         """Write a row and its job inside the caller's transaction; the rest is as in `accept`."""
         declared = self._declared
-        table, identifier = table_of(declared.kind), identifier or new_id()
+        table, identifier = mill_tables.table_of(declared.kind), identifier or new_id()
         refuse_taken(session, table, declared.noun, identifier)
         fields, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
         options = declared.options.model_validate(
@@ -145,7 +145,7 @@ class Asked(Generic[Ask, Answer]):
         **references: str | None,
     ) -> Page[Answer]:
         """Return a page, newest first, by state, span of time and ids of references such as `scan_id`; null: any."""
-        table = table_of(self._declared.kind)
+        table = mill_tables.table_of(self._declared.kind)
         columns = {getattr(table, name): identifier for name, identifier in references.items()}
         statement = narrowed(_rows(self._declared, state), columns)
         statement = created_between(statement, table, created_from, created_before)
@@ -154,29 +154,29 @@ class Asked(Generic[Ask, Answer]):
 
     def several(self, identifiers: Collection[str]) -> dict[str, Answer]:
         """Return the requests of these ids that exist, by id."""
-        statement = _rows(self._declared).where(table_of(self._declared.kind).id.in_(identifiers))
+        statement = _rows(self._declared).where(mill_tables.table_of(self._declared.kind).id.in_(identifiers))
         with self._database.read() as session:
             return {row.id: self._read(row) for row in session.scalars(statement)}
 
-    def _read(self, row: Answered) -> Answer:
+    def _read(self, row: mill_tables.Answered) -> Answer:
         return read_asked(self._declared, row)
 
 
 def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
     """Select the rows of a kind, in any state or in one of the given states; jobs are joined only where needed."""
-    table, given_states = table_of(declared.kind), [state for state in states if state is not None]
+    table, given_states = mill_tables.table_of(declared.kind), [state for state in states if state is not None]
     statement = select(table)
-    if given_states or declared.kind not in OWN_TABLES:
+    if given_states or declared.kind not in mill_tables.OWN_TABLES:
         statement = statement.join(table.job)
-    if declared.kind not in OWN_TABLES:
+    if declared.kind not in mill_tables.OWN_TABLES:
         statement = statement.where(JobRow.kind == declared.kind)
     return statement.where(JobRow.state.in_(given_states)) if given_states else statement
 
 
-def _refuse_beyond_scan(session: Session, row: Answered, ask: Contract) -> None:
+def _refuse_beyond_scan(session: Session, row: mill_tables.Answered, ask: Contract) -> None:
     """Refuse rows and views that the scan does not have; the job checks a scan that has not been read yet."""
     scan_id = getattr(row, "scan_id", None)
-    scan = None if scan_id is None else session.get(ScanRow, scan_id)
+    scan = None if scan_id is None else session.get(mill_tables.ScanRow, scan_id)
     if scan is None or scan.reading is None:
         return
     shape = ScanShape.model_validate(scan.reading["shape"])

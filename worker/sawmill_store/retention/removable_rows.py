@@ -29,7 +29,7 @@ from sawmill_store.mill_tables import (
     table_of,
 )
 from sawmill_store.scanners.alarms import newest_accepted
-from sawmill_store.schedules.scheduled import last_looked_at, newest_phantom_scan, next_log
+from sawmill_store.schedules.schedules import last_looked_at, newest_phantom_scan, next_log
 
 Found = TypeVar("Found", str, int)
 

@@ -19,15 +19,14 @@ from sawmill_contracts.retention import (
     RetentionRequest,
     RetentionRules,
 )
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.database.database import Database, lock_for_setup
 from sawmill_platform.database.paging import Check, accept_any
 from sawmill_platform.errors import Conflict
 from sawmill_platform.files.file_store import FileStore
-from sawmill_platform.files.leftovers import noted
+from sawmill_platform.files.named_folders import noted
 from sawmill_platform.ledger.audit import changed
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import actor, announce
 from sawmill_store.mill_tables import RetentionRow
 from sawmill_store.retention.removable_rows import REMOVABLE_ROWS, RemovableRows, delete_rows, lock
 

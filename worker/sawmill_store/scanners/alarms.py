@@ -11,19 +11,19 @@ from sqlalchemy import ColumnElement, RowMapping, ScalarSelect, Select, delete, 
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_contracts import kinds, mill_events
-from sawmill_contracts.alarms import Acknowledgement, Alarm, AlarmKind, KnownRed
+from sawmill_contracts.alarms import Alarm, AlarmKind
+from sawmill_contracts.next_steps import Acknowledgement, KnownRed
 from sawmill_contracts.phantoms import SizeMeasurement
 from sawmill_contracts.scanners import AlarmLimits
 from sawmill_contracts.scans import ScanState
 from sawmill_mill.alarms import AlarmChange, ChartAlarm, ScannerFacts, alarm_changes, alarm_sentence
-from sawmill_platform.acting import actor
 from sawmill_platform.contracts import event_kinds
 from sawmill_platform.contracts.event_kinds import EventType
 from sawmill_platform.database.database import Database
 from sawmill_platform.database.paging import found
 from sawmill_platform.database.tables import EventRow, JobRow
 from sawmill_platform.errors import Conflict, Invalid, NotFound
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import actor, announce
 from sawmill_store.activations import active_since
 from sawmill_store.mill_tables import (
     ActivationRow,

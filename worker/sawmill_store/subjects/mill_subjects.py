@@ -17,7 +17,6 @@ from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.reading_apart import read_apart
 from sawmill_mill.next_step import step_alone, step_of_check
 from sawmill_mill.scanner_state import activation_reason
-from sawmill_platform.acting import THE_SERVICE, Actor, acting_as
 from sawmill_platform.contracts.base import Contract
 from sawmill_platform.contracts.jobs import JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
@@ -26,17 +25,16 @@ from sawmill_platform.database.tables import JobRow
 from sawmill_platform.errors import DamagedResult
 from sawmill_platform.files.file_store import FileStore
 from sawmill_platform.jobs.tallies import Recorded, Subjects
-from sawmill_platform.ledger.events import announce
+from sawmill_platform.ledger.events import THE_SERVICE, Actor, acting_as, announce
 from sawmill_store.activations import activate
 from sawmill_store.drift.drift_charts import known_baselines
 from sawmill_store.drift.measurements import record_measurement
-from sawmill_store.mill_files import SCAN_FILE
+from sawmill_store.mill_files import NAMED_FOLDERS, SCAN_FILE
 from sawmill_store.mill_tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow
 from sawmill_store.requests.references import found_asked, read_asked
 from sawmill_store.scanners.scanners import read_scanner
 from sawmill_store.scans.phantoms import picture_of
 from sawmill_store.scans.scans import read_scan
-from sawmill_store.subjects.named_folders import NAMED_FOLDERS
 from sawmill_store.subjects.outputs import output_file
 
 

@@ -24,28 +24,6 @@ from sawmill_vocabulary import (
     wrap_angle,
 )
 
-__all__ = [
-    "TAU",
-    "FanBeamGeometry",
-    "FanViews",
-    "FloatArray",
-    "GeometryError",
-    "Scanner",
-    "SourceFrame",
-    "Theta",
-    "ThetaBounds",
-    "angle_difference",
-    "bounds_array",
-    "cell_borders_mm",
-    "cell_centres_mm",
-    "rotate",
-    "to_vector",
-    "turning",
-    "turns_all_round",
-    "view_weights",
-    "wrap_angle",
-]
-
 # Limit of theta's lengths in mm, and for the angle and the slope: no scanner exceeds it, and double precision loses the
 # rays.
 LARGEST = 1e5

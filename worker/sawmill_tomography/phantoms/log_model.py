@@ -1,6 +1,11 @@
 """A synthetic log: heartwood, growth rings, knots and a metal fragment, as polygons and discs.
 
 The density of the log's shapes is attenuation per mm, so that projecting the log gives dimensionless line integrals.
+
+Rings are those of real wood, by measured moments: the median width and the contrast of the CT slice of a tree
+(docs/understand/wood.md); the spread of widths, their correlation, the late wood's share and the rings' densities of
+three increment cores (UGent-Woodlab, XCT.read); the pith's distance of a fir's section (M. Ishida, TreeRingShape).
+Outlines are circles.
 """
 
 import math
@@ -13,11 +18,20 @@ from sawmill_tomography.phantoms.phantom import Disc, Phantom, Polygon, Shape
 # Green softwood at the 100 to 150 kV of sawmill scanners: about 0.2 per cm times a density near 0.9.
 SAPWOOD_PER_MM = 0.018
 HEARTWOOD_PER_MM = 0.012
-RING_CONTRAST = 0.12
+# Heartwood's share of the radius.
+HEARTWOOD = 0.62
 KNOT_PER_MM = 0.022
 METAL_PER_MM = 0.30
 FIRST_LOG_SLICE_MM = 20.0
 SHORTEST_LOG_MM = 400.0
+# Median width, standard deviation of its logarithm, correlation of a ring's logarithm with the next one's, and the
+# radius in mm within which there is no further ring.
+RING_MM, RING_SPREAD, RING_CORRELATION, INNERMOST_MM = 3.3, 0.5, 0.7, 2.5
+# The late wood's share of a ring; its density above the ring's mean, the early wood's below it, and the rings' standard
+# deviation, relative.
+LATE_SHARE, LATE_DENSER, EARLY_LIGHTER, DENSITY_SPREAD = 0.42, 0.16, 0.12, 0.07
+# The pith's distance from the outline's centre along x and y, at most, in radii.
+PITH_REACH = 0.1
 
 
 @dataclass(frozen=True)
@@ -35,7 +49,8 @@ class LogModel:
 
     radius_mm: float
     pith_mm: tuple[float, float]
-    rings: int
+    # (radius in radii of the log, relative density within it) of each border of early and late wood, from the bark
+    rings: tuple[tuple[float, float], ...]
     knots: tuple[_Knot, ...]
     metal_mm: tuple[float, float]
     metal_height_mm: float
@@ -45,7 +60,7 @@ class LogModel:
     def random(cls, seed: int, *, radius_mm: float = 130.0, length_mm: float = 400.0) -> "LogModel":
         """Make a log with a whorl of knots every 120 mm and one metal fragment halfway along."""
         rng = np.random.default_rng(seed)
-        pith = rng.uniform(-0.06, 0.06, 2) * radius_mm
+        pith = rng.uniform(-PITH_REACH, PITH_REACH, 2) * radius_mm
         knots: list[_Knot] = []
         for whorl in np.arange(60.0, length_mm + 60.0, 120.0):
             first = rng.uniform(0.0, 2.0 * math.pi)
@@ -64,7 +79,7 @@ class LogModel:
         return cls(
             radius_mm=radius_mm,
             pith_mm=(float(pith[0]), float(pith[1])),
-            rings=int(rng.integers(9, 14)),
+            rings=_random_rings(rng, radius_mm),
             knots=tuple(knots),
             metal_mm=(depth * math.cos(angle), depth * math.sin(angle)),
             metal_height_mm=0.5 * length_mm,
@@ -73,7 +88,7 @@ class LogModel:
     def slice_at(self, height_mm: float) -> Phantom:
         """Return the cross-section at a height, densities in attenuation per mm."""
         shapes: list[Shape] = [Disc((0.0, 0.0), self.radius_mm, SAPWOOD_PER_MM)]
-        shapes.append(Disc(self._toward_pith(0.62), 0.62 * self.radius_mm, HEARTWOOD_PER_MM - SAPWOOD_PER_MM))
+        shapes.append(Disc(self._toward_pith(HEARTWOOD), HEARTWOOD * self.radius_mm, HEARTWOOD_PER_MM - SAPWOOD_PER_MM))
         shapes += self._ring_discs()
         cuts = (self._knot_polygon(knot, height_mm) for knot in self.knots)
         shapes += [cut for cut in cuts if cut is not None]
@@ -86,14 +101,12 @@ class LogModel:
         return share * self.pith_mm[0], share * self.pith_mm[1]
 
     def _ring_discs(self) -> list[Shape]:
-        """Return each ring as a bright edge: a disc and, just inside it, a disc of the opposite density."""
-        discs: list[Shape] = []
-        for ring in range(1, self.rings + 1):
-            outer = ring / (self.rings + 1.0)
-            inner = outer - 0.25 / (self.rings + 1.0)
-            density = RING_CONTRAST * (HEARTWOOD_PER_MM if outer < 0.62 else SAPWOOD_PER_MM)
-            discs.append(Disc(self._toward_pith(outer), outer * self.radius_mm, density))
-            discs.append(Disc(self._toward_pith(inner), inner * self.radius_mm, -density))
+        """Return the steps of density at the borders of early and late wood, as discs."""
+        discs, outside = list[Shape](), 0.0
+        for radius, denser in self.rings:
+            density = denser * (HEARTWOOD_PER_MM if radius < HEARTWOOD else SAPWOOD_PER_MM)
+            discs.append(Disc(self._toward_pith(radius), radius * self.radius_mm, density - outside))
+            outside = density
         return discs
 
     def _knot_polygon(self, knot: _Knot, height_mm: float) -> Polygon | None:
@@ -121,3 +134,15 @@ def log_slices(rows: int, *, row_pitch_mm: float, seed: int) -> list[Phantom]:
     heights = [FIRST_LOG_SLICE_MM + row * row_pitch_mm for row in range(rows)]
     log = LogModel.random(seed, length_mm=max(SHORTEST_LOG_MM, heights[-1]))
     return [log.slice_at(height) for height in heights]
+
+
+def _random_rings(rng: np.random.Generator, radius_mm: float) -> tuple[tuple[float, float], ...]:
+    """Draw rings from the bark to the pith: widths are log-normal and follow one another."""
+    rings, outer, deviation = list[tuple[float, float]](), radius_mm, rng.standard_normal()
+    while (width := RING_MM * math.exp(RING_SPREAD * deviation)) < outer - INNERMOST_MM:
+        mean = DENSITY_SPREAD * rng.standard_normal()
+        late = outer - LATE_SHARE * width
+        rings += [(outer / radius_mm, mean + LATE_DENSER), (late / radius_mm, mean - EARLY_LIGHTER)]
+        outer -= width
+        deviation = RING_CORRELATION * deviation + math.sqrt(1.0 - RING_CORRELATION**2) * rng.standard_normal()
+    return tuple(rings)

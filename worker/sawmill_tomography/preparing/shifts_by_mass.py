@@ -13,15 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FloatArray
-from sawmill_tomography.preparing.row_shifts import (
-    RowsError,
-    RowShifts,
-    Stack,
-    check_certain,
-    cubic_weights,
-    jumps_between,
-    row_weights,
-)
+from sawmill_tomography.preparing import row_shifts
 from sawmill_tomography.sinograms.present_rows import Rows
 
 # A view shares at least this part of its rows with the other views, and needs this number of rows for a profile
@@ -48,7 +40,7 @@ class RowMoments:
     first: FloatArray  # (views, rows): sum of line integral times distance from the common centroid, in cells
 
     @classmethod
-    def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":
+    def of(cls, images: Iterable[row_shifts.Stack], cells: NDArray[np.bool_]) -> "RowMoments":
         """Compute the moments of all views' images (rows, cells) over some of the cells: air adds only noise."""
         over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
@@ -57,7 +49,7 @@ class RowMoments:
         return cls(mass, (first - centroid * mass) * max(over.size - 1, 1))
 
 
-def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
+def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> row_shifts.RowShifts:
     """Estimate each view's shift from the row sums.
 
     A view's profile of row sums is the common one up to a gain (its distance from the source), an offset and a slope
@@ -77,11 +69,13 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
     rows = int(present.sum(axis=1).min())
     if rows < FEWEST_ROWS:
         view = int(present.sum(axis=1).argmin())
-        raise RowsError(f"view {view} has {rows} rows and at least {FEWEST_ROWS} are needed to find its place by them")
+        raise row_shifts.RowsError(
+            f"view {view} has {rows} rows and at least {FEWEST_ROWS} are needed to find its place by them"
+        )
     mass, first = (np.where(present, values, 0.0) for values in (moments.mass, moments.first))
     longest = int(present.sum(axis=1).argmax())
     if np.ptp(mass[longest, present[longest]]) == 0.0:
-        raise RowsError(
+        raise row_shifts.RowsError(
             f"all rows of view {longest} have the same sum: nothing in them shows where it lies along the log"
         )
     reference = _Profile(mass[longest], present[longest], 0)
@@ -101,8 +95,10 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         fit = _fit(values, present, shifts, reference)
         if np.abs(step).max() < SETTLED:
             break
-    check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
-    return RowShifts.of(shifts, fit.standard_deviation, present, np.flatnonzero(reference.jumps) + reference.origin)
+    row_shifts.check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
+    return row_shifts.RowShifts.of(
+        shifts, fit.standard_deviation, present, np.flatnonzero(reference.jumps) + reference.origin
+    )
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
@@ -143,7 +139,7 @@ class _Profile:
     @cached_property
     def jumps(self) -> Rows:
         """Rows (rows,) from which the profile jumps to the next one."""
-        return jumps_between(np.where(self.present, self.mass, np.nan))
+        return row_shifts.jumps_between(np.where(self.present, self.mass, np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +161,7 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
     np.put_along_axis(other_scores, np.clip(best - 1, 0, other_scores.shape[1] - 1)[:, None], 0.0, axis=1)
     lead = score.max(axis=1) - other_scores.max(axis=1)
     if lead.min() < DISTINCT:
-        raise RowsError(
+        raise row_shifts.RowsError(
             f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "
             "well. The log varies too little along its length for its views to be aligned"
         )
@@ -222,7 +218,7 @@ def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Prof
     taps = np.clip(below[..., None] + np.arange(-1, 3), 0, reference.mass.size - 1)
     inside = present & (below >= 1) & (below + 2 < reference.mass.size) & reference.present[taps].all(axis=2)
     around = reference.mass[taps]
-    weights, slopes = row_weights(at - below, reference.jumps[np.clip(below, 0, reference.mass.size - 1)])
+    weights, slopes = row_shifts.row_weights(at - below, reference.jumps[np.clip(below, 0, reference.mass.size - 1)])
     level = float(reference.mass[reference.present].mean())
     terms = np.stack(
         [
@@ -279,7 +275,7 @@ def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatAr
     clipped = np.clip(taps, 0, rows - 1)
     inside = present[view, clipped] & (taps >= 0) & (taps < rows)
     there = np.where(np.isclose(at, below), inside[..., 1], inside.all(axis=2))
-    weights, _ = cubic_weights(at - below)
+    weights, _ = row_shifts.cubic_weights(at - below)
     sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
     count = there.sum(axis=0)
     # Unlike the mean, the median of views that mostly share a position keeps the end of a body sharp.

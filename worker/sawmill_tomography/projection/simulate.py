@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_tomography.phantoms.phantom import Phantom
-from sawmill_tomography.physics.detector import FIELDS
-from sawmill_tomography.physics.simulate import simulate_physics
+from sawmill_tomography.physics.simulate import FIELDS, simulate_physics
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_vocabulary.physics import DetectorEffects, Physics

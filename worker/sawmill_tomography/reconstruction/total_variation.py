@@ -18,6 +18,7 @@ from sawmill_tomography.reconstruction.iterative.edge_preserving import (
     Settings,
     reconstruct_with_prior,
 )
+from sawmill_tomography.reconstruction.iterative.priors import TotalVariationPrior
 from sawmill_tomography.reconstruction.iterative.progress import OnProgress
 from sawmill_tomography.reconstruction.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod
 from sawmill_tomography.reconstruction.total_variation_weights import (
@@ -185,6 +186,11 @@ class TotalVariation(CoupledMethod):
             on_progress=on_progress,
         )
         return replace(self, coupling=f"{choice.coupling:g}", weight=choice.weight)
+
+    def prior(self, typical: FloatArray) -> TotalVariationPrior:
+        """Return the prior, with the weight chosen, of slices of these typical attenuations, (slices,)."""
+        assert self.weight is not None and self._ring_weight is not None  # noqa: S101, PT018 - chosen before
+        return smoothed_prior(typical, *(np.full(typical.shape, of) for of in (self.weight, self._ring_weight)))
 
     @property
     def alone(self) -> Self:

@@ -28,6 +28,9 @@ SMOOTHED = 5
 DEVIATIONS = 6.0
 # Below this share of the range an object's edge looks like unequal cells, and does no harm.
 EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
+# An end whose level is above the other's by this share of the range is wood: the growth rings of a log that is cut off
+# look like noise.
+WOOD_SHARE = 0.1
 # Cells left out next to an object's shadow, whose foot is below the threshold.
 MARGIN = 3
 # A level drifts if its variance exceeds the variance by its noise by more than this factor.
@@ -76,6 +79,10 @@ def find_air(sinogram: Sinogram) -> Air | None:
     span = float(np.ptp(np.quantile(sinogram[:: max(1, len(sinogram) // 64)], [0.005, 0.995])))
     left, noise_left = _run(sinogram[:, :half], span)
     right, noise_right = _run(sinogram[:, : -half - 1 : -1], span)
+    if left and right:
+        higher = float(np.median(sinogram[:, :OUTERMOST])) - float(np.median(sinogram[:, -OUTERMOST:]))
+        if abs(higher) > max(WOOD_SHARE * span, DEVIATIONS * max(noise_left, noise_right)):
+            left, right = (0, right) if higher > 0.0 else (left, 0)
     if not left and not right:
         return None
     cells = np.zeros(sinogram.shape[1], bool)

@@ -119,7 +119,7 @@ class _Group:
         added = self.flags.added_to(name)
         default = added.pop("default", own_default)
         if default is False:
-            added.setdefault("flag", f"--{_dashed(self.prefix + name)}")
+            added.setdefault("flag", f"--{(self.prefix + name).replace('_', '-')}")
         kind = _typed_as(self.model.__pydantic_fields__[name].annotation)
         annotated = Annotated[kind, option(self.model, name, **added)]  # type: ignore[valid-type]
         if self.model.__pydantic_fields__[name].is_required() and default is own_default:
@@ -158,10 +158,6 @@ def _typed_as(annotation: object) -> object:
 def _was_given(context: typer.Context, name: str) -> bool:
     source = context.get_parameter_source(name)
     return source is not None and source.name != "DEFAULT"
-
-
-def _dashed(name: str) -> str:
-    return name.replace("_", "-")
 
 
 def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:

@@ -14,8 +14,8 @@ from sawmill_contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_contracts.reconstructions import ReconstructionRequest
 from sawmill_platform.contracts.base import Contract
 from sawmill_vocabulary import CoordinateMm, Rotation, Theta
-from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, field_names, option, sentence
+from sawmill_worker.commands.terminal import Command, OneOf
 
 CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
 

@@ -10,14 +10,13 @@ from sawmill_calibration.scans.scan_rows import chosen_rows
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_contracts.scanners import StoredScanner
 from sawmill_contracts.scans import ScanShape
-from sawmill_platform.attempts import work
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Attempt, Needs
 from sawmill_platform.contracts.base import Contract
 
 Asked = TypeVar("Asked", bound=Contract)
 
 
-class MillAttempt(work.Attempt[HandedOver]):
+class MillAttempt(Attempt[HandedOver]):
     """Attempt at a job of the mill."""
 
     @property

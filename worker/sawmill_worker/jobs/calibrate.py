@@ -13,7 +13,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.phantoms import PhantomDrawing
 from sawmill_contracts.scans import Scan, ScanShape, ScanState
 from sawmill_formats.output.scan_reader import OpenScan, open_scan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_vocabulary import DataKind, DetectorModule
 from sawmill_worker.jobs.attempt import MillAttempt, of_averaged_rows
 from sawmill_worker.jobs.checkpoints import AttemptKeeper

@@ -1,17 +1,80 @@
-"""Checkpoints of an attempt: written next to the results, kept with the job, read by the next attempt."""
+"""Checkpoints of an attempt: written next to the results, kept with the job, read by the next attempt.
 
+A file is a seal (a mark, the checksum and the length of the rest) and an NPZ archive: the arrays, and as `origin` the
+JSON of their input. A file that a kill or a power loss left incomplete does not match its seal.
+"""
+
+import json
+import struct
 import threading
+import zlib
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
+import numpy as np
 import structlog
+from numpy.typing import NDArray
 
 from sawmill_calibration.checkpoints import Arrays, MadeWith
-from sawmill_formats.output.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_platform.errors import FolderUnavailable, StorageFull, disk_outage_reported
 from sawmill_platform.files.file_store import check_room
+from sawmill_platform.files.whole_files import whole_file
 from sawmill_worker.jobs.attempt import MillAttempt
 from sawmill_worker.software import software
+
+_SEAL = struct.Struct("<8sIQ")
+_MARK = b"SAWKEPT1"
+_ORIGIN = "origin"
+_READ_BYTES = 2**20
+
+
+class UnusableCheckpoint(Exception):  # noqa: N818 - an outcome's name, as in `files.errors`
+    """A checkpoint that is damaged, or of another computation; the sentence tells which."""
+
+
+def write_checkpoint(path: Path, origin: Mapping[str, Any], arrays: Arrays) -> None:
+    """Write arrays and the JSON-able values that they depend on, whole or not at all; no array's name is `origin`."""
+    with whole_file(path) as file:
+        file.write(bytes(_SEAL.size))
+        np.savez(file, allow_pickle=False, **{_ORIGIN: _packed(origin)}, **arrays)
+        length = file.tell() - _SEAL.size
+        checksum = _checksum(file)
+        file.seek(0)
+        file.write(_SEAL.pack(_MARK, checksum, length))
+
+
+def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Read the arrays of a checkpoint, or raise `UnusableCheckpoint` for a damaged file and for another origin."""
+    with path.open("rb") as file:
+        head = file.read(_SEAL.size)
+        if len(head) < _SEAL.size or head != _SEAL.pack(_MARK, _checksum(file), path.stat().st_size - _SEAL.size):
+            raise UnusableCheckpoint("it is damaged")
+        file.seek(_SEAL.size)
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    made_from = json.loads(arrays.pop(_ORIGIN).tobytes())
+    expected = json.loads(_packed(origin).tobytes())
+    if made_from != expected:
+        names = (made_from.keys() | expected.keys()) - {
+            name for name in made_from if made_from[name] == expected.get(name)
+        }
+        raise UnusableCheckpoint(f"it was computed from another {', '.join(sorted(names))}")
+    return arrays
+
+
+def _packed(origin: Mapping[str, Any]) -> NDArray[np.uint8]:
+    return np.frombuffer(json.dumps(origin).encode(), np.uint8)
+
+
+def _checksum(file: BinaryIO) -> int:
+    """Compute the checksum of all that follows the seal."""
+    file.seek(_SEAL.size)
+    checksum = 0
+    while part := file.read(_READ_BYTES):
+        checksum = zlib.crc32(part, checksum)
+    return checksum
+
 
 # Seconds of work between checkpoints: a short job writes none, and a long job spends little of its time on them. A
 # second or later attempt writes one at once and doubles the pauses, so that it makes progress however soon it ends.

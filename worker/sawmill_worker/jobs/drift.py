@@ -6,7 +6,7 @@ from sawmill_calibration.drift_checks.drift_check import check_drift
 from sawmill_calibration.known_geometry import check_same_scanner
 from sawmill_contracts.drifts import Drift
 from sawmill_formats.output.scan_reader import open_scan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_worker.jobs.attempt import MillAttempt, of_averaged_rows
 from sawmill_worker.jobs.calibrate import shape_of, stored_rows, usable_calibration, usable_scan
 

@@ -3,8 +3,7 @@
 import math
 from typing import Any
 
-from sawmill_calibration.capacity import memory_available
-from sawmill_calibration.failures import refused
+from sawmill_calibration.failures import memory_available, refused
 from sawmill_calibration.scans.prepare import prepare_scan
 from sawmill_contracts.reasons import CodedReason
 from sawmill_contracts.row_ranges import parse_rows
@@ -12,7 +11,7 @@ from sawmill_contracts.scans import ScanReading, ScanShape
 from sawmill_formats.input.angles import parse_angles
 from sawmill_formats.input.arrays import MAX_BYTES
 from sawmill_formats.input.reading import reading_scan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_vocabulary import DataKind, RowAlignment
 from sawmill_worker.jobs.attempt import FILE_BYTES, FILE_SHARE, MillAttempt
 

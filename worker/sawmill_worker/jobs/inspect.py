@@ -5,7 +5,7 @@ from typing import Any
 from sawmill_calibration.scans.inspect import InspectionInput, inspect_file
 from sawmill_contracts.inspections import Inspection
 from sawmill_formats.input.angles import parse_angles
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from sawmill_calibration.calibration.plan import run_plan
 from sawmill_contracts.plans import Plan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_worker.jobs.attempt import PROCESS_BYTES, SINOGRAMS, MillAttempt
 from sawmill_worker.jobs.calibrate import drawing_of
 

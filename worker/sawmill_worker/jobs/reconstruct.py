@@ -15,7 +15,7 @@ from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.reconstructions import Reconstruction, StoredReconstructionOptions
 from sawmill_contracts.scans import ScanShape
 from sawmill_formats.output.scan_reader import open_scan
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.projection.projector import BLOCK, LARGEST_SIZE

@@ -22,7 +22,7 @@ from sawmill_contracts import kinds
 from sawmill_contracts.declared_kinds import KINDS
 from sawmill_contracts.handed_over import HandedOver
 from sawmill_formats import hdf5_chunks
-from sawmill_platform.attempts.work import Needs
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_platform.contracts.jobs import Job, JobKind
 from sawmill_platform.contracts.kind_declarations import declaration_of
 from sawmill_store.subjects.outputs import check_file
@@ -39,12 +39,13 @@ class _JobModule(Protocol):
     def needs(self, attempt: MillAttempt) -> Needs: ...
 
 
-def _module_of(kind: JobKind) -> _JobModule:
-    return cast("_JobModule", import_module(f"sawmill_worker.jobs.{kind.replace('-', '_')}"))
-
-
 # Imported when this module is, so that a process that is kept ready has all kinds loaded.
-_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({each.kind: _module_of(each.kind) for each in KINDS})
+_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType(
+    {
+        each.kind: cast("_JobModule", import_module(f"sawmill_worker.jobs.{each.kind.replace('-', '_')}"))
+        for each in KINDS
+    }
+)
 
 
 def warm_up() -> None:

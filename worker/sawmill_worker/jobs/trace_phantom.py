@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from sawmill_calibration.phantom_drawings import traced_drawing
-from sawmill_platform.attempts.work import Needs
+from sawmill_calibration.known_geometry import traced_drawing
+from sawmill_platform.attempts.protocol import Needs
 from sawmill_worker.jobs.attempt import MillAttempt
 
 

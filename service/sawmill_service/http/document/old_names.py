@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from sawmill_platform.contracts.base import OutOfUse, out_of_use
 from sawmill_service.access import Caller
 from sawmill_service.dependencies import TheCaller
-from sawmill_service.http.document.refusals import Responses
+from sawmill_service.http.document.described_answers import Responses
 
 _TEXT = {"type": "string"}
 _HEADERS = {

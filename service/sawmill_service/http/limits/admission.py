@@ -8,7 +8,7 @@ from urllib.parse import parse_qs
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.http.bodies.unread_bodies import has_body
+from sawmill_service.http.bodies.sent_content import has_body
 from sawmill_service.http.gate import SAFE_METHODS
 from sawmill_service.http.limits.rates import Rates, too_many, who
 from sawmill_service.http.problems import Refused, refusal_response

@@ -11,7 +11,7 @@ from limits.storage import MemoryStorage
 from limits.strategies import SlidingWindowCounterRateLimiter
 from starlette.types import Scope
 
-from sawmill_platform.acting import actor
+from sawmill_platform.ledger.events import actor
 from sawmill_service.http.problems import Refused
 
 # Number of counts that are kept, some 7 MB. A caller has two or four.

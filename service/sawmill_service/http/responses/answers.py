@@ -1,9 +1,12 @@
 """Answers that several routes share: accepted work and files, with 304."""
 
 import os
+import re
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, cast
+from urllib.parse import quote
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
@@ -15,7 +18,7 @@ from sawmill_platform.contracts import patterns
 from sawmill_platform.contracts.given import Given, GivenTime
 from sawmill_platform.contracts.jobs import Priority
 from sawmill_platform.files.verified_results import compute_digest, regular_status
-from sawmill_platform.keys import sessions
+from sawmill_platform.keys.key_store import SESSION_LASTS
 from sawmill_service.http.problems import Refused
 from sawmill_service.http.responses.conditional import CACHING, Digests, check_conditions, repr_digest, spans_of, tag_of
 
@@ -66,7 +69,7 @@ class Paging(Given):
     limit: Annotated[int, Field(ge=1, le=200, description="Number of items a page.")] = 50
     fields: str | None = Field(
         None,
-        exclude=True,  # `short_items.py` reads it
+        exclude=True,  # `route_rules.py` reads it
         max_length=1000,
         pattern=r"^[a-z0-9_]+(,[a-z0-9_]+)*$",
         description="Fields of the items, with commas between, as `id,state`. Items then lack all others, also those "
@@ -108,9 +111,17 @@ def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
     return {"ETag": tag_of(digest), "Repr-Digest": repr_digest(digest), **_saved(disposition, name)}
 
 
+def disposed(disposition: str, name: str) -> str:
+    """Return a `Content-Disposition` with a file's name: in ASCII, and where letters are lost, in full (RFC 6266)."""
+    safe = re.sub(r'[\\/:*?"<>|;%\x00-\x1f]', "-", name)
+    plain = unicodedata.normalize("NFKD", safe).encode("ascii", "ignore").decode()
+    in_full = "" if plain == safe else f"; filename*=UTF-8''{quote(safe, safe='')}"
+    return f'{disposition}; filename="{plain}"{in_full}'
+
+
 def _saved(disposition: str, name: str) -> dict[str, str]:
     return {
-        "Content-Disposition": f'{disposition}; filename="{name}"',
+        "Content-Disposition": disposed(disposition, name),
         "Accept-Ranges": "bytes",
         "Cache-Control": CACHING,
     }
@@ -121,7 +132,7 @@ def unchanging(answer: Response) -> Response:
 
     With another session or key, and after the logout, the browser requests it again.
     """
-    answer.headers["Cache-Control"] = f"private, max-age={int(sessions.LASTS.total_seconds())}, immutable"
+    answer.headers["Cache-Control"] = f"private, max-age={int(SESSION_LASTS.total_seconds())}, immutable"
     answer.headers["Vary"] = "Authorization, Cookie"
     return answer
 

@@ -1,4 +1,7 @@
-"""Conditional requests and ranges (RFC 9110, sections 13 and 14), and the sha256 of answers for entity tags."""
+"""Conditional requests and ranges (RFC 9110, sections 13 and 14), and the sha256 of answers for entity tags.
+
+With `If-Match`, two editors do not undo each other: what a `PUT` replaces has a tag.
+"""
 
 import asyncio
 import hashlib
@@ -7,18 +10,26 @@ import re
 import threading
 from base64 import b64encode
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import nullcontext
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from pathlib import Path
+from typing import Annotated, TypeVar
 
-from fastapi import Response
+from fastapi import Depends, Header, Response
 from fastapi.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 
+from sawmill_contracts.retention import Retention
+from sawmill_contracts.scanners import ScannerSpec, StoredScanner
+from sawmill_contracts.schedules import Schedule, ScheduleSpec
+from sawmill_platform.contracts.base import Contract
+from sawmill_platform.contracts.webhooks import Webhook
+from sawmill_platform.database.paging import Check
 from sawmill_platform.errors import StorageUnavailable
 from sawmill_platform.files.verified_results import identity_of, regular_status
+from sawmill_service.http.document.described_answers import Responses, refuses
 from sawmill_service.http.problems import Refused
 
 # An answer that needs a key is kept by its client alone, which asks again each time.
@@ -196,3 +207,57 @@ class Digests:
         self._digests[key] = digest
         if len(self._digests) > _MOST_DIGESTS:
             self._digests.popitem(last=False)
+
+
+Resource = TypeVar("Resource", bound=Contract)
+
+# Fields that a `PUT` replaces; the others change without an editor.
+_REPLACED: Mapping[type[Contract], frozenset[str]] = {
+    StoredScanner: frozenset(ScannerSpec.model_fields),
+    Schedule: frozenset(ScheduleSpec.model_fields),
+    Webhook: frozenset({"url", "description", "events", "enabled"}),
+    Retention: frozenset({"rules"}),
+}
+
+_TAG = {
+    "description": "Tag of the fields that a `PUT` replaces: send it back as `If-Match`.",
+    "schema": {"type": "string"},
+    "required": True,
+}
+TAGGED: Responses = {200: {"headers": {"ETag": _TAG}}}
+"""Answer with a resource that can be replaced."""
+REPLACED: Responses = TAGGED | refuses("precondition-failed")
+"""Answer of a route that replaces a resource."""
+
+
+def precondition(
+    if_match: Annotated[
+        str | None,
+        Header(
+            max_length=1000,
+            description="The `ETag` that was read: 412 if the resource was replaced since. Default: replace it anyway.",
+        ),
+    ] = None,
+) -> Check[Contract]:
+    """Return a function that refuses the request (412) if the stored resource is not the one that was read."""
+    headers = Headers({} if if_match is None else {"If-Match": if_match})
+
+    def check(resource: Contract) -> None:
+        check_conditions(headers, edit_tag(resource))
+
+    return check
+
+
+ThePrecondition = Annotated[Check[Contract], Depends(precondition)]
+
+
+def tagged(response: Response, resource: Resource) -> Resource:
+    """Set the tag of an answer with a resource that can be replaced, and return the resource."""
+    response.headers["ETag"] = edit_tag(resource)
+    return resource
+
+
+def edit_tag(resource: Contract) -> str:
+    """Return the tag of the fields of a resource that an editor replaces."""
+    replaced = resource.model_dump_json(include=set(_REPLACED[type(resource)]))
+    return f'"{hashlib.sha256(replaced.encode()).hexdigest()[:32]}"'

@@ -16,10 +16,9 @@ from sawmill_platform.contracts.jobs import Failure
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import NotFound
 from sawmill_platform.jobs.job_store import Jobs
-from sawmill_service.access import ANYBODY, Caller
+from sawmill_service.access import ANYBODY, Caller, SessionCookie
 from sawmill_service.http.problem_types import problem_types
 from sawmill_service.http.route_rules import NoKey, Router
-from sawmill_service.http.session_cookie import SessionCookie
 from sawmill_service.pages.frame.languages import (
     ENGLISH,
     LANGUAGES,

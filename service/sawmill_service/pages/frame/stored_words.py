@@ -10,6 +10,7 @@ _WORDS = frozenset(
     {
         marked("by hand on a page"),
         marked("the service"),
+        marked("somebody at this machine"),
         marked("the request"),
         marked("L-shape"),
         marked("Rectangle with hole"),

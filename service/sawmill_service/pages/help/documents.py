@@ -25,7 +25,7 @@ from sawmill_service.pages.frame.languages import ENGLISH, LANGUAGES
 
 HELP = "/help"
 _ROOT = Path(__file__).parents[2] / "documents"
-_SHELVES, _INDEX = "docs/", "docs/README.md"
+_SHELVES, _INDEX = "docs/", "docs/README."
 _OF_SHELVES = {".md", ".png", ".svg"}
 # Files of the repository that have an address of their own.
 _ELSEWHERE = {"openapi/openapi.json": "/openapi.json"}
@@ -118,7 +118,7 @@ def _files() -> Mapping[str, Path]:
 
 def _path(name: str) -> str:
     """Return the path below /help of a file or folder of the repository: without its shelves' folder and its ending."""
-    if name in {"docs", _INDEX}:  # the folder first, so that the index takes its place
+    if name == "docs" or name.startswith(_INDEX):  # the folder first, so that the index takes its place
         return ""
     return re.sub(rf"(\.(?:{'|'.join(LANGUAGES)}))?\.md$", "", name.removeprefix(_SHELVES))
 

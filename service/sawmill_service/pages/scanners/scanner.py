@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Query
 from fastapi.responses import HTMLResponse, RedirectResponse
 
-from sawmill_contracts.calibrations import CalibrationHeader, Provenance
+from sawmill_contracts.calibrations import Provenance
 from sawmill_contracts.geometry import ScannerConstants
 from sawmill_contracts.history import HistoryKind
 from sawmill_contracts.scanners import StoredScanner
@@ -16,16 +16,11 @@ from sawmill_mill.alarms import ALARMS
 from sawmill_platform.contracts.base import Identifier
 from sawmill_platform.contracts.keys import Scope
 from sawmill_platform.errors import Invalid, NotFound
-from sawmill_service.dependencies import (
-    TheCalibrations,
-    TheFiles,
-    TheInspections,
-    TheScanners,
-    TheSchedules,
-    TheStore,
-)
-from sawmill_service.drawing import ShownLog, shown_log
+from sawmill_service.dependencies import TheCalibrations, TheInspections, TheScanners, TheSchedules, TheStore
+from sawmill_service.drawing import shown_log
 from sawmill_service.http.bodies.forms import TheForm
+from sawmill_service.http.problems import Refused
+from sawmill_service.http.responses.conditional import edit_tag, precondition
 from sawmill_service.http.route_rules import Router
 from sawmill_service.pages.calibrate.calibrate_words import TheWizardAddress, WizardAddress
 from sawmill_service.pages.charts import DEVIATIONS, Span, drift_chart, is_calibration
@@ -96,9 +91,12 @@ def change_settings(
     if spec is None:
         return _answer(page, store, stored, form=form)
     try:
-        store.scanners.update(scanner_id, spec)
+        store.scanners.update(scanner_id, spec, check=precondition(typed.get("tag")))
     except Invalid as refusal:
         form.errors[FOLDER] = str(refusal)
+    except Refused:
+        _forms(page).mark_outdated(form, stored)
+    if form.is_wrong:
         return _answer(page, store, stored, form=form)
     return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
 
@@ -160,15 +158,17 @@ def _answer(
     together = store.drift_charts.of_scanner(stored.id).charts
     active = condition.active
     radius_mm = stored.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
+    status = 422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200
     return page.answer(
         "scanner.html",
-        status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
+        status=412 if form and form.is_outdated else status,
         scanner=stored,
+        tag=edit_tag(stored),
         number=number,
         condition=condition,
         alarms=ALARMS,
         active=active,
-        log=_log(store.files, condition.newest),
+        log=None if condition.newest is None else shown_log(store.files, condition.newest.id),
         chart=drift_chart(
             movements,
             activations,
@@ -204,10 +204,6 @@ def _made_with(active: Provenance | None, now: ScannerConstants) -> ScannerConst
     if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
         return None
     return active.scanner
-
-
-def _log(files: TheFiles, newest: CalibrationHeader | None) -> ShownLog | None:
-    return None if newest is None else shown_log(files, newest.id)
 
 
 def _schedules(

@@ -162,11 +162,12 @@ class ScannerForm:
     errors: dict[str, str] = field(default_factory=dict)
     further: list[str] = field(default_factory=list)
     read_from_file: set[str] = field(default_factory=set)
+    is_outdated: bool = False  # somebody else changed the scanner since the form was opened
 
     @property
     def is_wrong(self) -> bool:
         """True if anything has to be changed."""
-        return bool(self.errors or self.further)
+        return bool(self.errors or self.further or self.is_outdated)
 
     @property
     def opens_rest(self) -> bool:
@@ -211,6 +212,12 @@ class ScannerForms:
         texts = {each.name: self._number(_at(values, each.place)) for each in FIELDS}
         turns = spec.constants.object_turns.value
         return ScannerForm({"name": spec.name, TURNS: turns, **_folder_texts(spec.watched_folder), **texts})
+
+    def mark_outdated(self, form: ScannerForm, stored: ScannerSpec) -> None:
+        """Mark the fields of a form that differ from what is stored now."""
+        form.is_outdated, now = True, self.of(stored).values
+        sentence = self._text.gettext("“%(value)s” is stored now.")
+        form.errors = {name: sentence % {"value": text} for name, text in now.items() if text != form.values[name]}
 
     def read(self, typed: Mapping[str, str], stored: ScannerSpec | None) -> tuple[ScannerForm, ScannerRequest | None]:
         """Read what somebody typed: the form, and its scanner unless something is wrong; other stored values stay."""

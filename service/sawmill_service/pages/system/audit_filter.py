@@ -65,7 +65,7 @@ class EntryValue(NamedTuple):
 def values_of(entry: AuditEntry) -> list[EntryValue]:
     """Return the values of an entry; of a change those that differ, each with the value before."""
     detail = entry.detail or {}
-    if not entry.action.endswith("-changed"):
+    if not entry.action.endswith(("-changed", "-renamed", "-marked")):
         written = ((name, _written(value)) for name, value in detail.items() if value not in (None, []))
         return [EntryValue(name, None, text) for name, text in written if text]
     return [each for name, (before, now) in detail.items() for each in _differences(name, before, now)]
@@ -76,7 +76,7 @@ def _differences(name: str, before: object, now: object) -> Iterator[EntryValue]
         for key in {**before, **now}:
             yield from _differences(f"{name}.{key}", before.get(key), now.get(key))
     elif before != now:
-        yield EntryValue(name, _written(before), _written(now))
+        yield EntryValue(name, None if before is None else _written(before), _written(now))
 
 
 def _written(value: object) -> str:

@@ -42,6 +42,7 @@ ACTIONS = {
     mill_events.PHANTOM_DELETED: marked("deleted the phantom"),
     mill_events.SCAN_DELETED: marked("deleted the scan"),
     mill_events.RECONSTRUCTION_RENAMED: marked("renamed the log"),
+    mill_events.RECONSTRUCTION_MARKED: marked("measured in the log"),
     mill_events.INSPECTION_DELETED: marked("deleted the file that was looked into"),
     mill_events.SCHEDULE_CREATED: marked("added the schedule"),
     mill_events.SCHEDULE_CHANGED: marked("changed the schedule"),

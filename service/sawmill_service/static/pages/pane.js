@@ -1,15 +1,12 @@
 // One picture of the viewer: shows the newest slice that is wanted, and values at places in mm.
-import { draw, errorOf, lengthOf, statistics } from "./mark.js";
+import { draw, measure, significant, written } from "./mark.js";
 import { paint, roundLength } from "./painting.js";
 import { Volume } from "./volume.js";
 
-const language = document.documentElement.lang;
-const written = (value, digits) => new Intl.NumberFormat(language, { maximumFractionDigits: digits }).format(value);
 // A slider that has not moved for so long rests.
 const REST_MS = 100;
 // Pictures of these slices are loaded next, in the direction of the last move.
 const AHEAD = [1, 2, -1];
-const significant = new Intl.NumberFormat(language, { maximumSignificantDigits: 4 });
 
 export class Pane {
   constructor(figure, viewer) {
@@ -152,38 +149,28 @@ export class Pane {
     const inside = row >= 0 && row < rows && column >= 0 && column < columns;
     const [x, y] = place.map((mm) => written(mm, 1));
     this.slot("place").textContent = `x ${x} mm, y ${y} mm:`;
-    const value = this.values && significant.format(this.values.data[row * columns + column]);
+    const value = this.values && significant(this.values.data[row * columns + column]);
     this.slot("value").textContent = !inside ? "–" : value === null ? "…" : `${value} ${unit}`;
     cross.hidden = !marked || !inside;
     [cross.style.left, cross.style.top] = this.toPixels(place).map((pixels) => `${pixels}px`);
   }
 
-  // Draw the ruler or the region, and say what it measures here.
+  // Draw the rulers and the regions of the slice, and say what the chosen one measures here.
   #mark() {
-    const { mark } = this.viewer;
+    const { marks } = this.viewer;
+    const shown = marks.of(this.viewer.index);
     const measured = this.slot("measured");
-    measured.hidden = !mark || (mark.kind === "region" && !this.values);
-    draw(this.marks, mark, this.toPixels, measured.hidden ? "" : this.#measure(measured, mark));
-  }
-
-  // Fill the sentence, and return its number.
-  #measure(measured, { kind, ends }) {
-    const { scalePercent, raysMm, pixelMm, unit } = this.volume;
-    if (kind === "ruler") {
-      const [length, error] = [lengthOf(ends), errorOf(lengthOf(ends), this.volume)];
-      const digits = error === null || error >= 0.1 ? 1 : 2;
-      this.#fill(measured, error === null ? "unsure" : "ruler", {
-        length: written(length, digits), error: written(Math.max(error, 0.01), digits),
-        scale: written(scalePercent, 2), rays: written(raysMm, 3), pixel: written(pixelMm, 2),
-      });
-      return `${written(length, digits)} mm`;
-    }
-    const { count, mean, spread } = statistics(this.values, this.volume, ends);
-    const [middle, deviation] = [mean, spread].map((value) => significant.format(value));
-    this.#fill(measured, count ? "region" : "empty", {
-      mean: middle, spread: deviation, unit, count: written(count, 0), area: written(count * pixelMm ** 2, 0),
+    measured.hidden = true;
+    this.marks.replaceChildren();
+    shown.forEach((mark) => {
+      const isChosen = mark === marks.chosen;
+      const found = measure(mark, this.volume, this.values);
+      draw(this.marks, mark, this.toPixels, `${marks.numberOf(mark)}: ${found?.label ?? "…"}`, isChosen);
+      if (isChosen && found) {
+        measured.hidden = false;
+        this.#fill(measured, found.sentence, found);
+      }
     });
-    return count ? middle : "";
   }
 
   // Fill the sentence of this name with values.

@@ -1,6 +1,7 @@
 // The slice viewer: one slice of one or two logs, linked by height; its state stays in the address.
 import { gestures } from "./gestures.js";
-import { MARKS, lengthOf } from "./mark.js";
+import { DECIMAL_MARK, MARKS, lengthOf } from "./mark.js";
+import { MarkList } from "./mark_list.js";
 import { navigator } from "./navigator.js";
 import { numberOf } from "./numbers.js";
 import { GREY, colorTables, woodWindows } from "./painting.js";
@@ -11,6 +12,7 @@ const KEYS = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 
 const STEP = 1.5; // of the zoom's buttons and keys
 const SHORTEST_PX = 5; // of a mark: shorter ones were a tap
 const GRASP_PX = 28; // near an end of a mark, a finger takes hold of it
+const SWIPE_PX = 60;
 
 const root = document.querySelector("#viewer");
 const find = (selector) => root.querySelector(selector);
@@ -18,13 +20,15 @@ const [slider, low, high, colors] = ["#slice", "#low", "#high", "#colors"].map(f
 const asked = new URLSearchParams(location.search);
 let tables = { grey: GREY };
 
-const viewer = { index: Number(slider.value), window: null, colors: "grey", table: tables.grey, tool: "contrast", mark: null };
+const viewer = { index: Number(slider.value), window: null, colors: "grey", table: tables.grey, tool: "" };
+viewer.marks = { of: () => [], chosen: null }; // until the list is there
 const panes = [...root.querySelectorAll(".pane")].map((figure) => new Pane(figure, viewer));
 const first = panes[0].volume;
 viewer.view = new View(panes.map((pane) => pane.volume), () => {
   root.toggleAttribute("data-zoomed", viewer.view.zoomed);
   lay();
 });
+const marks = viewer.marks = new MarkList(find("#marks"), first, { go, changed: lay });
 const height = find('[data-slot="height"]');
 const millimetres = new Intl.NumberFormat(document.documentElement.lang, { maximumFractionDigits: 1 });
 const side = await navigator(find(".navigator"), panes.map((pane) => pane.volume), viewer, (index) => go(index));
@@ -63,7 +67,8 @@ function repaint() {
 function look(window) {
   viewer.window = window;
   // A millionth at the least: smaller ones would be written with an exponent.
-  [low.value, high.value] = [window.low, window.high].map((value) => Number(Number(value.toPrecision(4)).toFixed(6)));
+  [low.value, high.value] = [window.low, window.high]
+    .map((value) => String(Number(Number(value.toPrecision(4)).toFixed(6))).replace(".", DECIMAL_MARK));
   judge(true);
   repaint();
   changed();
@@ -100,15 +105,11 @@ function lay() {
   }
 }
 
+// A chosen tool takes hold of the picture; without one, a finger scrolls the page and a mouse changes the window.
 function choose(tool) {
   root.dataset.tool = viewer.tool = tool;
   root.querySelectorAll("[data-tool-choice]").forEach((button) =>
     button.setAttribute("aria-pressed", String(button.dataset.toolChoice === tool)));
-}
-
-function mark(shown) {
-  viewer.mark = shown;
-  lay();
 }
 
 async function preset(name) {
@@ -133,11 +134,12 @@ async function color(name) {
 }
 
 function shownNow() {
-  const { view, mark: marked } = viewer;
+  const { view } = viewer;
+  const { chosen, keeps } = marks;
   return {
     slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: viewer.colors,
     ...(view.zoomed ? { view: view.toText() } : {}),
-    ...(marked ? { [marked.kind]: marked.ends.flat().map((mm) => mm.toFixed(2)).join(",") } : {}),
+    ...(chosen && (keeps ? { mark: chosen.id } : { [chosen.kind]: chosen.ends_mm.flat().map((mm) => mm.toFixed(2)).join(",") })),
   };
 }
 
@@ -156,6 +158,7 @@ function changed() {
     const values = shownNow();
     for (const link of root.querySelectorAll("[data-download]")) {
       link.href = `${first.path}/${link.dataset.download.replace(/\{(\w+)\}/g, (_, name) => values[name])}`;
+      link.download = (link.dataset.name ?? "").replace("{slice}", values.slice);
     }
     const other = asked.has("beside") ? { beside: asked.get("beside") } : {};
     history.replaceState(null, "", `?${new URLSearchParams({ ...other, ...values })}`);
@@ -175,13 +178,13 @@ function dragging(pane, from) {
     return { drag: (event) => hold(pane, at, event) };
   }
   if (MARKS.includes(viewer.tool)) {
-    const before = viewer.mark;
-    const ends = before?.kind === viewer.tool ? before.ends : [];
-    const grasped = ends.findIndex((end) => pixelsOf([end, at]) < GRASP_PX);
-    const fixed = grasped < 0 ? at : ends[1 - grasped];
+    return marking(at, pixelsOf, (event) => pane.placeAt(event));
+  }
+  if (!viewer.tool && from.pointerType === "touch") {
+    let aside = 0;
     return {
-      drag: (event) => mark({ kind: viewer.tool, ends: [fixed, pane.placeAt(event)] }),
-      end: () => viewer.mark && pixelsOf(viewer.mark.ends) < SHORTEST_PX && mark(before),
+      drag(event) { aside = event.clientX - from.clientX; },
+      end: () => Math.abs(aside) > SWIPE_PX && go(viewer.index - Math.sign(aside)),
     };
   }
   const window = { ...viewer.window };
@@ -190,6 +193,33 @@ function dragging(pane, from) {
     const middle = (window.low + window.high) / 2 + ((event.clientY - from.clientY) / 300) * (window.high - window.low);
     look({ low: middle - width / 2, high: middle + width / 2 });
   } };
+}
+
+// Draw a new mark, or move an end of one that is near.
+function marking(at, pixelsOf, placeOf) {
+  const ends = marks.of(viewer.index).filter(({ kind }) => kind === viewer.tool)
+    .flatMap((mark) => mark.ends_mm.map((end, n) => ({ mark, away: pixelsOf([end, at]), fixed: mark.ends_mm[1 - n] })));
+  const near = ends.filter(({ away }) => away < GRASP_PX).sort((a, b) => a.away - b.away)[0];
+  const mark = near?.mark ?? marks.add(viewer.tool, viewer.index, [at, at]);
+  const before = mark.ends_mm;
+  marks.choose(mark);
+  return {
+    drag(event) {
+      mark.ends_mm = [near?.fixed ?? at, placeOf(event)];
+      lay();
+    },
+    end() {
+      if (pixelsOf(mark.ends_mm) >= SHORTEST_PX) {
+        mark.ends_mm !== before && marks.keep(mark);
+      } else if (near) {
+        mark.ends_mm = before;
+      } else {
+        marks.forget(mark);
+        marks.choose(null);
+      }
+      lay();
+    },
+  };
 }
 
 // Move the picture so that a place lies under a pointer.
@@ -227,7 +257,7 @@ function fullScreen() {
 const COMMANDS = {
   "+": () => viewer.view.zoom(1 / STEP), "-": () => viewer.view.zoom(STEP), 0: () => viewer.view.fit(), f: fullScreen,
   c: () => choose("contrast"), v: () => choose("move"), m: () => choose("ruler"), r: () => choose("region"),
-  1: () => preset("wood"), 2: () => preset("knots"), Escape: () => mark(null),
+  1: () => preset("wood"), 2: () => preset("knots"), Escape: () => marks.choose(null),
 };
 
 panes.forEach(follow);
@@ -239,12 +269,13 @@ document.addEventListener("keydown", (event) => {
   if (free && event.key in KEYS && !event.ctrlKey && !event.altKey && !event.metaKey) {
     event.preventDefault();
     go(viewer.index + KEYS[event.key]);
-  } else if (event.target.tagName === "CANVAS" && event.key in COMMANDS && !event.ctrlKey && !event.altKey && !event.metaKey) {
+  } else if (free && event.key in COMMANDS && !event.ctrlKey && !event.altKey && !event.metaKey) {
     event.preventDefault();
     COMMANDS[event.key]();
   }
 });
-root.querySelectorAll("[data-tool-choice]").forEach((button) => button.addEventListener("click", () => choose(button.dataset.toolChoice)));
+root.querySelectorAll("[data-tool-choice]").forEach((button) => 
+  button.addEventListener("click", () => choose(viewer.tool === button.dataset.toolChoice ? "" : button.dataset.toolChoice)));
 root.querySelectorAll("[data-command]").forEach((button) => button.addEventListener("click", () => COMMANDS[button.dataset.command]()));
 find('[data-command="f"]').hidden = !document.fullscreenEnabled;
 root.querySelectorAll(".common").forEach((button) => {
@@ -253,7 +284,9 @@ root.querySelectorAll(".common").forEach((button) => {
 });
 [low, high].forEach((field) => field.addEventListener("input", lookByFields));
 colors.addEventListener("change", () => color(colors.value));
-find("#reset").addEventListener("click", () => { usual(); color("grey"); mark(null); viewer.view.fit(); });
+find("#reset").addEventListener("click", () => { usual(); color("grey"); marks.choose(null); viewer.view.fit(); });
+// Another window may have changed the list.
+document.addEventListener("visibilitychange", () => document.hidden || marks.refresh().catch(() => {}));
 // Another log beside this one, which stays as it is shown.
 const beside = find(".beside");
 beside?.addEventListener("change", () => beside.requestSubmit());
@@ -265,15 +298,18 @@ beside?.addEventListener("submit", (event) => {
 const given = { low: Number.parseFloat(asked.get("low")), high: Number.parseFloat(asked.get("high")) };
 given.low < given.high ? look(given) : usual();
 color(asked.get("colors") ?? "grey");
-choose("contrast");
 const [x, y, across] = numbersAsked("view", 3) ?? [];
 across > 0 ? viewer.view.show([x, y], across) : viewer.view.fit();
-const marked = MARKS.find((kind) => numbersAsked(kind, 4));
-if (marked) {
-  const ends = numbersAsked(marked, 4);
-  mark({ kind: marked, ends: [ends.slice(0, 2), ends.slice(2)] });
-}
 go(asked.has("slice") ? Number.parseInt(asked.get("slice"), 10) || 0 : viewer.index);
+const kind = MARKS.find((name) => numbersAsked(name, 4));
+if (kind) {
+  const ends = numbersAsked(kind, 4);
+  const mark = marks.add(kind, viewer.index, [ends.slice(0, 2), ends.slice(2)]);
+  marks.keep(mark, false);
+  marks.choose(mark);
+} else {
+  marks.choose(marks.byId(asked.get("mark")));
+}
 if (panes.length > 1 && panes[1].wanted === null) {
   go(nearestCommon() ?? viewer.index);
 }

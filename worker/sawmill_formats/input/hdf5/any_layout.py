@@ -13,17 +13,14 @@ from sawmill_formats import nxtomo
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
-from sawmill_formats.input.contents import FileAngles, FileContents, Projections, in_order
-from sawmill_formats.input.hdf5.exchange import DATA as EXCHANGE_DATA
-from sawmill_formats.input.hdf5.exchange import is_exchange, read_exchange
-from sawmill_formats.input.hdf5.fields import all_views, packing_remarks, read_angles, scaling_of, stated_order
-from sawmill_formats.input.hdf5.guard import datasets, find, name_of, read_values
+from sawmill_formats.input.contents import FileAngles, FileContents, Projections, Wanted, in_order
+from sawmill_formats.input.hdf5 import fields
+from sawmill_formats.input.hdf5.exchange import EXCHANGE_DATA, read_exchange
+from sawmill_formats.input.hdf5.guard import attribute, attribute_text, datasets, find, name_of, read_values
 from sawmill_formats.input.hdf5.nxtomo import find_entries, read_nxtomo
 from sawmill_formats.input.hdf5.storage import check_dataset
-from sawmill_formats.input.hdf5.texts import attribute, attribute_text
-from sawmill_formats.input.matlab.mat5 import MATLAB_NUMBERS, check_matlab_class
+from sawmill_formats.input.mat5 import MATLAB_NUMBERS, check_matlab_class
 from sawmill_formats.input.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
-from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
 
@@ -42,7 +39,10 @@ def _read(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileContents:
     entry = _choose_entry(file, selection.dataset, bounds.linked)
     if entry is not None:
         return read_nxtomo(entry, bounds, selection)
-    if is_exchange(file, bounds.linked) and (selection.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
+    if (
+        isinstance(find(file, EXCHANGE_DATA, bounds.linked), h5py.Dataset)
+        and (selection.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA
+    ):
         return read_exchange(file, bounds, selection)
     return _read_plain(file, selection, bounds)
 
@@ -74,7 +74,7 @@ def _read_plain(file: h5py.File, selection: Wanted, bounds: Bounds) -> FileConte
         load=partial(_load, by_name, bounds.whole),
         projections=partial(_projections, by_name, bounds),
         text=partial(_text, by_name, bounds.whole),
-        remarks=lambda name: packing_remarks(by_name[name]),
+        remarks=lambda name: fields.packing_remarks(by_name[name]),
         stated_angles=lambda name: _angles_of_cil(file, name, bounds.whole),
     )
     return read_named_arrays(arrays, selection, (ReadingMessage.MATLAB_AXES(),) if matlab else ())
@@ -84,7 +84,9 @@ def _angles_of_cil(file: h5py.File, name: str, bounds: Bounds) -> FileAngles:
     """Read the angles next to projections that CIL wrote: in the group config of their entry."""
     entry, _, place = name.rpartition("/data/data")
     return (
-        read_angles(file, f"{entry}/config/angles", bounds, default_unit=None) if entry and not place else FileAngles()
+        fields.read_angles(file, f"{entry}/config/angles", bounds, default_unit=None)
+        if entry and not place
+        else FileAngles()
     )
 
 
@@ -95,7 +97,7 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     kind = quoted(matlab_class or node.dtype.name)
     if matlab_class is not None:
         return ArrayInfo(shape[::-1], numeric, kind)
-    return ArrayInfo(shape, numeric, kind, stated_order(node) if len(shape) in {2, 3} else None)
+    return ArrayInfo(shape, numeric, kind, fields.stated_order(node) if len(shape) in {2, 3} else None)
 
 
 def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
@@ -110,14 +112,14 @@ def _checked(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5p
 
 def _projections(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
     node = _checked(by_name, bounds, name)
-    stored = all_views(node)
+    stored = fields.all_views(node)
     return in_order(stored, tuple(reversed(range(node.ndim)))) if "MATLAB_class" in node.attrs else stored
 
 
 def _load(by_name: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
     node = _checked(by_name, bounds, name)
     values = read_values(node, np.float64 if name in {"angles_deg", "angles_rad"} else np.float32)
-    values = scaling_of(node).apply(values)
+    values = fields.scaling_of(node).apply(values)
     return values.T if "MATLAB_class" in node.attrs else values
 
 

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
 from sawmill_formats.input.arrays import Bounds, Scaling
-from sawmill_formats.input.contents import FileAngles, FileContents, FilePitch, Projections
-from sawmill_formats.input.field_names import (
+from sawmill_formats.input.contents import (
     LARGEST_PITCH_MM,
     LEAST_PITCH_MM,
+    FileAngles,
+    FileContents,
+    FilePitch,
+    Projections,
+    Wanted,
     kind_of,
     length_of,
     to_degrees,
@@ -20,6 +24,8 @@ from sawmill_formats.input.field_names import (
 )
 from sawmill_formats.input.hdf5.guard import (
     Node,
+    attribute,
+    attribute_text,
     find,
     members,
     name_of,
@@ -30,8 +36,6 @@ from sawmill_formats.input.hdf5.guard import (
     text_of,
 )
 from sawmill_formats.input.hdf5.storage import check_dataset
-from sawmill_formats.input.hdf5.texts import attribute, attribute_text
-from sawmill_formats.input.wanted import Wanted
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 

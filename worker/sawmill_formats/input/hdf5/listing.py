@@ -9,11 +9,10 @@ import h5py
 from sawmill_formats.errors import quoted
 from sawmill_formats.hdf5 import open_hdf5
 from sawmill_formats.input.arrays import Bounds, LinkedFiles
-from sawmill_formats.input.hdf5.guard import DEEPEST_GROUP, Address, address_of, check_members, find, members, text_of
+from sawmill_formats.input.contents import Part, PartKind
+from sawmill_formats.input.hdf5 import guard
 from sawmill_formats.input.hdf5.links import located
 from sawmill_formats.input.hdf5.storage import filter_names
-from sawmill_formats.input.hdf5.texts import attribute_text
-from sawmill_formats.input.parts import Part, PartKind
 
 MOST_FILES_NAMED = 3
 
@@ -32,29 +31,29 @@ class _Listing:
 
     def __init__(self, linked: LinkedFiles | None) -> None:
         self._linked = linked
-        self._names: dict[Address, str] = {}
+        self._names: dict[guard.Address, str] = {}
         self._members = 0
 
     def walk(self, group: h5py.Group, prefix: str, depth: int) -> Iterator[Part]:
         self._members += len(group)
-        check_members(self._members)
-        for key, link in members(group):
-            name = prefix + quoted(text_of(key))
+        guard.check_members(self._members)
+        for key, link in guard.members(group):
+            name = prefix + quoted(guard.text_of(key))
             if link == h5py.h5l.TYPE_HARD:
                 yield from self._object(group[key], name, depth)
             elif link == h5py.h5l.TYPE_EXTERNAL:
                 yield self._external(group, key, name)
             else:
                 soft = link == h5py.h5l.TYPE_SOFT
-                target = quoted(text_of(group.id.links.get_val(key))) if soft else "a link of an unknown kind"
+                target = quoted(guard.text_of(group.id.links.get_val(key))) if soft else "a link of an unknown kind"
                 yield Part(name, PartKind.LINK, leads_to=target)
 
     def _external(self, group: h5py.Group, key: bytes, name: str) -> Part:
-        file, path = map(text_of, group.id.links.get_val(key))
+        file, path = map(guard.text_of, group.id.links.get_val(key))
         target = f"file {quoted(file)}:{quoted(path)}"
         if located(Path(group.file.filename), file) is None:
             return Part(name, PartKind.LINK, leads_to=f"{target} (not there)")
-        node = None if self._linked is None else find(group, text_of(key), self._linked)
+        node = None if self._linked is None else guard.find(group, guard.text_of(key), self._linked)
         if not isinstance(node, h5py.Dataset):
             return Part(name, PartKind.LINK, leads_to=target)
         return replace(_dataset(node, name), kind=PartKind.LINK, leads_to=target)
@@ -63,7 +62,7 @@ class _Listing:
         if not isinstance(node, h5py.Group | h5py.Dataset):
             yield Part(name, PartKind.GROUP, type="a named type")
             return
-        address = address_of(node)
+        address = guard.address_of(node)
         if address in self._names:
             yield Part(name, PartKind.LINK, leads_to=self._names[address])
             return
@@ -71,8 +70,8 @@ class _Listing:
         if isinstance(node, h5py.Dataset):
             yield _dataset(node, name)
             return
-        yield Part(name, PartKind.GROUP, type=_quoted(attribute_text(node, "NX_class")))
-        if depth < DEEPEST_GROUP:
+        yield Part(name, PartKind.GROUP, type=_quoted(guard.attribute_text(node, "NX_class")))
+        if depth < guard.DEEPEST_GROUP:
             yield from self.walk(node, f"{name}/", depth + 1)
 
 
@@ -82,7 +81,7 @@ def _dataset(node: h5py.Dataset, name: str) -> Part:
         PartKind.DATASET,
         shape=node.shape,
         type=_type_of(node),
-        unit=_quoted(attribute_text(node, "units")),
+        unit=_quoted(guard.attribute_text(node, "units")),
         # The library counts nothing for a virtual dataset.
         stored_bytes=None if node.is_virtual else node.id.get_storage_size(),
         compression=", ".join(filter_names(node)) or None,

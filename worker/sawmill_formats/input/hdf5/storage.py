@@ -6,11 +6,11 @@ import sys
 import h5py
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.arrays import HARMLESS_BYTES, LARGEST_RATIO, Bounds, check_number_type, check_size
-from sawmill_formats.input.unpacking import check_packed
+from sawmill_formats.input import arrays
 
-# Filters of the library itself and of h5py; for any other the library would search for a plug-in on this machine.
-PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "LZF"}
+# Filters of the library itself and of h5py, but szip, which only the library unpacks and scanners do not use; for any
+# other the library would search for a plug-in on this machine.
+PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_LZF: "LZF"}
 FILTERS = PACKINGS | {
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
     h5py.h5z.FILTER_FLETCHER32: "checksum",
@@ -19,15 +19,15 @@ FILTERS = PACKINGS | {
 MOST_FILTERS = 3
 
 
-def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
+def check_dataset(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> None:
     """Refuse a dataset that is not plain numbers in a size that can be read, stored in files that may be read."""
     check_storage(where, dataset, elsewhere=bounds.linked is not None)
-    check_number_type(where, dataset.dtype)
+    arrays.check_number_type(where, dataset.dtype)
     if dataset.shape is None:
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     itemsize = dataset.dtype.itemsize
     stored = _stored_bytes(where, dataset, bounds)
-    check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
+    arrays.check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
     if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
         raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
     if dataset.size and not stored:
@@ -42,7 +42,7 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
         )
 
 
-def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
+def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> int:
     if bounds.linked is not None and _is_elsewhere(dataset):
         return bounds.linked.stored_bytes(where, dataset, bounds)
     return _bytes_in_file(dataset)
@@ -73,19 +73,19 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
     chunk_bytes = math.prod(dataset.chunks) * dataset.id.get_type().get_size()
     what = f"a chunk of {where}"
     if dataset.id.get_create_plist().get_nfilters():
-        check_packed(what, stored.largest, chunk_bytes)
+        arrays.check_packed(what, stored.largest, chunk_bytes)
     elif {stored.least, stored.largest} != {chunk_bytes}:
         # Without filters the library assumes that a chunk is as long as it declares, and reads what is stored.
         code, stores = ("truncated-file", stored.least) if stored.least < chunk_bytes else ("too-large", stored.largest)
         raise UnreadableScan(
             code, f"{what} declares {chunk_bytes} bytes of data and the file stores {stores} for them; export it again"
         )
-    if stored.count * chunk_bytes > max(HARMLESS_BYTES, LARGEST_RATIO * _bytes_in_file(dataset)):
+    if stored.count * chunk_bytes > max(arrays.HARMLESS_BYTES, arrays.LARGEST_RATIO * _bytes_in_file(dataset)):
         raise UnreadableScan(
             "too-large",
             f"the chunks of {where} unpack to {stored.count * chunk_bytes} bytes while the file stores only "
-            f"{_bytes_in_file(dataset)} of them; above {HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} "
-            "times as many: store it in smaller chunks",
+            f"{_bytes_in_file(dataset)} of them; above {arrays.HARMLESS_BYTES >> 20} MiB it may be at most "
+            f"{arrays.LARGEST_RATIO} times as many: store it in smaller chunks",
         )
 
 

@@ -20,18 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_formats.errors import UnreadableScan, quoted
-from sawmill_formats.input.arrays import (
-    HARMLESS_BYTES,
-    LARGEST_RATIO,
-    Bounds,
-    Scaling,
-    as_float32,
-    check_number_type,
-    check_size,
-)
-from sawmill_formats.input.contents import FileContents, Projections, held
-from sawmill_formats.input.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
-from sawmill_formats.input.wanted import Wanted
+from sawmill_formats.input import arrays
+from sawmill_formats.input.contents import FileContents, Projections, Wanted, held
 from sawmill_vocabulary.messages import Reason
 from sawmill_vocabulary.reading_messages import ReadingMessage
 
@@ -51,14 +41,14 @@ LONGEST_DESCRIPTION = 4096
 class PageValues:
     """Steps from the stored numbers of a page to the image that it means, and remarks on them."""
 
-    scaling: Scaling
+    scaling: arrays.Scaling
     orientation: int
     remarks: tuple[Reason, ...]
 
     def image(self, stored: NDArray[Any]) -> NDArray[np.float32]:
         """Return the image (rows, detector) float32 that the stored numbers mean; they may be changed."""
         along_rows, along_cells = (-1 if self.orientation in of else 1 for of in (FROM_BOTTOM, FROM_RIGHT))
-        return as_float32(self.scaling.apply(stored))[::along_rows, ::along_cells]
+        return arrays.as_float32(self.scaling.apply(stored))[::along_rows, ::along_cells]
 
 
 def page_values(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> PageValues:
@@ -85,14 +75,14 @@ def page_values(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> P
         remarks.append(ReadingMessage.WHITE_IS_ZERO_UNUSED())
     if orientation > 1:
         remarks.append(ReadingMessage.ORIENTATION(orientation=orientation))
-    stated = Scaling()
+    stated = arrays.Scaling()
     if first.is_imagej and number_type.kind in "iu":
         stated = _function_of_imagej(where, first.description[:LONGEST_DESCRIPTION])
-    scaling = Scaling(stated.scale * factor, stated.scale * added + stated.offset)
+    scaling = arrays.Scaling(stated.scale * factor, stated.scale * added + stated.offset)
     return PageValues(scaling, orientation, (*remarks, *stated.remarks()))
 
 
-def _function_of_imagej(where: str, description: str) -> Scaling:
+def _function_of_imagej(where: str, description: str) -> arrays.Scaling:
     function = dict(re.findall(r"^(cf|c0|c1)=(.*)$", description, re.MULTILINE))
     curve = function.setdefault("cf", STRAIGHT_LINE)
     if curve != STRAIGHT_LINE:
@@ -104,9 +94,9 @@ def _function_of_imagej(where: str, description: str) -> Scaling:
     return stated_scaling(where, "ImageJ (c1, c0)", function.get("c1", "1"), function.get("c0", "0"))
 
 
-def stated_scaling(where: str, names: str, scale: str, offset: str, *, inverse: bool = False) -> Scaling:
+def stated_scaling(where: str, names: str, scale: str, offset: str, *, inverse: bool = False) -> arrays.Scaling:
     """Return scale x number + offset, or the inverse of this, as a file's texts state it: `unsupported-storage`."""
-    scaling = Scaling.of(names, _number(scale), _number(offset), inverse=inverse)
+    scaling = arrays.Scaling.of(names, _number(scale), _number(offset), inverse=inverse)
     if scaling is None:
         raise UnreadableScan(
             "unsupported-storage",
@@ -124,7 +114,7 @@ def _number(text: str) -> float:
 
 
 UNCOMPRESSED = 1
-PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
+PACKINGS = {8: arrays.DEFLATE, 32946: arrays.DEFLATE, 32773: arrays.PACKBITS}
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
 # A tile that reaches beyond its page is unpacked as a whole: at most this number of times the page's pixels, or the
 # usual 256 x 256 for a small page.
@@ -155,7 +145,7 @@ class TiffPages:
         return block
 
 
-def read_tiff(path: Path, selection: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_tiff(path: Path, selection: Wanted, bounds: arrays.Bounds, files: ExitStack) -> FileContents:
     """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row."""
     if selection.dataset is not None:
         raise UnreadableScan(
@@ -188,7 +178,7 @@ def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator
 
 
 @contextmanager
-def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: arrays.Bounds) -> Iterator[TiffPages]:
     """Open one TIFF and check all pages.
 
     Only pages are used, never the series of OME or other dialects, which may name other files.
@@ -201,7 +191,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
             (name, (count, *first.shape), bounds.array),
             (f"a page of {name}", first.shape, bounds.piece),
         ):
-            check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
+            arrays.check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
         claimed = unpacked = 0
         offsets: set[int] = set()
         values: list[PageValues] = []
@@ -218,12 +208,12 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
                     "share their data; store each page on its own",
                 )
             unpacked += len(page.dataoffsets) * math.prod(page.chunks) * itemsize
-            if unpacked > max(HARMLESS_BYTES, LARGEST_RATIO * size_bytes):
+            if unpacked > max(arrays.HARMLESS_BYTES, arrays.LARGEST_RATIO * size_bytes):
                 raise UnreadableScan(
                     "too-large",
                     f"the strips or tiles of pages 0 to {index} of {name} unpack to {unpacked} bytes and the file has "
-                    f"{size_bytes}; above {HARMLESS_BYTES >> 20} MiB they may unpack to at most {LARGEST_RATIO} times "
-                    "as many: store the pages in strips",
+                    f"{size_bytes}; above {arrays.HARMLESS_BYTES >> 20} MiB they may unpack to at most "
+                    f"{arrays.LARGEST_RATIO} times as many: store the pages in strips",
                 )
         if count == 1:
             _check_nothing_follows(tiff.pages.first, name, size_bytes)
@@ -260,7 +250,7 @@ def _number_type(page: "tifffile.TiffPage | tifffile.TiffFrame", where: str) -> 
             "wrong-type", f"{where} is of no known type; a scan holds integers or floating-point numbers"
         )
     dtype: np.dtype[Any] = page.dtype
-    check_number_type(where, dtype)
+    arrays.check_number_type(where, dtype)
     return dtype
 
 
@@ -304,15 +294,15 @@ def _check_page(
 def _check_strips(
     page: "tifffile.TiffPage | tifffile.TiffFrame", what: str, itemsize: int, size_bytes: int, most_bytes: int
 ) -> None:
-    check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+    arrays.check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
     declared = math.prod(page.chunks) * itemsize
-    if PACKINGS[int(page.compression)] is PACKBITS and declared * PACKBITS_MEMORY > most_bytes:
+    if PACKINGS[int(page.compression)] is arrays.PACKBITS and declared * arrays.PACKBITS_MEMORY > most_bytes:
         raise UnreadableScan(
             "too-large",
-            f"{what} needs {declared * PACKBITS_MEMORY} bytes while PackBits is unpacked and at most {most_bytes} are "
-            "allowed or free; use deflate or no compression",
+            f"{what} needs {declared * arrays.PACKBITS_MEMORY} bytes while PackBits is unpacked and at most "
+            f"{most_bytes} are allowed or free; use deflate or no compression",
         )
-    check_packed(what, max(page.databytecounts, default=0), declared)
+    arrays.check_packed(what, max(page.databytecounts, default=0), declared)
 
 
 def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:
@@ -324,7 +314,7 @@ def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -
     for offset, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
         if not packing.harmless(stored):
             page.parent.filehandle.seek(offset)
-            check_unpacks(what, packing, page.parent.filehandle.read(stored), declared)
+            arrays.check_unpacks(what, packing, page.parent.filehandle.read(stored), declared)
 
 
 MOST_PAGES = 100_000

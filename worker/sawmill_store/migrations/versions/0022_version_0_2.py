@@ -13,25 +13,32 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.types import TypeEngine
 
+from sawmill_store.migrations.columns import (
+    BYTES,
+    EVENT,
+    FLAG,
+    ID,
+    INTEGER,
+    JSON,
+    MOMENT,
+    NAME,
+    REAL,
+    TEXT,
+    WORD,
+    counted,
+    keys,
+    needed,
+    perhaps,
+    single,
+    unique,
+)
+
 revision = "0022"
 down_revision = "0003"
 branch_labels = None
 depends_on = None
 
-Columns = list[sa.Column[Any]]
 Values = dict[str, Any]
-
-_ID = sa.String(length=64)
-_WORD = sa.String(length=20)
-_EVENT = sa.String(length=40)
-_NAME = sa.String(length=200)
-_TEXT = sa.String()
-_MOMENT = sa.DateTime(timezone=True)
-_REAL = sa.Float(precision=53)
-_INTEGER = sa.Integer()
-_BYTES = sa.BigInteger()
-_FLAG = sa.Boolean()
-_JSON = sa.JSON()
 
 _INDEXES = {
     "ix_jobs_created_at_id": ("jobs", ["created_at", "id"], None),
@@ -109,37 +116,19 @@ def upgrade() -> None:
     op.bulk_insert(events, entries)
 
 
-def _needed(**types: TypeEngine[Any]) -> Columns:
-    return [sa.Column(name, kind, nullable=False) for name, kind in types.items()]
-
-
-def _perhaps(**types: TypeEngine[Any]) -> Columns:
-    return [sa.Column(name, kind, nullable=True) for name, kind in types.items()]
-
-
-def _counted() -> sa.Column[Any]:
-    """The number of a row, which the database gives."""
-    return sa.Column("number", _INTEGER, autoincrement=True, nullable=False)
-
-
-def _single() -> sa.Column[Any]:
-    """The number of a table's only row."""
-    return sa.Column("number", _INTEGER, autoincrement=False, nullable=False)
-
-
 def _change_tables_of_jobs() -> None:
     """Count losses and heartbeats; keep why a job waits, its lane, priority, group, and whose request queued it.
 
     The two tables of a row each are the time and the identity of the data folder that workers go by.
     """
     for column in (
-        *(sa.Column(name, _INTEGER, nullable=False, server_default="0") for name in ("losses", "outages")),
-        *_perhaps(not_before_s=_REAL, waiting_for=_JSON),
-        sa.Column("beats", _INTEGER, nullable=False, server_default="0"),
-        sa.Column("short", _FLAG, nullable=False, server_default=sa.false()),
-        sa.Column("priority", _INTEGER, nullable=False, server_default="0"),
-        sa.Column("group_id", _ID, nullable=False, server_default=""),
-        *_perhaps(output_sha256=_ID, request_id=_ID, key_id=_ID, asked_by=_NAME),
+        *(sa.Column(name, INTEGER, nullable=False, server_default="0") for name in ("losses", "outages")),
+        *perhaps(not_before_s=REAL, waiting_for=JSON),
+        sa.Column("beats", INTEGER, nullable=False, server_default="0"),
+        sa.Column("short", FLAG, nullable=False, server_default=sa.false()),
+        sa.Column("priority", INTEGER, nullable=False, server_default="0"),
+        sa.Column("group_id", ID, nullable=False, server_default=""),
+        *perhaps(output_sha256=ID, request_id=ID, key_id=ID, asked_by=NAME),
     ):
         op.add_column("jobs", column)
     for table in ("scans", "calibrations", "reconstructions", "drifts", "plans"):
@@ -150,35 +139,32 @@ def _change_tables_of_jobs() -> None:
     op.drop_column("jobs", "lease_expires_s")
     op.create_table(
         "job_turns",
-        *_needed(short_only=_FLAG),
-        sa.Column("priority", _INTEGER, autoincrement=False, nullable=False),
-        *_needed(group_id=_ID, turn=_BYTES),
-        sa.PrimaryKeyConstraint("short_only", "priority", "group_id", name="pk_job_turns"),
+        *needed(short_only=FLAG),
+        sa.Column("priority", INTEGER, autoincrement=False, nullable=False),
+        *needed(group_id=ID, turn=BYTES),
+        *keys("job_turns", "short_only", "priority", "group_id"),
     )
-    op.create_table(
-        "clock", _single(), *_needed(boot=_ID, offset_s=_REAL), sa.PrimaryKeyConstraint("number", name="pk_clock")
-    )
-    op.create_table(
-        "data_folder", _single(), *_needed(identity=_ID), sa.PrimaryKeyConstraint("number", name="pk_data_folder")
-    )
+    op.create_table("clock", single(), *needed(boot=ID, offset_s=REAL), *keys("clock", "number"))
+    op.create_table("data_folder", single(), *needed(identity=ID), *keys("data_folder", "number"))
 
 
 def _change_tables_of_schedules() -> None:
     """Have schedules with a time zone, and those of drift checks; keep whether the last due time was missed."""
     for column in (
-        sa.Column("time_zone", _ID, nullable=False, server_default="UTC"),
-        sa.Column("kind", _WORD, nullable=False, server_default="recalibrate"),
-        sa.Column("drift_options", _JSON, nullable=False, server_default='{"rows": null}'),
-        sa.Column("missed", _FLAG, nullable=False, server_default=sa.false()),
+        sa.Column("time_zone", ID, nullable=False, server_default="UTC"),
+        sa.Column("kind", WORD, nullable=False, server_default="recalibrate"),
+        sa.Column("drift_options", JSON, nullable=False, server_default='{"rows": null}'),
+        sa.Column("missed", FLAG, nullable=False, server_default=sa.false()),
     ):
         op.add_column("schedules", column)
-    op.add_column("schedule_runs", sa.Column("drift_id", _ID, nullable=True))
+    op.add_column("schedule_runs", sa.Column("drift_id", ID, nullable=True))
 
 
 def _number_logs() -> None:
     """Number each scanner's logs from the first on; the reconstructions of one scan show the same log."""
-    op.add_column("reconstructions", sa.Column("number", _INTEGER, nullable=False, server_default="0"))
-    op.add_column("reconstructions", sa.Column("name", _NAME, nullable=True))
+    op.add_column("reconstructions", sa.Column("number", INTEGER, nullable=False, server_default="0"))
+    op.add_column("reconstructions", sa.Column("name", NAME, nullable=True))
+    op.add_column("reconstructions", sa.Column("marks", JSON, nullable=False, server_default="[]"))
     numbers: dict[str, dict[str, int]] = {}
     ordered = "SELECT id, scanner_id, scan_id FROM reconstructions ORDER BY created_at, id"
     for identifier, scanner_id, scan_id in op.get_bind().execute(sa.text(ordered)).all():
@@ -192,14 +178,12 @@ def _create_asked() -> None:
     """Create one table for all kinds of jobs that are asked for and came after the first versions."""
     op.create_table(
         "asked",
-        *_perhaps(scanner_id=_ID, scan_id=_ID, phantom_id=_ID, calibration_id=_ID),
-        *_needed(options=_JSON),
-        *_perhaps(result=_JSON),
-        *_needed(job_id=_ID, id=_ID, created_at=_MOMENT),
-        sa.ForeignKeyConstraint(["calibration_id"], ["calibrations.id"], name="fk_asked_calibration_id"),
-        sa.ForeignKeyConstraint(["job_id"], ["jobs.id"], name="fk_asked_job_id"),
-        sa.PrimaryKeyConstraint("id", name="pk_asked"),
-        sa.UniqueConstraint("job_id", name="uq_asked_job_id"),
+        *perhaps(scanner_id=ID, scan_id=ID, phantom_id=ID, calibration_id=ID),
+        *needed(options=JSON),
+        *perhaps(result=JSON),
+        *needed(job_id=ID, id=ID, created_at=MOMENT),
+        *keys("asked", "id", calibration_id="calibrations", job_id="jobs"),
+        unique("asked", "job_id"),
     )
 
 
@@ -207,14 +191,14 @@ def _create_events() -> sa.Table:
     """Create the ledger, of which the database itself refuses to change or remove a decision."""
     events = op.create_table(
         "events",
-        _counted(),
-        *_needed(at=_MOMENT),
-        sa.Column("class", _WORD, nullable=False),
-        *_needed(type=_EVENT),
-        *_perhaps(topic=_WORD, group_id=_ID, subject=_WORD, subject_id=_ID),
-        *_perhaps(job_id=_ID, attempt=_INTEGER, worker=_NAME),
-        *_perhaps(who=_NAME, key_id=_ID, address=_ID, request_id=_ID, why=_TEXT, detail=_JSON, decided=_JSON),
-        sa.PrimaryKeyConstraint("number", name="pk_events"),
+        counted(),
+        *needed(at=MOMENT),
+        sa.Column("class", WORD, nullable=False),
+        *needed(type=EVENT),
+        *perhaps(topic=WORD, group_id=ID, subject=WORD, subject_id=ID),
+        *perhaps(job_id=ID, attempt=INTEGER, worker=NAME),
+        *perhaps(who=NAME, key_id=ID, address=ID, request_id=ID, why=TEXT, detail=JSON, decided=JSON),
+        *keys("events", "number"),
     )
     if op.get_bind().dialect.name == "sqlite":
         refused = "BEGIN SELECT RAISE(ABORT, 'decisions of the ledger stay as they are'); END"
@@ -245,17 +229,17 @@ def _create_tables_of_keys() -> None:
     """Create the keys, and the sessions that they open."""
     op.create_table(
         "keys",
-        *_needed(id=_ID, created_at=_MOMENT, name=_NAME, scope=_WORD, display=_FLAG, secret_hash=_ID),
-        *_perhaps(previous_hash=_ID, previous_until=_MOMENT, rotated_at=_MOMENT),
-        *_perhaps(expires_at=_MOMENT, revoked_at=_MOMENT, last_used_at=_MOMENT),
-        *_needed(created_by=_NAME),
-        sa.PrimaryKeyConstraint("id", name="pk_keys"),
+        *needed(id=ID, created_at=MOMENT, name=NAME, scope=WORD, display=FLAG, secret_hash=ID),
+        *perhaps(previous_hash=ID, previous_until=MOMENT, rotated_at=MOMENT),
+        *perhaps(expires_at=MOMENT, revoked_at=MOMENT, last_used_at=MOMENT),
+        *needed(created_by=NAME),
+        *keys("keys", "id"),
     )
     op.create_table(
         "sessions",
-        *_needed(secret_hash=_ID, opened_by_hash=_ID, created_at=_MOMENT),
-        *_perhaps(expires_at=_MOMENT),
-        sa.PrimaryKeyConstraint("secret_hash", name="pk_sessions"),
+        *needed(secret_hash=ID, opened_by_hash=ID, created_at=MOMENT),
+        *perhaps(expires_at=MOMENT),
+        *keys("sessions", "secret_hash"),
     )
 
 
@@ -263,27 +247,27 @@ def _create_tables_of_requests() -> None:
     """Create the answers of repeated requests, the uploads that can be resumed, and the rules of retention."""
     op.create_table(
         "repeats",
-        *_needed(caller=_NAME, key=_NAME, created_at=_MOMENT, request_sha256=_ID),
-        *_perhaps(file_sha256=_ID, answer=_JSON),
-        sa.PrimaryKeyConstraint("caller", "key", name="pk_repeats"),
+        *needed(caller=NAME, key=NAME, created_at=MOMENT, request_sha256=ID),
+        *perhaps(file_sha256=ID, answer=JSON),
+        *keys("repeats", "caller", "key"),
     )
     op.create_table(
         "uploads",
-        *_needed(id=_ID, created_at=_MOMENT),
-        *_perhaps(name=_NAME, key_id=_ID),
-        *_needed(size_bytes=_BYTES, offset_bytes=_BYTES),
-        *_perhaps(sha256=_ID),
-        *_needed(state=_WORD),
-        *_perhaps(used_by=_NAME),
-        *_needed(changed_at=_MOMENT),
-        sa.PrimaryKeyConstraint("id", name="pk_uploads"),
+        *needed(id=ID, created_at=MOMENT),
+        *perhaps(name=NAME, key_id=ID),
+        *needed(size_bytes=BYTES, offset_bytes=BYTES),
+        *perhaps(sha256=ID),
+        *needed(state=WORD),
+        *perhaps(used_by=NAME),
+        *needed(changed_at=MOMENT),
+        *keys("uploads", "id"),
     )
     op.create_table(
         "retention",
-        _single(),
-        *_needed(rules=_JSON, revision=_INTEGER, changed_at=_MOMENT, changed_by=_NAME, removed=_JSON),
-        *_perhaps(followed_at=_MOMENT),
-        sa.PrimaryKeyConstraint("number", name="pk_retention"),
+        single(),
+        *needed(rules=JSON, revision=INTEGER, changed_at=MOMENT, changed_by=NAME, removed=JSON),
+        *perhaps(followed_at=MOMENT),
+        *keys("retention", "number"),
     )
 
 
@@ -292,31 +276,28 @@ def _create_tables_of_webhooks() -> None:
     secret = sa.String(length=100)
     op.create_table(
         "webhooks",
-        *_needed(id=_ID, created_at=_MOMENT, url=sa.String(length=2000)),
-        *_perhaps(description=_NAME),
-        *_needed(events=_JSON, enabled=_FLAG, paused=_FLAG, secret=secret),
-        *_perhaps(previous_secret=secret, previous_secret_until=_MOMENT),
-        *_needed(after=_INTEGER, delivered=_INTEGER, failed=_INTEGER, failures=_INTEGER),
-        *_perhaps(next_attempt_at=_MOMENT, last_success_at=_MOMENT, last_failure_at=_MOMENT, last_failure=_TEXT),
-        sa.PrimaryKeyConstraint("id", name="pk_webhooks"),
+        *needed(id=ID, created_at=MOMENT, url=sa.String(length=2000)),
+        *perhaps(description=NAME),
+        *needed(events=JSON, enabled=FLAG, paused=FLAG, secret=secret),
+        *perhaps(previous_secret=secret, previous_secret_until=MOMENT),
+        *needed(after=INTEGER, delivered=INTEGER, failed=INTEGER, failures=INTEGER),
+        *perhaps(next_attempt_at=MOMENT, last_success_at=MOMENT, last_failure_at=MOMENT, last_failure=TEXT),
+        *keys("webhooks", "id"),
     )
     op.create_table(
         "webhook_deliveries",
-        _counted(),
-        *_needed(webhook_id=_ID, event_number=_INTEGER, message_id=_ID, type=_EVENT, state=_WORD, attempts=_INTEGER),
-        *_needed(first_at=_MOMENT, last_at=_MOMENT),
-        *_perhaps(status=_INTEGER, reason=_TEXT),
-        sa.ForeignKeyConstraint(
-            ["webhook_id"], ["webhooks.id"], name="fk_webhook_deliveries_webhook_id", ondelete="CASCADE"
-        ),
-        sa.PrimaryKeyConstraint("number", name="pk_webhook_deliveries"),
-        sa.UniqueConstraint("webhook_id", "event_number", name="uq_webhook_deliveries_webhook_id_event_number"),
+        counted(),
+        *needed(webhook_id=ID, event_number=INTEGER, message_id=ID, type=EVENT, state=WORD, attempts=INTEGER),
+        *needed(first_at=MOMENT, last_at=MOMENT),
+        *perhaps(status=INTEGER, reason=TEXT),
+        *keys("webhook_deliveries", "number", cascades=["webhook_id"], webhook_id="webhooks"),
+        unique("webhook_deliveries", "webhook_id", "event_number"),
     )
     op.create_table(
         "webhook_sender",
-        _single(),
-        *_needed(holder=_ID, held_until=_MOMENT),
-        sa.PrimaryKeyConstraint("number", name="pk_webhook_sender"),
+        single(),
+        *needed(holder=ID, held_until=MOMENT),
+        *keys("webhook_sender", "number"),
     )
 
 
@@ -324,21 +305,19 @@ def _create_tables_of_alarms() -> None:
     """Create the alarms, and the drift chart of each scanner and method."""
     op.create_table(
         "alarms",
-        *_needed(scanner_id=_ID, kind=_EVENT, since=_MOMENT),
-        *_perhaps(last_at=_MOMENT, limit_hours=_REAL, phantom_id=_ID, expired_on=sa.Date(), drift=_JSON),
-        *_perhaps(acknowledged=_JSON),
-        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_alarms_scanner_id", ondelete="CASCADE"),
-        sa.PrimaryKeyConstraint("scanner_id", "kind", name="pk_alarms"),
+        *needed(scanner_id=ID, kind=EVENT, since=MOMENT),
+        *perhaps(last_at=MOMENT, limit_hours=REAL, phantom_id=ID, expired_on=sa.Date(), drift=JSON),
+        *perhaps(acknowledged=JSON),
+        *keys("alarms", "scanner_id", "kind", cascades=["scanner_id"], scanner_id="scanners"),
     )
     op.create_table(
         "drift_charts",
-        *_needed(scanner_id=_ID, method=_WORD, activation_number=_INTEGER, state=_JSON, looks=_INTEGER),
-        *_needed(changed_at=_MOMENT),
-        *_perhaps(baseline=_JSON),
-        *_needed(finding=_JSON),
-        *_perhaps(alarm=_JSON),
-        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_drift_charts_scanner_id", ondelete="CASCADE"),
-        sa.PrimaryKeyConstraint("scanner_id", "method", name="pk_drift_charts"),
+        *needed(scanner_id=ID, method=WORD, activation_number=INTEGER, state=JSON, looks=INTEGER),
+        *needed(changed_at=MOMENT),
+        *perhaps(baseline=JSON),
+        *needed(finding=JSON),
+        *perhaps(alarm=JSON),
+        *keys("drift_charts", "scanner_id", "method", cascades=["scanner_id"], scanner_id="scanners"),
     )
 
 
@@ -346,28 +325,27 @@ def _create_measurements() -> sa.Table:
     """Create what calibrations and drift checks measured, a row for each."""
     return op.create_table(
         "measurements",
-        _counted(),
-        *_needed(scanner_id=_ID, at=_MOMENT, kind=_WORD, subject_id=_ID),
-        *_perhaps(against_id=_ID, within_tolerance=_FLAG, verdict=_WORD, rays_verdict=_WORD),
-        *_perhaps(ray_change_mm=_REAL, ray_change_tolerance_mm=_REAL, scale_change_percent=_REAL),
-        *_needed(cor_column_mm=_REAL),
-        *_perhaps(cor_column_change_mm=_REAL),
-        *_needed(tilt_rad=_REAL),
-        *_perhaps(tilt_change_rad=_REAL),
-        *_needed(source_to_detector_mm=_REAL),
-        *_perhaps(source_distance_mm=_REAL),
-        *_needed(relative_residual=_REAL),
-        *_perhaps(gain=_REAL, ray_error_rms_mm=_REAL, ray_error_upper_95_mm=_REAL, scale_uncertainty_percent=_REAL),
-        *_perhaps(cor_column_standard_deviation_mm=_REAL, tilt_standard_deviation_rad=_REAL),
-        *_perhaps(source_to_detector_standard_deviation_mm=_REAL),
-        *_perhaps(covariance=_JSON, baseline_age_hours=_REAL),
-        *_perhaps(cor_column_baseline_change_mm=_REAL, tilt_baseline_change_rad=_REAL),
-        *_perhaps(pooled_cor_column_mm=_REAL, pooled_cor_column_standard_deviation_mm=_REAL),
-        *_perhaps(pooled_tilt_rad=_REAL, pooled_tilt_standard_deviation_rad=_REAL),
-        *_perhaps(baseline_checks=_INTEGER, activation_number=_INTEGER, pooled_checks=_INTEGER),
-        *_perhaps(method=_WORD, input_sha256=_ID, awaits_chart=_FLAG),
-        sa.ForeignKeyConstraint(["scanner_id"], ["scanners.id"], name="fk_measurements_scanner_id"),
-        sa.PrimaryKeyConstraint("number", name="pk_measurements"),
+        counted(),
+        *needed(scanner_id=ID, at=MOMENT, kind=WORD, subject_id=ID),
+        *perhaps(against_id=ID, within_tolerance=FLAG, verdict=WORD, rays_verdict=WORD),
+        *perhaps(ray_change_mm=REAL, ray_change_tolerance_mm=REAL, scale_change_percent=REAL),
+        *needed(cor_column_mm=REAL),
+        *perhaps(cor_column_change_mm=REAL),
+        *needed(tilt_rad=REAL),
+        *perhaps(tilt_change_rad=REAL),
+        *needed(source_to_detector_mm=REAL),
+        *perhaps(source_distance_mm=REAL),
+        *needed(relative_residual=REAL),
+        *perhaps(gain=REAL, ray_error_rms_mm=REAL, ray_error_upper_95_mm=REAL, scale_uncertainty_percent=REAL),
+        *perhaps(cor_column_standard_deviation_mm=REAL, tilt_standard_deviation_rad=REAL),
+        *perhaps(source_to_detector_standard_deviation_mm=REAL),
+        *perhaps(covariance=JSON, baseline_age_hours=REAL),
+        *perhaps(cor_column_baseline_change_mm=REAL, tilt_baseline_change_rad=REAL),
+        *perhaps(pooled_cor_column_mm=REAL, pooled_cor_column_standard_deviation_mm=REAL),
+        *perhaps(pooled_tilt_rad=REAL, pooled_tilt_standard_deviation_rad=REAL),
+        *perhaps(baseline_checks=INTEGER, activation_number=INTEGER, pooled_checks=INTEGER),
+        *perhaps(method=WORD, input_sha256=ID, awaits_chart=FLAG),
+        *keys("measurements", "number", scanner_id="scanners"),
     )
 
 
@@ -375,10 +353,10 @@ def _table(name: str, **types: TypeEngine[Any]) -> sa.TableClause:
     return sa.table(name, *(sa.column(column, kind) for column, kind in types.items()))
 
 
-_JOBS = _table("jobs", id=_ID, state=_WORD, created_at=_MOMENT, finished_at=_MOMENT, failure=_JSON)
+_JOBS = _table("jobs", id=ID, state=WORD, created_at=MOMENT, finished_at=MOMENT, failure=JSON)
 _ASKED = {
-    "calibration": _table("calibrations", id=_ID, scanner_id=_ID, job_id=_ID, schedule_id=_ID, result=_JSON),
-    "drift": _table("drifts", id=_ID, scanner_id=_ID, job_id=_ID, calibration_id=_ID, result=_JSON),
+    "calibration": _table("calibrations", id=ID, scanner_id=ID, job_id=ID, schedule_id=ID, result=JSON),
+    "drift": _table("drifts", id=ID, scanner_id=ID, job_id=ID, calibration_id=ID, result=JSON),
 }
 _KINDS = {"calibration": "calibration", "drift": "drift-check"}
 
@@ -486,7 +464,7 @@ def _without_result() -> Iterator[Values]:
 def _activations() -> Iterator[Values]:
     """Yield an entry for each activation; a calibration that is activated again was rolled back to."""
     activations = _table(
-        "activations", number=_INTEGER, scanner_id=_ID, calibration_id=_ID, reason=_TEXT, activated_at=_MOMENT
+        "activations", number=INTEGER, scanner_id=ID, calibration_id=ID, reason=TEXT, activated_at=MOMENT
     )
     seen = set()
     for row in op.get_bind().execute(sa.select(activations).order_by(activations.c.number)):

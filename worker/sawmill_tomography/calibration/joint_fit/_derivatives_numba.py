@@ -323,30 +323,18 @@ def inner_products(
 
 
 @njit(cache=True, fastmath=_FAST)
-def combine(terms, shapes, grams, scores, grams_of_columns, scores_of_columns):
-    """Fill grams (views, n, n) and scores (views, n) of columns, each column the sum of some terms times shapes.
-
-    terms : (n, parts)
-    shapes : (views, n, parts); 0 for an unused part
-    """
-    views, count = grams.shape[0], grams.shape[1]
-    n, parts = terms.shape
-    line = np.empty(count)
-    for k in range(views):
-        for i in range(n):
-            line[:] = 0.0
-            score = 0.0
-            for part in range(parts):
-                term, shape = terms[i, part], shapes[k, i, part]
-                score += shape * scores[k, term]
-                for t in range(count):
-                    line[t] += shape * grams[k, term, t]
-            scores_of_columns[k, i] = score
-            for j in range(i + 1):
-                total = 0.0
-                for part in range(parts):
-                    total += shapes[k, j, part] * line[terms[j, part]]
-                grams_of_columns[k, i, j] = grams_of_columns[k, j, i] = total
+def without_shares(grams, own, share):
+    """Return inner products (views, n, n) less the shares (views, n, m) of the rows `own` (m,)."""
+    left = np.empty_like(grams)
+    for k in range(grams.shape[0]):
+        for p in range(grams.shape[1]):
+            for q in range(grams.shape[1]):
+                left[k, p, q] = grams[k, p, q]
+            for o in range(own.size):
+                part, row = share[k, p, o], own[o]
+                for q in range(grams.shape[1]):
+                    left[k, p, q] -= part * grams[k, row, q]
+    return left
 
 
 @njit(cache=True, fastmath=_FAST)

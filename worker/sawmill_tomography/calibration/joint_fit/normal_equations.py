@@ -13,7 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
-from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combine, inner_products
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, inner_products, without_shares
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ALWAYS_DIFFERENTIATED,
@@ -132,6 +132,7 @@ class ViewGrams:
         self._patches = tuple(map(Column.of, model.patch_terms)) if of_patches else ()
         self._densities = np.array([model.size(term) for term in model.patch_terms]) if of_patches else np.empty(0)
         self._density_precision = 0.0
+        self._asked: tuple[Sequence[Column], Patches | None, tuple[FloatArray, FloatArray]] | None = None
         # The inner products before anything is projected out, and the precision of each term projected out.
         self._whole, self._precisions = (self.grams, self.scores), dict[Term, float]()
         count = views * (cells - 1)
@@ -200,24 +201,32 @@ class ViewGrams:
         rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
         self._taken = self._taken + np.einsum("kto,oek->tek", share, rows[..., None] - self._taken[own])
         self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
-        self.grams = self.grams - share @ self.grams[:, own]
+        self.grams = without_shares(self.grams, np.array(own), share)
+        self._asked = None
 
     def objective(self, residual: FloatArray) -> float:
         """Compute the objective of generalised least squares for another residual, without views' random effects."""
         squares, products = self._squares(self._unbiased(residual))
         return squares - float((self.stripe_shares * products) @ products)
 
-    def of_columns(self, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
-        """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n)."""
-        views, n, parts = len(self.scores), len(columns), max(len(column.parts) for column in columns)
-        terms, shapes = np.zeros((n, parts), np.int64), np.zeros((views, n, parts))
-        for number, column in enumerate(columns):
-            for place, (term, shape) in enumerate(column.parts):
-                terms[number, place] = self._rows.get(term, term)
-                shapes[:, number, place] = 1.0 if shape is None else shape
-        grams, scores = np.empty((views, n, n)), np.empty((views, n))
-        combine(terms, shapes, self.grams, self.scores, grams, scores)
-        return grams, scores
+    def of_columns(self, columns: Sequence[Column], patches: "Patches | None" = None) -> tuple[FloatArray, FloatArray]:
+        """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n).
+
+        With `patches` of what the densities leave. The products of the columns that were asked for last are kept.
+        """
+        if self._asked is None or self._asked[0] is not columns or self._asked[1] is not patches:
+            of_rows, scores = np.zeros((*self.scores.shape, len(columns))), self.scores
+            for number, column in enumerate(columns):
+                for term, shape in column.parts:
+                    of_rows[:, self._rows.get(term, term), number] += 1.0 if shape is None else shape
+            if patches is not None:
+                densities = slice(-len(patches.change), None)
+                of_rows[:, densities] -= patches.taken
+                scores = scores - self.grams[:, :, densities] @ patches.change
+            of_columns = np.swapaxes(of_rows, 1, 2)
+            products = of_columns @ (self.grams @ of_rows), (of_columns @ scores[..., None])[..., 0]
+            self._asked = columns, patches, products
+        return self._asked[2]
 
     def vary_densities(self, columns: Sequence[Column]) -> Variation:
         """Estimate the variation of the patches' densities next to these columns; they are eliminated from now on."""
@@ -428,14 +437,8 @@ class System:
         """Return each view's inner products of these columns (views, m, m), and with the residual (views, m)."""
         gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed).tolist() if n not in places]
         every = [*places, *gone]
-        columns, patches = [self.columns[place] for place in every], self.patches
-        densities = () if patches is None else patches.whole.columns[len(self.columns) :]
-        grams, scores = self.source.of_columns([*columns, *densities])
-        if patches is not None:
-            # The columns without what the densities take up of them, and the residual at the best densities.
-            left = np.concatenate([np.eye(len(every)), -patches.taken[:, every]])
-            scores = (scores - grams[:, :, len(every) :] @ patches.change) @ left
-            grams = left.T @ grams @ left
+        grams, scores = self.source.of_columns(self.columns, self.patches)
+        grams, scores = grams[:, every][:, :, every], scores[:, every]
         if self.removed is not None:
             scores = scores + grams @ self.removed[every]
         count = len(places)

@@ -1,21 +1,34 @@
 """The control chart of one scanner from its history since its calibration: quiet, a jump, or a slow trend.
 
 A generalised likelihood ratio chart over change points and two models of change. Its input is robustly pooled groups of
-drift checks (docs/understand/drift.md).
+drift checks (docs/understand/drift.md). JSON keeps a chart as numbers, lists and dictionaries, without loss.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sawmill_tomography.drift.chart.alternatives import StepAndTrendFits, steps_and_trends
-from sawmill_tomography.drift.chart.jump import jump_at
-from sawmill_tomography.drift.chart.looks import BASELINE_LOOKS, Baseline, DriftCheckPoint, pooled, stacked
-from sawmill_tomography.drift.chart.segments import Segment, extended
-from sawmill_tomography.drift.chart.spread import LookSpread, inverse
+from sawmill_tomography.drift.chart.looks import (
+    BASELINE_LOOKS,
+    FEWEST_BASELINE_LOOKS,
+    OUTLYING,
+    Baseline,
+    DriftCheckPoint,
+    LookSpread,
+    PooledDriftCheckPoint,
+    inverse,
+    pooled,
+    pooled_means,
+    scaled,
+    squared_length,
+    stacked,
+    times,
+)
+from sawmill_tomography.drift.chart.segments import Segment, StepAndTrendFits, extended, steps_and_trends
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import DetectorEstimate
 
@@ -176,3 +189,175 @@ def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float)
         change=DetectorEstimate.of(model.change[at], model.covariance[at]),
         log_odds=0.5 * (best[of_kind] - best[1 - of_kind]),
     )
+
+
+class Jump(NamedTuple):
+    """Size of a jump, and the number of the newest drift checks before the jump.
+
+    The likeliest time of a jump is the end of a group or a segment, but scanners move within a group. So neither side
+    of that time counts for the size: later groups are compared with earlier ones. While there is only one group after
+    the jump, its checks are compared one by one with all groups before, and each may be the first after the jump.
+    """
+
+    change: DetectorEstimate
+    looks_before: int
+
+
+def jump_at(
+    began_days: float,
+    segments: Sequence[Segment],
+    newest: Sequence[DriftCheckPoint],
+    scatter: LookSpread,
+    quiet: FloatArray,
+) -> Jump:
+    """Measure the jump of one scanner at the end of a segment or soon after."""
+    earlier = [segment for segment in segments if segment.last_days <= began_days]
+    later = segments[len(earlier) :]
+    mean, covariance = _mean(earlier[:-1] or earlier)
+    if len(later) == 1:
+        return _within(newest, mean, covariance, scatter, quiet)
+    mean_later, covariance_later = _mean(later[1:])
+    return Jump(DetectorEstimate.of(mean_later - mean, scaled(covariance + covariance_later, scatter.ratio) + quiet), 0)
+
+
+def _within(
+    looks: Sequence[DriftCheckPoint], mean: FloatArray, covariance: FloatArray, scatter: LookSpread, quiet: FloatArray
+) -> Jump:
+    """Average the jumps before each drift check, weighted by likelihood; outliers count as if at `OUTLYING`."""
+    change, own = stacked(look.change for look in looks)
+    precision = inverse(scaled(own, scatter.ratio))
+    before = _bounded(change - mean, precision)
+    unlikely, sizes, errors = [], [], []
+    for first in range(len(looks) - FEWEST_BASELINE_LOOKS + 1):
+        after = pooled_means(change[first:], own[first:])
+        unlikely.append(before[:first].sum() + _bounded(change[first:] - after.mean, precision[first:]).sum())
+        sizes.append(after.mean - mean)
+        errors.append(scaled(inverse(after.precision) + covariance, scatter.ratio) + quiet)
+    weights = np.exp(-0.5 * (np.array(unlikely) - min(unlikely)))
+    weights /= weights.sum()
+    size = weights @ np.stack(sizes)
+    apart = np.stack(sizes) - size
+    spread = np.einsum("k,kij->ij", weights, np.stack(errors) + apart[:, :, None] * apart[:, None, :])
+    return Jump(DetectorEstimate.of(size, spread), int(np.argmin(unlikely)))
+
+
+def _mean(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray]:
+    """Return the mean of the segments' groups, and its covariance by the drift checks' own covariances."""
+    covariance = inverse(np.sum([segment.precision[0] for segment in segments], axis=0))
+    return times(covariance, np.sum([segment.weighted[0] for segment in segments], axis=0)), covariance
+
+
+def _bounded(apart: FloatArray, precision: FloatArray) -> FloatArray:
+    """Return chi-squared of each drift check; an outlier's is bounded."""
+    return np.minimum(squared_length(apart, precision), OUTLYING**2)
+
+
+# Version of the layout below: a chart of another layout is built again from the drift checks.
+LAYOUT = 2
+
+
+def chart_to_state(chart: DriftChart) -> dict[str, Any]:
+    """Convert a chart for `chart_from_state`: some kilobytes, growing with the logarithm of the number of checks."""
+    baseline, history = chart.baseline, chart.history
+    return {
+        "layout": LAYOUT,
+        "pending": [_look_to_state(look) for look in chart.pending],
+        "newest": [_look_to_state(look) for look in chart.newest],
+        "baseline": baseline
+        and {
+            **_look_to_state(baseline.estimate),
+            "looks": baseline.estimate.looks,
+            "outliers": baseline.estimate.outliers,
+            "until_days": baseline.until_days,
+        },
+        "history": history
+        and {
+            "segments": [_segment_to_state(segment) for segment in history.segments],
+            "scatter": {
+                "differences": history.scatter.differences,
+                "squares": history.scatter.squares.tolist(),
+                "mean": history.scatter.mean.tolist(),
+                "covariance": history.scatter.covariance.tolist(),
+            },
+        },
+    }
+
+
+def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
+    """Return the chart from its state.
+
+    Raises
+    ------
+    ValueError
+        If the state has another layout, or is no state of a chart.
+    """
+    try:
+        if state["layout"] != LAYOUT:
+            raise ValueError(
+                f"the drift chart's layout is {state['layout']!r} and must be {LAYOUT}: begin it anew from the looks"
+            )
+        baseline, history = state["baseline"], state["history"]
+        if (baseline is None) != (history is None):
+            raise ValueError("a drift chart has a baseline and a history, or neither")
+        if history is not None and (not history["segments"] or len(state["newest"]) != GROUP_LOOKS):
+            raise ValueError("a drift chart with a history has segments, and the looks of its newest group")
+        return DriftChart(
+            tuple(DriftCheckPoint(**_look(look)) for look in state["pending"]),
+            None if baseline is None else _baseline(baseline),
+            None if history is None else _history(history),
+            tuple(DriftCheckPoint(**_look(look)) for look in state["newest"]),
+        )
+    except (KeyError, TypeError, AttributeError) as wrong:
+        raise ValueError(f"this is no state of a drift chart: {wrong}") from wrong
+
+
+def _numbers(value: object, *shape: int) -> FloatArray:
+    numbers = np.asarray(value, np.float64)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"a drift chart has finite numbers of the shape {shape} here, not {value!r}")
+    return numbers
+
+
+def _look_to_state(look: DriftCheckPoint) -> dict[str, Any]:
+    return {"days": look.days, "change": look.change.values, "covariance": look.change.covariance}
+
+
+def _look(state: Mapping[str, Any]) -> dict[str, Any]:
+    change = DetectorEstimate.of(_numbers(state["change"], 2), _numbers(state["covariance"], 2, 2))
+    return {"days": float(_numbers(state["days"])), "change": change}
+
+
+def _baseline(state: Mapping[str, Any]) -> Baseline:
+    looks, outliers = (int(_numbers(state[name])) for name in ("looks", "outliers"))
+    return Baseline(
+        PooledDriftCheckPoint(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"]))
+    )
+
+
+def _history(state: Mapping[str, Any]) -> History:
+    scatter = state["scatter"]
+    return History(
+        tuple(_segment_from_state(segment) for segment in state["segments"]),
+        LookSpread(
+            int(_numbers(scatter["differences"])),
+            _numbers(scatter["squares"], 2, 2),
+            _numbers(scatter["mean"], 2),
+            _numbers(scatter["covariance"], 2, 2),
+        ),
+    )
+
+
+def _segment_to_state(segment: Segment) -> dict[str, Any]:
+    return {
+        "groups": segment.groups,
+        "first_days": float(segment.first_days),
+        "last_days": float(segment.last_days),
+        "precision": segment.precision.tolist(),
+        "weighted": segment.weighted.tolist(),
+    }
+
+
+def _segment_from_state(state: Mapping[str, Any]) -> Segment:
+    first, last = (_numbers(state[name]) for name in ("first_days", "last_days"))
+    precision, weighted = _numbers(state["precision"], 3, 2, 2), _numbers(state["weighted"], 2, 2)
+    return Segment(int(_numbers(state["groups"])), first, last, precision, weighted)

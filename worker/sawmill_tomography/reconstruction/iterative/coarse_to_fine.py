@@ -136,7 +136,7 @@ def _with_every_ray(objective: Objective) -> Objective:
 def coarser_levels(objective: Objective) -> list[Level]:
     """Return the levels before an objective, the largest pixels first; none where they would have too few pixels."""
     levels, cost = list[Level](), 1.0
-    if _can_be_halved(objective) and _has_narrow_cells(objective):
+    if _can_be_halved(objective) and has_narrow_cells(objective):
         objective = with_pairs_of_cells(objective)
         cost *= 0.5
         levels.insert(0, Level(objective, PAIRED_ITERATIONS, cost, directed=True))
@@ -158,7 +158,8 @@ def _can_be_halved(objective: Objective) -> bool:
     return size % 2 == 0 and size // 2 >= LEAST_SIZE
 
 
-def _has_narrow_cells(objective: Objective) -> bool:
+def has_narrow_cells(objective: Objective) -> bool:
+    """Return True if pairs of cells show as much as the pixels can hold."""
     geometry = objective.projector.geometry
     pair_mm = 2.0 * geometry.cell_at_cor_mm
     return geometry.sinogram_shape[1] % 2 == 0 and pair_mm <= PAIR_PIXELS * objective.projector.grid.pixel_mm

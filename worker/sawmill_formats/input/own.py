@@ -1,0 +1,162 @@
+"""Recognition of our own files; scans and calibrations among them are read as they are."""
+
+from contextlib import nullcontext, suppress
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_formats import nexus, nxtomo
+from sawmill_formats.errors import UnreadableScan, library_errors_translated
+from sawmill_formats.hdf5 import open_hdf5
+from sawmill_formats.input.arrays import MAX_BYTES, Bounds
+from sawmill_formats.input.contents import LARGEST_PITCH_MM, LEAST_PITCH_MM
+from sawmill_formats.input.hdf5.guard import attribute, attribute_text, find, numbers, read_text, read_values
+from sawmill_formats.input.plausible import LARGEST_ANGLE_DEG
+from sawmill_formats.nexus import CHUNK_BYTES
+from sawmill_formats.output import scan_layout
+from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
+from sawmill_formats.output.scan_reader import open_scan
+
+
+def is_own_scan(path: Path) -> bool:
+    """Return whether a file is a whole scan of `sawmill_formats.output.scan_writer.new_scan`, with all data in it.
+
+    A damaged file is not: `reading_scan` reports what is wrong with it.
+    """
+    if not h5py.is_hdf5(path):
+        return False
+    with suppress(UnreadableScan), library_errors_translated("HDF5"):
+        with open_hdf5(path) as file:
+            own = _is_marked(file) and _is_whole(file)
+        with open_scan(path) if own else nullcontext():  # a scan that was repacked is read as any other file
+            return own
+    return False
+
+
+def _is_marked(file: h5py.File) -> bool:
+    data = find(file, scan_layout.DATA)
+    own = (
+        read_text(file, f"{scan_layout.ENTRY}/definition") == nxtomo.DEFINITION
+        and find(file, scan_layout.PROVENANCE) is not None
+    )
+    return own and data is not None and attribute_text(data, "long_name") == scan_layout.LINE_INTEGRALS
+
+
+def _is_whole(file: h5py.File) -> bool:
+    bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
+    data = numbers(file, scan_layout.DATA, bounds)
+    angles = numbers(file, scan_layout.ANGLES, bounds.whole)
+    x_pitch, y_pitch, air_level = (
+        numbers(file, path, bounds) for path in (scan_layout.CELL_PITCH, scan_layout.ROW_PITCH, scan_layout.AIR_LEVEL)
+    )
+    if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
+        return False
+    if not data.size or angles.shape != data.shape[:1] or not (np.abs(read_values(angles)) <= LARGEST_ANGLE_DEG).all():
+        return False
+    deviations = numbers(file, scan_layout.DEVIATIONS, bounds)
+    if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
+        return False
+    if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
+        return False
+    pitches_are_distances = all(pitch is None or _is_distance(pitch) for pitch in (x_pitch, y_pitch))
+    return pitches_are_distances and (air_level is None or air_level.shape == data.shape[1:])
+
+
+def _is_distance(pitch: h5py.Dataset) -> bool:
+    return pitch.shape == () and bool(LEAST_PITCH_MM <= read_values(pitch) <= LARGEST_PITCH_MM)
+
+
+def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:
+    present = numbers(file, scan_layout.ROWS_PRESENT, bounds)
+    if present is None:
+        return True
+    usable = np.asarray(attribute(present, scan_layout.USABLE))
+    return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])
+
+
+class OwnKind(StrEnum):
+    """Kinds of files that this product writes."""
+
+    SCAN = "scan"
+    VOLUME = "volume"
+    CALIBRATION = "calibration"
+
+
+def own_kind(path: Path) -> OwnKind | None:
+    """Recognise which of our own files this is, by its contents; None for any other, and for a damaged one."""
+    if not h5py.is_hdf5(path):
+        return None
+    if is_own_scan(path):
+        return OwnKind.SCAN
+    with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
+        if read_text(file, f"{nexus.ENTRY}/definition") == nexus.DEFINITION:
+            return OwnKind.VOLUME
+        if isinstance(find(file, ANSWER), h5py.Dataset):
+            return OwnKind.CALIBRATION
+    return None
+
+
+# Most bytes that are read of an answer, which has some ten thousand.
+LONGEST_ANSWER = 16 * 2**20
+# Bounds of each array, in memory at once: the sinogram of 10 000 views of 10 000 cells has 400 MB.
+ARRAY = Bounds(2**29, 2**29)
+NEEDED = (
+    "sinogram",
+    "model",
+    "residual",
+    "angles_rad",
+    "phantom_image",
+    "phantom_field_mm",
+    "phantom_outlines_mm",
+    "search_history",
+)
+OF_A_LOG = ("log_row", "log_field_mm", "log_after", "log_before")
+TEXTS, WRITTEN_AT = ("phantom_image_method", "log_before_with"), "entry/start_time"
+
+
+def read_calibration_json(path: Path) -> str:
+    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or one named as such.
+
+    Raises
+    ------
+    UnreadableScan
+        `dataset-missing` where the file is another one; it is damaged, or the text is too long.
+    """
+    with library_errors_translated("HDF5"), open_hdf5(path) as file:
+        text = read_text(file, ANSWER, most_bytes=LONGEST_ANSWER)
+    if text is None:
+        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{ANSWER}")
+    return text
+
+
+def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
+    """Read the arrays behind an answer by name (docs/look-up/formats.md); None where it has the answer alone.
+
+    Raises
+    ------
+    UnreadableScan
+        `dataset-missing` where an array is missing; the file is damaged, or an array is too large.
+    """
+    with library_errors_translated("HDF5"), open_hdf5(path) as file:
+        arrays = {name: values for name in (*NEEDED, *OF_A_LOG) if (values := _array(file, name)) is not None}
+        texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
+    if not arrays:
+        return None
+    if missing := [name for name in NEEDED if name not in arrays]:
+        raise UnreadableScan("dataset-missing", f"it has no /{ARRAYS}/{missing[0]}, which the pictures need")
+    return arrays | {name: np.array(text.encode()) for name, text in texts.items() if text is not None}
+
+
+def read_time_of_writing(path: Path) -> str | None:
+    """Read when the file was written, RFC 3339; None where the file does not tell."""
+    with library_errors_translated("HDF5"), open_hdf5(path) as file:
+        return read_text(file, WRITTEN_AT)
+
+
+def _array(file: h5py.File, name: str) -> NDArray[Any] | None:
+    dataset = numbers(file, f"{ARRAYS}/{name}", ARRAY)
+    return None if dataset is None else read_values(dataset)

@@ -1,1 +1,0 @@
-"""Files of our own that a client sends, read as untrusted files."""
