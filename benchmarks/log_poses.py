@@ -16,12 +16,12 @@ import time
 
 import numpy as np
 from measurement import Measurement
-from ringed_logs import RingedLog
 from scanners import SCANNER
 from scans import GRID, LOG_NOISE, TRUE_THETA
 
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FanViews, FloatArray, Scanner, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
+from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_tomography.phantoms.phantom import Phantom, Polygon, cornered
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
@@ -55,7 +55,7 @@ def waved(log: Phantom, radius_mm: float, rng: np.random.Generator) -> Phantom:
 def simulated_log(index: int, rng: np.random.Generator) -> Phantom:
     """Draw a log's slice somewhere near the centre of rotation."""
     radius_mm = float(rng.uniform(100.0, 165.0))
-    log = RingedLog.random(SEED + index, radius_mm=radius_mm).slice_at(120.0 if index % 2 else 180.0)
+    log = LogModel.random(SEED + index, radius_mm=radius_mm).slice_at(120.0 if index % 2 else 180.0)
     return (waved(log, radius_mm, rng) if index % 4 >= 2 else log).moved(*rng.uniform(-8.0, 8.0, 2))
 
 

@@ -225,13 +225,10 @@ def test_a_scanner_that_turns_the_log_between_passages_finds_where_it_stands(mov
     scan = sawmill.Scan.from_arrays(seen_by(moved).line_integrals, ANGLES, declared)
     settings = {"method": "total_variation", "weight": 300.0, "coupling": "none", **SMALL}
     found, blind = (sawmill.reconstruct(scan, THETA, **settings, view_poses=how) for how in ("auto", "none"))
-    (remark,) = (each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere")
+    remark = next(each for each in found.result.method.coded_remarks if each.code == "views-stand-elsewhere")
     assert remark.values["shift_mm"] == pytest.approx(6.0 / 3.0**0.5, rel=0.15)
     assert found.result.method.data_misfit < 0.3 * blind.result.method.data_misfit
     with pytest.raises(ValueError, match="reconstruct them by total_variation"):
         sawmill.reconstruct(scan, THETA, method="fbp", **SMALL)
-    few = sawmill.Scan.from_arrays(scan.line_integrals[::7], ANGLES[::7], declared)
     cut = sawmill.Scan.from_arrays(scan.line_integrals[..., 120:168], ANGLES, replace(declared, num_detector_pixels=48))
-    for one in (few, cut):
-        result = sawmill.reconstruct(one, THETA, **settings).result
-        assert "poses-not-found" in {each.code for each in result.method.coded_remarks}
+    assert "air on both sides" in " ".join(sawmill.reconstruct(cut, THETA, **settings).result.method.remarks)

@@ -39,9 +39,8 @@ def test_the_answer_is_near_the_truth_and_reports_how_well_everything_is_known(r
     document = json.loads(result_file.read_text())
     assert error_mm(document) < 0.05
     assert (document["state"], document["status"]) == ("succeeded", "calibrated")
-    pitches = {"detector_pitch_mm": 4.508593749, "row_pitch_mm": 2.0}
+    pitches = {"detector_pitch_mm": 4.508593749, "row_pitch_mm": 2.0, "object_turns": "in-one-scan"}
     straight = {"detector_modules": [], "detector_arc_radius_mm": None, "detector_waves_mm": []}
-    straight |= {"object_turns": "in-one-scan"}
     assert document["scanner"] == {"source_to_cor_mm": 859.46, "num_detector_pixels": 256} | pitches | straight
     assert (document["views"], document["rows"], document["phantom"]) == (60, [0, 2], "L-shape")
     assert (document["handedness"], document["rotation"]) == ("as-drawn", "as-given")
