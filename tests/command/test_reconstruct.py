@@ -1,9 +1,7 @@
 """`sawmill reconstruct`: its flags, also those that prepare a scan, its answers and its refusals."""
 
 import json
-import re
 import shutil
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,7 +10,6 @@ from PIL import Image
 
 from sawmill_calibration.scans import scan_rows
 from sawmill_calibration.scans.scan_rows import ScanSource, open_rows
-from sawmill_contracts.scans import PrepareOptions
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import LogModel
 from sawmill_vocabulary import DataKind, Progress
@@ -343,16 +340,3 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
 )
 def test_lost_rows_are_refused_with_their_numbers_or_the_flag(run, lossy, tmp_path, flags, sentence):
     assert sentence in json.dumps(reconstruct(run, lossy[0], tmp_path / "out.h5", *flags, code=1))
-
-
-def test_the_document_has_every_parameter_with_its_flag_and_values():
-    page = (Path(__file__).parents[2] / "docs/understand/preparation.md").read_text()
-    rows = re.findall(r"^\| `(\w+)` \| `(--[\w-]+)` \| ([^|]+) \|", page, re.MULTILINE)
-    assert [(name, flag) for name, flag, _ in rows] == [
-        (name, "--" + name.replace("_", "-")) for name in ("faulty_cells", "air", "rings", "align_rows")
-    ]
-    for name, _, values in rows:
-        default = PrepareOptions.model_fields[name].default
-        first, *others = re.findall(r"`([\w-]+)`", values)
-        assert first == default
-        assert {first, *others} == set(type(default))

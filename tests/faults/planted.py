@@ -81,8 +81,8 @@ DEFECTS = (
     Defect("tiff/pages.py", "= {2, 3}, {3, 4}, 4", "= {2}, {3, 4}, 4", "test_tiff.py"),
     Defect(
         "nxtomo.py",
-        "flats=_fields(dataset, keys, FLAT, bounds)",
-        "flats=_fields(dataset, keys, DARK, bounds)",
+        "flats=_fields(dataset, keys, nxtomo.FLAT, bounds)",
+        "flats=_fields(dataset, keys, nxtomo.DARK, bounds)",
         "test_reading.py",
     ),
     Defect(

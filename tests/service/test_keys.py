@@ -72,7 +72,7 @@ def test_what_decides_or_removes_needs_more_than_work_and_a_route_without_a_scop
         *(f"POST /v1/calibrations/{{calibration_id}}/{act}" for act in ("activate", "discard")),
         *(f"POST /operator/{act}/{{calibration_id}}" for act in ("activate", "discard")),
         "POST /operator/acknowledge/{scanner_id}",
-        "POST /operator/time-zone",
+        *("POST /v1/scanners/{scanner_id}/red/acknowledge", "POST /operator/time-zone"),
         *("POST /operator/acknowledge/{scanner_id}/{kind}", "POST /v1/scanners/{scanner_id}/alarms/{kind}/acknowledge"),
         *("POST /scanners/{scanner_id}/settings", "POST /scanners/{scanner_id}/schedules"),
         "POST /scanners/{scanner_id}/schedules/{schedule_id}/delete",

@@ -257,8 +257,8 @@ def test_a_page_is_rendered_in_the_reader_s_language_as_the_repository_s_host_re
 
 def test_a_search_finds_what_is_known_first_and_takes_any_text(client):
     for words, language, address in (
-        ("queue-full", "en", "look-up/codes#429-too-many-requests"),
-        ("sawmill_port", "en", "look-up/settings#network-and-access"),
+        ("queue-full", "en", "look-up/http#full-queue"),
+        ("sawmill_token", "en", "look-up/settings#network-and-access"),
         ("skannerilla", "fi", "do/technician#skannerilla"),
     ):
         found = client.get("/help", params={"search": words}, headers=BROWSER | {"Accept-Language": language}).text

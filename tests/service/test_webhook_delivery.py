@@ -410,7 +410,7 @@ def test_the_example_receiver_takes_what_is_signed_once_and_nothing_else(store, 
 def test_attempts_follow_the_schedule_of_the_page_for_three_days_then_the_webhook_is_paused(
     store, receiver, hook, clock
 ):
-    [waits] = re.findall(r"The waits are (.+?):", DOCUMENT.read_text())
+    [waits] = re.findall(r"The waits are (.+?), each", DOCUMENT.read_text())
     units = {"s": 1, "min": 60, "h": 3600}
     assert [float(number) * units[unit] for number, unit in re.findall(r"(\d+) (\w+)", waits)] == list(WAITS_S)
     receiver.usual = status(500)

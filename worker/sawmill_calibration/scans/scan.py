@@ -83,7 +83,7 @@ class Scan:
     rows_chosen: bool = False
     row_pitch_mm: float | None = None
     from_counts: bool = False
-    sha256: str = ""
+    sha256: str = field(default="", repr=False)
     remarks: tuple[str, ...] = ()
     averaged_rows: int | None = None
     deviations: NDArray[np.float32] | None = field(default=None, repr=False)
