@@ -10,6 +10,7 @@ import numpy as np
 
 from sawmill_calibration.simulation import write_simulated_scan
 from sawmill_command import seeding
+from sawmill_command.seeding import LOG_ROWS, PHANTOM_ROWS, ROW_PITCH_MM, THETA
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, Scanner
 from sawmill_tomography.phantoms.built_in import L_SHAPE
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
@@ -28,16 +29,16 @@ def full_turn(views: int) -> FloatArray:
     return (np.arange(views) + 0.5) * 2.0 * np.pi / views
 
 
-def mill_slices(*, log_rows: int = seeding.LOG_ROWS, row_pitch_mm: float = seeding.ROW_PITCH_MM) -> list[Phantom]:
+def mill_slices(*, log_rows: int = LOG_ROWS, row_pitch_mm: float = ROW_PITCH_MM) -> list[Phantom]:
     """Return a log with the L-shaped phantom on its sawn end: phantom rows, then log rows."""
     wood = L_SHAPE.of_density(SAPWOOD_PER_MM).moved(3.0, -2.0)
     log = LogModel.random(SEED)
-    return [wood] * seeding.PHANTOM_ROWS + [log.slice_at(LOG_START_MM + row * row_pitch_mm) for row in range(log_rows)]
+    return [wood] * PHANTOM_ROWS + [log.slice_at(LOG_START_MM + row * row_pitch_mm) for row in range(log_rows)]
 
 
 def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
     """Simulate raw counts of the example scanner."""
-    return simulate_stack(slices, FanBeamGeometry(SCANNER, seeding.THETA, full_turn(views)), seed=SEED)
+    return simulate_stack(slices, FanBeamGeometry(SCANNER, THETA, full_turn(views)), seed=SEED)
 
 
 def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
@@ -47,7 +48,7 @@ def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
         mill_stack(views, slices),
         full_turn(views),
         detector_pitch_mm=SCANNER.detector_pitch_mm,
-        row_pitch_mm=seeding.ROW_PITCH_MM,
+        row_pitch_mm=ROW_PITCH_MM,
     )
 
 
