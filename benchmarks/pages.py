@@ -130,7 +130,7 @@ def fill_scanner(
         )
         session.add(scan)
         session.flush()
-        for number, kind in enumerate(kinds):
+        for number, kind in enumerate(names):
             asked = made | {"id": f"{scan_id}-{number}", "scan_id": scan_id, "job_id": f"{scan_id}-job-{number}"}
             active_id = f"{scanner_id}-{place - place % 10}-0"
             share = 1.0 if place == len(times) - 1 else (place % 10) / 10.0
