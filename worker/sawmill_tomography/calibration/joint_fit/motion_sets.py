@@ -277,9 +277,7 @@ class MotionSets:
         return evidence.tolist() if fitted is None else [-group.at(evidence, fitted)]
 
     @staticmethod
-    def _moves(
-        posterior: Posterior, group: Group, others: Sequence[int]
-    ) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def _moves(posterior: Posterior, group: Group, others: Sequence[int]) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Yield bias and root of the covariance that other sizes of a group add to the fitted columns."""
         if not others:
             return
