@@ -157,6 +157,11 @@ study-production-logs: install-dev
 study-poses: install-dev
 	@$(BIN)/python benchmarks/log_poses.py $(OPTIONS)
 
+# Numbers of the calibration that change nothing, each set aside in turn on 100 scans; hours. OPTIONS: --scans N,
+# --part N/M (one of M parts), --only NAME, --list.
+study-limits: install-dev
+	@$(BIN)/python benchmarks/idle_limits.py $(OPTIONS)
+
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
