@@ -156,7 +156,9 @@ def choose_ring_weight(
         non_negative=non_negative,
         on_progress=phases.of("rings"),
     )
-    errors = np.log(validation.in_views) + np.log(validation.in_rays) + LEAST_GAIN / len(problem.lines[0]) * (rings < 1.0)
+    errors = (
+        np.log(validation.in_views) + np.log(validation.in_rays) + LEAST_GAIN / len(problem.lines[0]) * (rings < 1.0)
+    )
     best = int(np.argmin(errors))
     if rings[best] == 1.0 and weight is None:
         return isotropic
