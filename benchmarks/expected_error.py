@@ -5,21 +5,23 @@ the detector's cells, three cells a pixel, the published scanner's theta, equal 
 its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
 number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
 worker/sawmill_tomography/reconstruction/choosing.py has it. With --check `auto` chooses for ten other logs, for the CT
-slice of tree_disc.py (if SAWMILL_PUBLISHED_DATA has it) and for the published log: expected and real error, and ratio.
+slice of tree_disc.py and for the published log, both in the folder that SAWMILL_PUBLISHED_DATA names: prints expected
+and real error, and ratio, and writes results/expected-error.json.
 
     python benchmarks/expected_error.py [--logs 6] [--size 256] [--methods fbp,...] [--views 20 45] [--check]
 """
 
 import argparse
 import math
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import tree_disc
+from measurement import Measurement
 from scanners import SCANNER
 from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
 
@@ -50,6 +52,7 @@ METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
 # Seed of the logs and their noise; of the logs that check the table, their views and noises.
 SEED, CHECK_SEED = 9600, 9700
 CHECK_LOGS, CHECK_VIEWS, CHECK_NOISES = 10, (12, 20, 45, 90), (0.005, 0.02)
+WITHIN, PROCESSES = 0.2, 2
 
 
 def simulated_log(seed: int) -> Phantom:
@@ -96,23 +99,41 @@ def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], l
 
 
 def check(size: int) -> None:
-    """Compare the error that `auto` expects with the real one."""
-    ratios = []
-    for views, noise in product(CHECK_VIEWS, CHECK_NOISES):
-        for seed in range(CHECK_SEED, CHECK_SEED + CHECK_LOGS):
-            name = f"log {seed}, {views} views, {noise:g} noise"
-            ratios.append(compared(name, *scan_of(seed, views, noise, size)))
-    if (Path(os.environ.get("SAWMILL_PUBLISHED_DATA", "../shared/data")) / "wood").is_dir():
-        disc, pixel_mm, _ = tree_disc.read_disc()
-        for views, noise in product(CHECK_VIEWS, CHECK_NOISES):
-            scan = tree_disc.scan_of(disc, pixel_mm, views, noise)
-            name = f"CT slice, {views} views, {noise:g} noise"
-            ratios.append(compared(name, *scan, tree_disc.halved(disc)))
-    print(f"real error over expected, logs and CT slice: {min(ratios):.2f} to {max(ratios):.2f}")
+    """Compare the error that `auto` expects with the real one, and write the figures."""
+    measurement = Measurement.begin("worker/sawmill_tomography/phantoms", "worker/sawmill_tomography/reconstruction")
+    values: dict[str, float | str] = {"source": "published"}
+    scans = list(product(range(CHECK_SEED, CHECK_SEED + CHECK_LOGS), CHECK_VIEWS, CHECK_NOISES))
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        values |= summary("logs", list(pool.map(partial(checked_log, size=size), *zip(*scans, strict=True))))
+        values |= summary("disc", list(pool.map(checked_disc, *zip(*product(CHECK_VIEWS, CHECK_NOISES), strict=True))))
     for views in CHECK_VIEWS[1:]:
         step = 360 // views
         projector = Projector(FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[::step]), GRID)
         compared(f"published log, {views} views", projector, log_sinogram("published")[::step], log_truth("published"))
+    measurement.write({"expected-error": values}, timed=False)
+
+
+def checked_log(seed: int, views: int, noise: float, size: int) -> float:
+    """Return the real error of a simulated log over the expected one."""
+    return compared(f"log {seed}, {views} views, {noise:g} noise", *scan_of(seed, views, noise, size))
+
+
+def checked_disc(views: int, noise: float) -> float:
+    """Return the real error of the CT slice over the expected one."""
+    disc, pixel_mm, _ = tree_disc.read_disc()
+    scan = tree_disc.scan_of(disc, pixel_mm, views, noise)
+    return compared(f"CT slice, {views} views, {noise:g} noise", *scan, tree_disc.halved(disc))
+
+
+def summary(name: str, ratios: Sequence[float]) -> dict[str, float | str]:
+    """Count the scans whose error is within 20 % of the expected one, and write the range."""
+    values = {
+        f"{name}_scans": len(ratios),
+        f"{name}_within": sum(abs(ratio - 1.0) <= WITHIN for ratio in ratios),
+        f"{name}_range": f"{min(ratios):.2f} to {max(ratios):.2f}",
+    }
+    print(values)
+    return values
 
 
 def compared(name: str, projector: Projector, sinogram: FloatArray, truth: FloatArray) -> float:

@@ -1,11 +1,11 @@
 """Images of logs that are turned between passages, so that each view has a shift and a roll of its own.
 
-Simulated logs with the rings of real wood, every second one cut through a whorl of knots, two of four with an outline
-that is no circle; analytic data, 2 % noise. Shifts along and across the beam and rolls are normal; their standard
-deviations are drawn for each log, up to the options. Each log is reconstructed as `auto` does it, with its true poses,
-without poses and with those that `find_view_poses` finds; with these also with the ring weight that is chosen without
-poses, which tells the effect of the poses from the choice's. Errors are relative, after the best common shift and turn
-of the image. Prints a line for each log, and writes `results/log-poses.json`.
+Simulated logs with the rings of real wood, every second one cut through a whorl of knots; analytic data, 2 % noise.
+Shifts along and across the beam and rolls are normal; their standard deviations are drawn for each log, up to the
+options. Each log is reconstructed as `auto` does it, with its true poses, without poses and with those that
+`find_view_poses` finds; with these also with the ring weight that is chosen without poses, which tells the effect of
+the poses from the choice's. Errors are relative, after the best common shift and turn of the image. Prints a line for
+each log, and writes `results/log-poses.json`.
 
     python benchmarks/log_poses.py [--logs 100] [--views 20] [--size 192] [--shift-mm 2] [--roll-deg 0.5]
 """
@@ -22,7 +22,7 @@ from scans import GRID, LOG_NOISE, TRUE_THETA
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FanViews, FloatArray, Scanner, rotate
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import LogModel
-from sawmill_tomography.phantoms.phantom import Phantom, Polygon, cornered
+from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.projection.projector import Image, Projector
@@ -34,29 +34,15 @@ from sawmill_vocabulary import ReconstructionMethod
 
 SEED = 5100
 CELLS_A_PIXEL = 3
-# Waves of an outline around the log, and their standard deviation relative to its radius.
-WAVES, WAVE = np.arange(2, 7), 0.03
 # Least standard deviations of the poses.
 LEAST_SHIFT_MM, LEAST_ROLL_RAD = 0.1, math.radians(0.05)
-
-
-def waved(log: Phantom, radius_mm: float, rng: np.random.Generator) -> Phantom:
-    """Return a log whose outline and rings are waved around the origin."""
-    heights, phases = rng.normal(0.0, WAVE, WAVES.size) / (0.5 * WAVES) ** 1.5, rng.uniform(0.0, TAU, WAVES.size)
-    shapes = []
-    for shape in log.shapes:
-        x, y = np.array(cornered(shape).vertices_mm).T
-        share = (np.hypot(x, y) / radius_mm)[:, None]
-        factor = 1.0 + (share * heights * np.cos(WAVES * np.arctan2(y, x)[:, None] + phases)).sum(axis=1)
-        shapes.append(Polygon(tuple(zip((x * factor).tolist(), (y * factor).tolist(), strict=True)), shape.density))
-    return Phantom(log.name, tuple(shapes))
 
 
 def simulated_log(index: int, rng: np.random.Generator) -> Phantom:
     """Draw a log's slice somewhere near the centre of rotation."""
     radius_mm = float(rng.uniform(100.0, 165.0))
     log = LogModel.random(SEED + index, radius_mm=radius_mm).slice_at(120.0 if index % 2 else 180.0)
-    return (waved(log, radius_mm, rng) if index % 4 >= 2 else log).moved(*rng.uniform(-8.0, 8.0, 2))
+    return log.moved(*rng.uniform(-8.0, 8.0, 2))
 
 
 def simulated_views(

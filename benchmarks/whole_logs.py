@@ -30,7 +30,7 @@ from skimage.io import imsave
 from sawmill_tomography.geometry.geometry import TAU, FanBeamGeometry, FloatArray
 from sawmill_tomography.geometry.image_grid import ImageGrid
 from sawmill_tomography.phantoms.log_model import SAPWOOD_PER_MM, LogModel
-from sawmill_tomography.phantoms.phantom import Disc, Phantom, Shape
+from sawmill_tomography.phantoms.phantom import Phantom, Polygon, Shape
 from sawmill_tomography.projection.simulate import simulate_rows
 
 TUNING_SEED, TABLE_SEED = 4000, 4100
@@ -128,11 +128,13 @@ class WholeLog:
         radius = self.wood.radius_mm * (1.0 - self.taper * (height_mm - self.heights_mm[0]) / 100.0)
         wander = self.pith.at(height_mm)
         pith = self.wood.pith_mm[0] + wander[0], self.wood.pith_mm[1] + wander[1]
-        wood = replace(self.wood, radius_mm=radius, pith_mm=pith).slice_at(height_mm)
+        wood = replace(self.wood, radius_mm=radius, pith_mm=pith)
+        outline = wood.outline(1.0)
+        bark = Phantom("bark", (Polygon(outline, BARK_PER_MM),)).scaled(1.0 + self.bark_mm / radius)
         shapes: list[Shape] = [
-            Disc(self.bark.at(height_mm), radius + self.bark_mm, BARK_PER_MM),
-            Disc((0.0, 0.0), radius, -BARK_PER_MM),
-            *wood.shapes,
+            *bark.moved(*self.bark.at(height_mm)).shapes,
+            Polygon(outline, -BARK_PER_MM),
+            *wood.slice_at(height_mm).shapes,
         ]
         cuts = (inclusion.cut(height_mm) for inclusion in self.inclusions)
         shapes += [cut for cut in cuts if cut is not None]

@@ -132,26 +132,53 @@ def test_equal_seeds_give_equal_logs_and_other_seeds_others():
 @pytest.mark.parametrize("seed", range(1003, 1008))
 def test_a_slice_is_wood_inside_the_bark_and_nothing_outside(seed):
     log = LogModel.random(seed)
-    axis = (np.arange(300) + 0.5) - 150.0
-    radius = np.hypot(axis[:, None], axis[None, :])
+    bark = Phantom("bark", (Polygon(log.outline(1.0)),))
+    larger, smaller = (bark.scaled(factor).rasterise(300, LOG_FIELD) for factor in (1.012, 0.988))
     for height in (10.0, 60.0, 130.0, 310.0):
         image = image_at(log, height)
-        assert not image[radius > log.radius_mm + 1.5].any()
-        wood = image[radius < log.radius_mm - 1.5]
+        assert not image[larger == 0.0].any()
+        wood = image[smaller == 1.0]
         assert wood.min() > 0.5 * HEARTWOOD_PER_MM
         assert HEARTWOOD_PER_MM < wood.mean() < SAPWOOD_PER_MM * 1.2
 
 
 def test_a_whorl_has_knots_clear_wood_has_none_and_metal_is_only_where_it_was_put():
     log = LogModel.random(1008)
-    knots = {h: [s for s in log.slice_at(h).shapes if isinstance(s, Polygon)] for h in (60.0, 5.0)}
-    assert len(knots[60.0]) >= 2
-    assert not knots[5.0]
+    clear, knots = (log.slice_at(height).shapes for height in (5.0, 60.0))
+    assert len(clear) == 2 + len(log.rings)
+    assert clear == knots[: len(clear)]
+    assert len(knots) >= len(clear) + 2
     log = LogModel.random(1009)
     inside, away = image_at(log, log.metal_height_mm), image_at(log, log.metal_height_mm + 60.0)
     i, j = (math.floor(c + LOG_FIELD / 2) for c in log.metal_mm)
     assert inside[i, j] > METAL_PER_MM
     assert away.max() < 0.2 * METAL_PER_MM
+
+
+def test_the_outlines_of_logs_vary_as_those_of_two_trees_do():
+    spectra = []
+    for seed in range(400):
+        log = LogModel.random(seed)
+        bark, middle = (
+            np.hypot(*(log.outline(share) - (1.0 - share) * np.array(log.pith_mm)).T) for share in (1, 0.75)
+        )
+        spectra.append([2.0 * np.fft.rfft(radii)[1:8] / radii.sum() for radii in (bark, middle)])
+    bark, middle = np.swapaxes(spectra, 0, 1)
+    spread = np.sqrt(0.5 * np.mean(np.abs(bark) ** 2, axis=0))
+    assert spread == pytest.approx([0.0, 0.0145, 0.017, 0.014, 0.0078, 0.0078, 0.0], rel=0.1, abs=1e-4)
+    assert np.linalg.norm(spread) == pytest.approx(0.029, abs=0.003)
+    assert np.corrcoef(bark[:, 1:6].real.ravel(), middle[:, 1:6].real.ravel())[0, 1] == pytest.approx(0.74, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(1020, 1030))
+def test_no_ring_crosses_the_next_one(seed):
+    log = LogModel.random(seed)
+    x, y = (np.array([log.outline(share) for share, _ in log.rings]) - log.pith_mm).transpose(2, 0, 1)
+    radii = [
+        np.interp(np.arange(360.0), np.degrees(np.arctan2(*one)), np.hypot(*one), period=360.0)
+        for one in zip(y, x, strict=True)
+    ]
+    assert (np.diff(radii, axis=0) < 0.0).all()
 
 
 def test_a_slice_stays_within_its_log():

@@ -24,14 +24,19 @@ MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
 
 
+# No waves around a log's outlines.
+CIRCLES = ((0j,) * 5,) * 5
+
+
 def turn(views):
     return np.arange(views) * TAU / views
 
 
-def averaged(angles, *, theta=THETA, seed=1, rows=4, moved_mm=0.0):
+def averaged(angles, *, theta=THETA, seed=1, rows=4, moved_mm=0.0, circles=False):
     """The rays of several rows of a log off centre, averaged, and the geometry."""
     rng = np.random.default_rng(seed)
     log = LogModel.random(seed, radius_mm=rng.uniform(90, 140))
+    log = replace(log, waves=CIRCLES) if circles else log
     off_mm = rng.uniform(-14, 14, 2) + moved_mm
     fan = FanBeamGeometry(MILL, theta, angles)
     slices = [log.slice_at(height).moved(*off_mm) for height in rng.uniform(30, 370, rows)]
@@ -87,12 +92,13 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
 @pytest.mark.parametrize("angles", [turn(10) * 0.7, turn(20)])
 def test_a_beam_that_hardens_moves_nothing(angles):
     """By 5 %: over part of a turn that moved u_c by 0.07 mm."""
+    # A log that is not round hardens otherwise from side to side: the bound counts what the fit of hardening leaves.
     rays, frame = averaged(angles, rows=2)
     hard = rays * (1.0 - 0.05 * rays / rays.max())
     start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0)
     fit = view_pair_fit(MILL, noisy(hard, np.random.default_rng(1), rows=10**6), angles, start, Rotation.AS_GIVEN)
     assert abs(error_of(fit, frame)[0]) < 0.01
-    assert fit.deviation[0] < 0.01
+    assert fit.deviation[0] < 0.04
 
 
 def test_an_eccentric_encoder_stays_within_its_bound():
@@ -223,8 +229,8 @@ def test_the_noise_of_the_flat_fields_counts():
         plain.append(view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN).deviation[0])
         fit = view_pair_fit(MILL, scan + 0.003 * rng.standard_normal(768), turn(20), frame, Rotation.AS_GIVEN)
         shares.append(error_of(fit, frame) / fit.deviation[:2])
-        # Growth rings in single rows are noise for both.
-        assert fit.deviation[0] > 1.35 * plain[-1]
+        # Growth rings in single rows, which are not round, are noise for both.
+        assert fit.deviation[0] > 1.3 * plain[-1]
     # The RMS of 12 standard normal numbers is between 0.4 and 1.6 in 99.8 % of draws.
     assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.6)
 
@@ -301,11 +307,16 @@ def test_dense_scans_all_round_keep_their_opposite_rays(scanner, theta, full_tur
     assert abs(error_of(part, start)[0]) < 3.0 * part.deviation[0]
 
 
-def test_a_log_that_moved_in_its_scan_is_no_drift():
-    rays, frame = averaged(turn(20), rows=2)
-    later, _ = averaged(turn(20), rows=2, moved_mm=1.0)
+@pytest.mark.parametrize(
+    ("circles", "sentence"),
+    [(True, r"as those of a log that moved by 1\.[345]\d? mm"), (False, r"the views differ 2\d times more than noise")],
+)
+def test_a_log_that_moved_in_its_scan_is_no_drift(circles, sentence):
+    """The sums of any two views hardly show it of round logs: opposite rays do."""
+    rays, frame = averaged(turn(20), rows=2, circles=circles)
+    later, _ = averaged(turn(20), rows=2, moved_mm=1.0, circles=circles)
     scan = noisy(np.concatenate([rays[:9], later[9:]]), np.random.default_rng(1), rows=100)
-    with pytest.raises(DriftError, match=r"as those of a log that moved by 1\.[345]\d? mm") as refusal:
+    with pytest.raises(DriftError, match=sentence) as refusal:
         detector_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
     assert refusal.value.code == "moved-too-far"
 
