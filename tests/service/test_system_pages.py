@@ -47,7 +47,7 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     assert "1 job runs, 2 wait." in text
     now = text[text.index(" Now ") :]
     assert re.search(
-        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Asked for by the service",
+        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Requested by the service",
         now,
     )
     assert re.search(r"The queue Plan of a calibration Next in line .* After 1 other ", now)
