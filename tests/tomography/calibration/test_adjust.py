@@ -137,8 +137,8 @@ FAULTS = {
 }
 
 
-# How much worse the rays or their bound are without the remedy. Cells that stand out in every view have little weight in
-# any case, and noise weighs what a blur spoils most, the edges, least.
+# How much worse the rays or their bound are without the remedy. Cells that stand out in every view have little weight
+# in any case, and noise weighs what a blur spoils most, the edges, least.
 WORSE = {"hot cells": 1.0, "blur": 1.5}
 
 
