@@ -41,10 +41,10 @@ BEYOND_SCHEMAS = re.compile(
     # schemathesis sends headers without a question mark at their beginning.
     r"|Upload-Complete must be \?1 or \?0, not '[01]'"
 )
-# The largest file and body, watched folders, and where webhooks may lead, are settings. Whether a part is the last one depends on the
-# length that its upload was declared with, and whether a body may be empty on whether an earlier file is named.
-# Times and zones of schedules are words that no schema describes; nor does one describe what a request says of an
-# earlier one, whose Idempotency-Key it has, or of what was read, whose ETag is its If-Match.
+# The largest file and body, watched folders, and where webhooks may lead, are settings. Whether a part is the last one
+# depends on the length that its upload was declared with, and whether a body may be empty on whether an earlier file is
+# named. Times and zones of schedules are words that no schema describes; nor does one describe what a request says of
+# an earlier one, whose Idempotency-Key it has, or of what was read, whose ETag is its If-Match.
 BEYOND_SCHEMAS_CODES = {
     *("body-too-large", "destination-not-allowed", "empty-body", "folder-refused", "idempotency-key-reused"),
     *("inconsistent-length", "invalid-cron", "invalid-zone", "precondition-failed", "row-out-of-range", "rows-outside"),
