@@ -72,6 +72,7 @@ nightly: install-dev
 
 # The quick tests with the lowest versions that pyproject.toml allows. Ten minutes. HDF5 1.14 writes no file that is as
 # hostile as two of the tests need.
+NEWEST_ONLY := tests/service/browser tests/service/test_schemathesis.py tests/calibration/test_notebooks.py
 lowest:
 	@rm -rf .venv-lowest && $(PYTHON) -m venv .venv-lowest
 	@$(PYTHON) installation/lowest_versions.py > .venv-lowest/lowest.txt
@@ -80,7 +81,8 @@ lowest:
 	@# Versions of Numba overwrite each other's kernels: these have a folder of their own.
 	@export NUMBA_CACHE_DIR=$(CURDIR)/.venv-lowest/kernels && .venv-lowest/bin/sawmill compile && \
 		.venv-lowest/bin/python -m pytest -W ignore::DeprecationWarning -m "not slow and not nightly" \
-		-k "not chunk_inflates_to_2_gib and not chunk_that_unpacks_to_more" tests/tomography tests/formats tests/mill tests/store
+		-k "not chunk_inflates_to_2_gib and not chunk_that_unpacks_to_more" $(addprefix --ignore=,$(NEWEST_ONLY)) \
+		$(addprefix tests/,tomography formats mill store calibration worker service command)
 
 # The figures of the documents, and the wheel in an empty environment. Hours.
 study: bench study-wheel

@@ -50,8 +50,9 @@ def all_rows(one: Figures) -> float | None:
 
 
 def contrast(name: str, one: Figures) -> float | None:
-    """Return a contrast as a share of the truth's; None of a method that made the middle row alone."""
-    return one.get(name)
+    """Return a contrast as a share of the truth's; None where noise hides it, or the middle row alone was made."""
+    share = one.get(name)
+    return share if share is not None and share > 0.0 else None
 
 
 def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure, digits: int) -> Iterator[str]:

@@ -48,7 +48,7 @@ theta = sawmill.Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 
 scan = sawmill.simulate_phantom_scan("l-shape", scanner, theta, views=90, noise=0.01)
 calibration = sawmill.calibrate(scan, "l-shape")
-print(calibration.verdict, calibration.theta, calibration.predicted_ray_error_mm.upper_95)
+print(calibration)  # the verdict, the bound of the ray error, and theta
 calibration.save("RESULT.json")
 calibration.report("report.html")  # prints on two pages of A4
 

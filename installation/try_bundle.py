@@ -1,7 +1,7 @@
 """The bundle of `make bundle` in an empty environment, in a namespace of the kernel's that has no network.
 
 Every command begins with an empty environment and a fresh home: `install.sh`, `sawmill doctor`, `sawmill serve` with
-the README's calibration over HTTP, a second installation of the same version, which is refused, and an upgrade and the
+the whole job of the Python client, a second installation of the same version, which is refused, and an upgrade and the
 way back from it. Exit code 1 where anything fails. Printed are seconds and sizes.
 """
 
@@ -19,7 +19,6 @@ from bundle import ROOT, build, digest
 
 VERSION_FILE = "worker/sawmill_vocabulary/version.py"
 LATER = "99.0.0"
-HEART = "## The heart of it, with curl"
 # Loopback is down too without a network: this sets the flags of <net/if.h> by ioctl(SIOCSIFFLAGS).
 LOOPBACK_UP = """\
 import fcntl, socket, struct
@@ -38,19 +37,16 @@ else:
 SERVE_AND_CALIBRATE = """\
 python -c {loopback}
 python -c {unreachable}
-python -c 'import sawmill_calibration_client.api'
 sawmill serve --no-examples 2> service.log &
 service=$!
 trap 'kill $service 2> /dev/null' EXIT
 for _ in $(seq 120); do curl -sf -o /dev/null http://127.0.0.1:8000/health/ready && break; sleep 0.5; done
-cp -R {documents}/examples .
-{heart}
+{simulate}
+python {documents}/examples/clients/whole_job.py http://127.0.0.1:8000 mill.h5
 sawmill doctor
 trap - EXIT
 kill $service
 wait $service
-grep -o '"state":"[a-z]*"' calibration.json | head -n 1
-grep -o '"verdict":"[a-z-]*"' calibration.json | head -n 1
 """
 
 
@@ -73,9 +69,9 @@ def main() -> int:
         installed = sum(path.lstat().st_size for path in target.rglob("*") if path.is_file())
         print(f"installed: {installed / 1e6:.0f} MB", flush=True)
         documents = target / "current/share/sawmill"
-        with timed("served, a calibration by the README"):
+        with timed("served, the whole job of the Python client"):
             shown = without_network(base, served(documents), target / "current/bin")
-        require('"state":"succeeded"' in shown and '"verdict":"pass"' in shown, f"no calibration passed:\n{shown}")
+        require("calibration: pass" in shown, f"no calibration passed:\n{shown}")
         require("not compiled yet" not in shown, f"kernels are missing:\n{shown}")
         refused = without_network(base, f"! {installing(bundle, target)} 2>&1")
         require("is installed; remove that folder" in refused, f"installed over itself:\n{refused}")
@@ -99,13 +95,11 @@ def installing(bundle: Path, target: Path) -> str:
 
 
 def served(documents: Path) -> str:
-    """Return a script that runs the installed README's commands with a service in the background."""
-    text = (documents / "README.md").read_text()
-    _, heart = text.split(HEART)
-    blocks = re.findall(r"^```sh\n(.*?)^```$", heart, re.MULTILINE | re.DOTALL)
-    (script,) = (block for block in blocks if not block.startswith("sawmill serve"))
+    """Return a script that runs an installed example, with the scan of its page, and a service in the background."""
+    page = (documents / "docs/start/first-program.md").read_text()
+    (simulate,) = re.findall(r"^sawmill simulate .+$", page, re.MULTILINE)
     parts = {"loopback": LOOPBACK_UP, "unreachable": UNREACHABLE, "documents": str(documents)}
-    return SERVE_AND_CALIBRATE.format(heart=script, **{name: shlex.quote(part) for name, part in parts.items()})
+    return SERVE_AND_CALIBRATE.format(simulate=simulate, **{name: shlex.quote(part) for name, part in parts.items()})
 
 
 def later_bundle(base: Path) -> Path:

@@ -1,6 +1,6 @@
 // Do the whole job of a scanner's software in C# 7, without packages: whole_job ADDRESS SCAN.h5
 // docs/do/connect.md explains each step. SAWMILL_KEY is the key, where one is needed.
-// .NET Framework 4.7, .NET 8 and Mono compile it. With Debian's compiler:
+// .NET Framework 4.7, .NET 8 and Mono compile it. With Debian's mono-devel:
 //   mcs -r:System.Net.Http -r:System.Runtime.Serialization -r:System.Xml -r:System.Xml.Linq whole_job.cs
 using System;
 using System.Globalization;

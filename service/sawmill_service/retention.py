@@ -34,7 +34,7 @@ KINDS = {
     RetentionKind.RECONSTRUCTIONS: marked("Reconstructions"),
     RetentionKind.CALIBRATIONS: marked("Calibrations that were never active"),
     RetentionKind.DRIFTS: marked("Drift checks"),
-    RetentionKind.INSPECTIONS: marked("Files that were looked into"),
+    RetentionKind.INSPECTIONS: marked("Inspected files"),
     RetentionKind.EVENTS: marked("Events"),
 }
 PAGE = "/retention"

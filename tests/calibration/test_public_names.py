@@ -105,7 +105,10 @@ def test_a_type_checker_outside_finds_the_package_and_a_misspelt_option(tmp_path
     calls = ("size=128", "method='fbp'", "metod='fbp'", "method='fpb'")
     lines = [head, *(f"    reconstruct(scan, theta, {call})" for call in calls)]
     (tmp_path / "program.py").write_text("\n".join([*lines, ""]))
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--follow-imports=silent", "program.py"]
+    (tmp_path / "page.py").write_text(PYTHON_PAGE.read_text().partition("```python\n")[2].partition("```")[0])
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--follow-imports=silent"]
+    command += ["program.py", "page.py"]
     environment = {name: value for name, value in os.environ.items() if name not in {"MYPYPATH", "PYTHONPATH"}}
     checked = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert re.findall(r"program.py:(\d+): error: .*(metod|fbp)", checked.stdout) == [("7", "metod"), ("8", "fbp")]
+    found = re.findall(r"^(\w+)\.py:(\d+): error: .*?(metod|fpb|$)", checked.stdout, re.MULTILINE)
+    assert found == [("program", "7", "metod"), ("program", "8", "fpb")]

@@ -202,7 +202,7 @@ def check_either_file_is_enough(folder: Path, stack: Path, service, calibration:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
-@pytest.mark.skipif(shutil.which("mcs") is None, reason="no C# compiler: apt-get install mono-mcs mono-runtime")
+@pytest.mark.skipif(shutil.which("mcs") is None, reason="no C# compiler: apt-get install mono-devel")
 def test_the_csharp_program_does_the_whole_job(tmp_path, embedded, stack):
     source = PROGRAMS / "whole_job.cs"
     [command] = re.findall(r"^// {3}(mcs .+) whole_job\.cs$", source.read_text(), re.MULTILINE)

@@ -120,7 +120,7 @@ def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, d
     first, second = (seeded.get("/v1/calibrations/example/overlay.png") for _ in range(2))
     assert drawn == ["overlay.png"]
     assert first.content == second.content == (folder / "overlay.png").read_bytes()
-    assert Image.open(io.BytesIO(first.content)).size == (900, 820)
+    assert Image.open(io.BytesIO(first.content)).size in {(900, 820), (900, 819)}  # as Matplotlib rounds
     assert {path.name for path in folder.iterdir()} == {"result.h5", "overlay.png"}
     (store.files.results(kinds.CALIBRATE, "example") / "overlay.png").write_bytes(b"drawn by the job")
     assert seeded.get("/v1/calibrations/example/overlay.png").content == b"drawn by the job"

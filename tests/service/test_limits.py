@@ -396,7 +396,7 @@ def test_whoever_watches_sees_how_full_it_is(full, store, settings):
     assert "sawmill_queued_jobs_of_a_key 0.0" in scrape
     text = text_of(full.get("/system").text)
     assert "Jobs that wait Full Now 1 of 1 allowed" in text
-    assert "Whoever asks for more is refused until jobs have been done." in text
+    assert "More jobs are refused until some of these are done." in text
     key = store.keys.create(KeyRequest(name="line 2", scope=Scope.SUBMIT))
     full.app, again = bounded(store, settings, **{"": 10, "_per_key": 2})
     full.post(PLANS, json=plan(1), headers={"Authorization": f"Bearer {key.secret}"})

@@ -216,7 +216,7 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_a_wrong_one_comes_ba
     assert absent(page, "Monday to Friday at 05:30, America/Vancouver", "<code>0 */6 * * *</code>, UTC") == []
     drift = {"kind": "check-drift", "cron": "15 * * * *", "on_pass": "activate"}
     assert seeded.post(path, data=drift).status_code == 303
-    assert "Look for drift on the newest log</div>" in seeded.get("/scanners/example-spare").text.replace("\n", "")
+    assert "Check the newest log for drift</div>" in seeded.get("/scanners/example-spare").text.replace("\n", "")
     made = {each.cron: each for each in store.schedules.page(scanner_id="example-spare").items}
     assert "A calibration that passes is accepted, unless the scanner has moved." in page
     # At its own local time, not at that of this machine or of the browser.

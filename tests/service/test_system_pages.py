@@ -35,7 +35,7 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     job_id, sentence = asked(store), "the phantom is too large for the detector"
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="phantom-too-large", detail=sentence))
     shown = text_of(seeded.get("/jobs?state=failed").text)
-    assert f"Plan of a calibration Failed {sentence} phantom-too-large Asked for by the service" in shown
+    assert f"Plan of a calibration Failed {sentence} phantom-too-large Requested by the service" in shown
     assert "The queue" not in shown
     history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
     assert absent(history, "attempt 1 started on test", f"attempt 1 failed for good {sentence}") == []
@@ -47,11 +47,11 @@ def test_a_failure_s_sentence_comes_first_and_what_runs_what_waits_and_what_ende
     assert "1 job runs, 2 wait." in text
     now = text[text.index(" Now ") :]
     assert re.search(
-        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Asked for by the service",
+        r"Now Plan of a calibration Runs 42 % Searching for the geometry, about 1 minute left Requested by the service",
         now,
     )
     assert re.search(r"The queue Plan of a calibration Next in line .* After 1 other ", now)
-    assert re.search(r"Ended, those asked for last first .*Drift check Done", now)
+    assert re.search(r"Ended, the last requested first .*Drift check Done", now)
 
 
 def test_jobs_are_shown_by_kind_what_one_made_is_linked_and_one_is_cancelled_twice_without_harm(seeded, store):

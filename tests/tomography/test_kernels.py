@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from machine_faults import at_call, refusing
+from numba import config
 from numba.core.caching import FunctionCache
 from structlog.testing import capture_logs
 
@@ -59,6 +60,7 @@ def kernels(tmp_path, monkeypatch):
     """A module with a kernel that nobody has compiled."""
     (tmp_path / "kernels_of_a_test.py").write_text(KERNEL)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(config, "CACHE_DIR", "")  # it is kept next to its file, whatever NUMBA_CACHE_DIR says
     yield import_module("kernels_of_a_test")
     del sys.modules["kernels_of_a_test"]
 

@@ -17,7 +17,7 @@ _KNOWN = {
     401: (marked("Please log in"), marked("Log in with a key that this service knows."), False),
     403: (
         marked("You may not do this here"),
-        marked("Load the page again; if that does not help, ask whoever gave you your key for one that may do this."),
+        marked("Load the page again. If that does not help, ask the person who gave you the key for another one."),
         False,
     ),
     404: (
@@ -44,13 +44,13 @@ _KNOWN = {
     ),
     507: (
         marked("The disk is full"),
-        marked("Nothing was lost and nothing half-written stays. Whoever looks after the service must make room."),
+        marked("Nothing was lost, nothing half-written stays. The person who runs the service must make room."),
         True,
     ),
 }
 _OURS = (
     marked("Something went wrong inside the service"),
-    marked("This is no fault of yours. Try again; if it stays, tell whoever looks after the service."),
+    marked("This is no fault of yours. Try again; if it stays, tell the person who looks after the service."),
     True,
 )
 _OTHER = (marked("This did not work"), marked("Go back, and try it in another way."), False)

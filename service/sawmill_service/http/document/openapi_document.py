@@ -265,7 +265,7 @@ def write_for_generators(part: Any, schemas: Mapping[str, Schema]) -> None:  # n
         del part["title"]
     if "prefixItems" in part:
         [kind] = {item["type"] for item in part["prefixItems"]}
-        part["items"] = {"type": kind}
+        part["items"] = part["prefixItems"][0] if kind == "array" else {"type": kind}
     if isinstance(part.get("discriminator"), dict):
         name = part["discriminator"]["propertyName"]
         for reference in part["discriminator"]["mapping"].values():

@@ -54,7 +54,7 @@ FIELDS = (
         "num_detector_pixels",
         ("constants", "num_detector_pixels"),
         marked("Detector cells"),
-        marked("How many cells one row of the detector has: it stands on its data sheet."),
+        marked("How many cells one row of the detector has: its data sheet has the number."),
         marked("Wrong: the scan does not fit, and is refused."),
         unit="",
         whole=True,
@@ -103,7 +103,7 @@ FIELDS = (
         ("tolerances", "predicted_ray_error_mm"),
         marked("Tolerance of the rays"),
         marked("A calibration passes if its rays are right to this, in 95 of 100 cases."),
-        marked("Too small: good calibrations ask for a look. Too large: blurred images pass."),
+        marked("Too small: good calibrations do not pass. Too large: blurred images pass."),
     ),
     FormField(
         "scale_percent",

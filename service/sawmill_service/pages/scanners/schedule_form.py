@@ -28,7 +28,7 @@ DAYS = {
 }
 KINDS = {
     "recalibrate": marked("Calibrate with the newest phantom scan"),
-    "check-drift": marked("Look for drift on the newest log"),
+    "check-drift": marked("Check the newest log for drift"),
 }
 # Outcomes of a due time without a stored calibration or drift check.
 OUTCOMES = {
