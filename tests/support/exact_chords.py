@@ -174,3 +174,42 @@ def counted(transmission: Array, *, photons: float = 30_000.0, flats: int = 10, 
     counts = np.maximum(rng.poisson(photons * gains * transmission), 0.5)
     lines: Array = -np.log(counts / flat)
     return lines
+
+
+def view_ray_error(
+    detector: Detector,
+    true: SourceFrame,
+    found: SourceFrame,
+    angles_rad: Array,
+    moved: tuple[Array, Array],
+    pose: Array,
+    radius_mm: float,
+) -> float:
+    """Compute the RMS distance between true and found rays in the phantom's frame, each view in its pose.
+
+    `moved` are the true shifts (views, 2), across and along the beam, and turns (views,); `pose` (views, 3) the found
+    changes of the angle and of the position in the phantom's frame. The best common rigid motion and scale are removed.
+    """
+    ends = [detector.points(frame, 1)[:, 0] for frame in (true, found)]
+    ray, other = (end / np.hypot(*end.T)[:, None] for end in ends)
+    centre = np.array([0.0, true.source_distance_mm])
+    half = radius_mm**2 - (centre @ centre - (ray @ centre) ** 2)
+    met = np.flatnonzero(half > 0.0)
+    along = (ray @ centre)[met, None] + np.sqrt(half[met])[:, None] * np.linspace(-1.0, 1.0, 9)
+    points, normal = along[..., None] * ray[met, None], np.stack([-other[:, 1], other[:, 0]], -1)[met, None]
+    distances, slopes = [], []
+    for view, angle in enumerate(angles_rad):
+        inside = _rotated(angle + true.psi_rad + moved[1][view], points - centre - moved[0][view])
+        turn = -(angle + found.psi_rad + pose[view, 0])
+        seen = _rotated(turn, inside + pose[view, 1:]) + np.array([0.0, found.source_distance_mm])
+        distances.append((normal * seen).sum(axis=-1).ravel())
+        ways = (np.array([1.0, 0.0]), np.array([0.0, 1.0]), _rotated(0.5 * math.pi, inside), inside)
+        slopes.append([(normal * _rotated(turn, way) + 0.0 * inside).sum(axis=-1).ravel() for way in ways])
+    off, by = np.concatenate(distances), np.concatenate(slopes, axis=1).T
+    left = off - by @ np.linalg.lstsq(by, off)[0]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def _rotated(angle: float, points: Array) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.stack([c * points[..., 0] - s * points[..., 1], s * points[..., 0] + c * points[..., 1]], -1)

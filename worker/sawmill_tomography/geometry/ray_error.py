@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
     GeometryError,
@@ -259,6 +260,34 @@ class RayErrorMixture:
     draws: int  # number of draws, of which the remaining ones have no further error
 
 
+@dataclass(frozen=True, eq=False)
+class ViewErrors:
+    """Drawn errors of a geometry together with those of the views' poses, where each view has a pose of its own."""
+
+    errors: FloatArray  # (draws, 5 + 2 modules): errors of the geometry and of the places of cells
+    poses: FloatArray  # (draws, views, 3): errors of roll, rad, and of shifts across and along the beam, mm
+    axes: FloatArray  # (views, 3, 3): changes of (psi, t_x, t_y) by the three
+
+    def nearest(self, form: FloatArray, source_distance_mm: float) -> tuple[FloatArray, FloatArray]:
+        """Return the mean squares (draws,) of a form, and the mean outer products (views, n + 3, n + 3) of the errors.
+
+        The rays are compared in the phantom's frame, after the common rotation, shift and scale that make the mean
+        square least.
+        """
+        views, count = len(self.axes), self.errors.shape[1]
+        moves = np.zeros((views, count + 3, 4))
+        moves[:, count:, :3] = np.linalg.inv(self.axes)
+        moves[:, FitParameter.R, 3] = source_distance_mm
+        of_draws = np.broadcast_to(self.errors[:, None], (len(self.errors), views, count))
+        errors = np.concatenate([of_draws, self.poses], axis=2)
+        formed = form @ moves
+        normal = np.einsum("vni,vnj->ij", moves, formed)
+        common = np.einsum("dvn,vni->di", errors, formed) @ np.linalg.pinv(normal, hermitian=True)
+        errors = errors - np.einsum("vni,di->dvn", moves, common)
+        squares = ((errors @ form) * errors).sum(axis=2).mean(axis=1)
+        return squares, np.einsum("dvm,dvn->vmn", errors, errors, optimize=True) / len(errors)
+
+
 def predicted_ray_error(
     scanner: Scanner,
     frame: SourceFrame,
@@ -268,12 +297,14 @@ def predicted_ray_error(
     *,
     radius_mm: float = 150.0,
     further_mm: float = 0.0,
+    of_views: ViewErrors | None = None,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
     The covariance may go on with the gap and the kink of each module, then with the detector's curvature (1/mm) and
     waves (mm). Of each of the `alternatives` at most one is
-    real; they and the `mixture` count in the limits only. `further_mm` is the RMS error that no parameter has.
+    real; they and the `mixture` count in the limits only. `further_mm` is the RMS error that no parameter has. Where
+    each view has a pose of its own, errors are those of `of_views`, which have the mixture in them.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
@@ -291,8 +322,15 @@ def predicted_ray_error(
     form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 2 %.
     rng = np.random.default_rng(0)
-    errors = _drawn_errors(form, covariance, mixture, rng)
-    squares = (errors @ form * errors).sum(axis=1)
+    if of_views is None:
+        errors = _drawn_errors(form, covariance, mixture, rng)
+        squares = (errors @ form * errors).sum(axis=1)
+    else:
+        squares, variance = _of_views(
+            scanner, frame, (points[ray, on_chord], cells[ray]), of_views, of_places=of_places
+        )
+        # What modules hide adds to errors that the poses have taken up.
+        errors = np.zeros((DRAWS, len(covariance)))
     if further_mm:
         squares += further_mm**2 * FREEDOM / rng.chisquare(FREEDOM, DRAWS)
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
@@ -305,6 +343,29 @@ def predicted_ray_error(
         upper,
         (low, high),
     )
+
+
+def _of_views(
+    scanner: Scanner,
+    frame: SourceFrame,
+    at: tuple[FloatArray, NDArray[np.intp]],
+    of_views: ViewErrors,
+    *,
+    of_places: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean squares (draws,) of distances, and the variance (points, views), of rays in the phantom's frame."""
+    points, cells = at
+    _, direction = _rays(scanner, frame)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
+    roll = normal[:, 0] * points[:, 1] - normal[:, 1] * points[:, 0]
+    by_frame = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)
+    derivative = np.concatenate([by_frame[:, : of_views.errors.shape[1]], roll[:, None], normal], axis=1)
+    form = derivative.T @ derivative / len(derivative)
+    squares, products = of_views.nearest(form, frame.source_distance_mm)
+    variance = np.einsum("pm,vmn,pn->pv", derivative, products, derivative, optimize=True)
+    # The variances of the poses are estimated from as many numbers.
+    freedom = of_views.poses[0].size
+    return squares * freedom / np.random.default_rng(1).chisquare(freedom, len(squares)), variance
 
 
 def _drawn_errors(

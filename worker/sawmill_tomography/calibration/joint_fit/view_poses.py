@@ -1,0 +1,171 @@
+"""Poses of single views, where the object is turned between passages: each view stands a little elsewhere.
+
+The roll of each view, and its shifts across and along the beam, are random effects with one size each, which has no
+zero: restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971, 545-554). Each belongs to one view
+only, so they are eliminated view by view.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from sawmill_tomography.calibration.covariance import scaled_inverse
+from sawmill_tomography.calibration.fit import OnStep
+from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
+from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
+from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
+from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, stepped
+from sawmill_tomography.geometry.fit_parameters import FitParameter
+from sawmill_tomography.geometry.geometry import FloatArray
+from sawmill_vocabulary import Adjustment
+
+# Effects of an object that turns while it is scanned.
+OF_TURNING = MOTIONS | {Adjustment.ANGLE_JITTER, Adjustment.ROTATION_DURING_EXPOSURE}
+# Sizes at which the likelihood is looked for first, and the range of all: roll, rad, and shifts, mm.
+START = (math.radians(0.2), 0.5, 0.5)
+LEAST, MOST = (1e-5, 1e-3, 1e-3), (0.1, 20.0, 20.0)
+# The poses are found before effects are looked for: in this number of steps at most, until none is larger (mm at the
+# phantom's rim).
+STEPS, SMALL_MM = 20, 0.02
+# Other rolls are looked for from this number of standard deviations away, in this number of steps.
+OTHER_ROLL, OTHER_STEPS = 1.5, 4
+
+
+@dataclass(frozen=True)
+class PoseSizes:
+    """Standard deviations of the views' poses: of roll, and of shifts across and along the beam."""
+
+    roll_rad: float
+    across_mm: float
+    along_mm: float
+
+    @property
+    def shift_mm(self) -> float:
+        """Root mean square of both shifts, mm."""
+        return math.sqrt(0.5 * (self.across_mm**2 + self.along_mm**2))
+
+    def precision(self, model: ScanModel) -> FloatArray:
+        """Return the inverse covariance (views, 3, 3) of the poses in the order of `POSE`."""
+        axes = beam_axes(model)
+        own = np.array([self.roll_rad, self.across_mm, self.along_mm])
+        precision: FloatArray = axes / own**2 @ np.swapaxes(axes, 1, 2)
+        return precision
+
+
+def beam_axes(model: ScanModel) -> FloatArray:
+    """Return the changes (views, 3, 3) of `POSE` by a roll and by shifts across and along the beam."""
+    beta = model.data.angles_rad + model.x[FitParameter.PSI] + model.pose[:, 0]
+    axes = np.zeros((len(beta), 3, 3))
+    axes[:, 0, 0] = 1.0
+    axes[:, 1, 1] = axes[:, 2, 2] = np.cos(beta)
+    axes[:, 2, 1] = np.sin(beta)
+    axes[:, 1, 2] = -axes[:, 2, 1]
+    return axes
+
+
+def with_centred_shadows(model: ScanModel) -> ScanModel:
+    """Shift each view's phantom across the beam until its shadow has the middle of the measured one."""
+    lengths, residual = model.prediction - model.offset, model.residual
+    if model.data.weights is not None:
+        residual = residual * (model.data.weights > 0.0)
+    near = scipy.ndimage.maximum_filter1d(lengths > 0.01 * lengths.max(), 41, axis=1)
+    total = lengths.sum(axis=1)
+    u, _ = model.by_kink
+    middle = (lengths @ u) / total
+    off = (near * residual * (u - middle[:, None])).sum(axis=1) / total / model.frame.magnification
+    pose = model.pose + (off - off.mean())[:, None] * beam_axes(model)[:, :, 1]
+    return replace(model, pose=pose)
+
+
+def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column]) -> tuple[PoseSizes, float]:
+    """Return the likeliest sizes of the views' poses next to these columns, and the variance of a sample."""
+    axes, poses, own = beam_axes(model), [Column.of(term) for term in POSE], slice(len(columns), None)
+    products, scores = grams.of_columns([*columns, *poses])
+    here = np.linalg.solve(axes, model.pose[..., None])[..., 0]
+    # Inner products with poses along the beam's axes, and the residual where no view has a pose of its own.
+    within = np.swapaxes(axes, 1, 2) @ products[:, own, own] @ axes
+    crossed = products[:, : len(columns), own] @ axes
+    of_pose = (np.swapaxes(axes, 1, 2) @ scores[:, own, None])[..., 0] + (within @ here[..., None])[..., 0]
+    score = (scores[:, : len(columns)] + (crossed @ here[..., None])[..., 0]).sum(axis=0)
+    normal = products[:, : len(columns), : len(columns)].sum(axis=0)
+    power = grams.power + float((here * (2.0 * of_pose - (within @ here[..., None])[..., 0])).sum())
+
+    def left(precision: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        inverse = np.linalg.pinv(within + np.diag(precision), rcond=1e-12, hermitian=True)
+        taken = crossed @ inverse
+        of_base = normal - np.einsum("vni,vmi->nm", taken, crossed)
+        rest = score - np.einsum("vni,vi->n", taken, of_pose)
+        explained = float(np.einsum("vi,vij,vj->", of_pose, inverse, of_pose))
+        return of_base, inverse, power - explained - float(rest @ scaled_inverse(of_base) @ rest)
+
+    variance = left(np.zeros(3))[2] / max(grams.samples - 3.0 * len(scores) - len(columns), 1.0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+
+    def cost(logarithms: FloatArray) -> float:
+        precision = variance * np.exp(-2.0 * logarithms)
+        of_base, _, remaining = left(precision)
+        determinants = float(np.linalg.slogdet(within / precision + np.eye(3))[1].sum())
+        of_fixed = np.linalg.slogdet(of_base * np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))[1]
+        return 0.5 * (determinants + float(of_fixed) + remaining / variance)
+
+    best = scipy.optimize.minimize(
+        cost, np.log(START), method="L-BFGS-B", bounds=list(zip(np.log(LEAST), np.log(MOST), strict=True))
+    )
+    return PoseSizes(*np.exp(best.x).tolist()), variance
+
+
+def with_view_poses(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
+    """Find the views' poses next to these columns alone."""
+    model = _stepped_often(with_centred_shadows(model), columns, on_step)
+    return _stepped_often(_with_other_rolls(model, columns, on_step), columns, on_step)
+
+
+def _with_other_rolls(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
+    """Take another roll in views that have two likely ones: a side along the rays looks alike turned either way."""
+    grams = ViewGrams(model)
+    sizes, variance = likeliest_sizes(model, grams, columns)
+
+    def cost(at: ScanModel) -> FloatArray:
+        prior = np.einsum("vi,vij,vj->v", at.pose, variance * sizes.precision(at), at.pose)
+        return np.asarray((grams.weights * at.residual**2).sum(axis=1) + prior)
+
+    best = model
+    for way in (-1.0, 1.0):
+        other = replace(model, pose=model.pose + [way * OTHER_ROLL * sizes.roll_rad, 0.0, 0.0])
+        for _ in range(OTHER_STEPS):
+            on_step()
+            there = ViewGrams(other)
+            project_out_poses(other, there, sizes, variance)
+            other = replace(other, pose=other.pose + there.of_each_view([], POSE)[0])
+        better = cost(other) < cost(best)
+        best = replace(best, pose=np.where(better[:, None], other.pose, best.pose))
+    return best
+
+
+def _stepped_often(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
+    """Take steps of these columns and all poses until a step is small."""
+    for _ in range(STEPS):
+        on_step()
+        grams = ViewGrams(model)
+        project_out_poses(model, grams, *likeliest_sizes(model, grams, columns))
+        system = grams.system(columns)
+        change = system.inverse(range(len(columns))) @ system.score
+        of_poses = pose_change(grams, columns, change)
+        model, share = stepped(model, system, change, grams, may_rise=BY_ANGLES, of_poses=of_poses)
+        if share in (0.0, 1.0) and share * np.abs(of_poses * [model.drawing.radius_mm, 1.0, 1.0]).max() < SMALL_MM:
+            break
+    return model
+
+
+def project_out_poses(model: ScanModel, grams: ViewGrams, sizes: PoseSizes, variance: float) -> None:
+    """Project out the poses of single views, which scatter with these sizes."""
+    grams.project_out(POSE, variance * sizes.precision(model), model.pose)
+
+
+def pose_change(grams: ViewGrams, columns: Sequence[Column], change: FloatArray) -> FloatArray:
+    """Return the change (views, 3) of the poses that belongs to a change of these columns."""
+    own, taken, _ = grams.of_each_view(columns, POSE)
+    return own - taken @ change
