@@ -326,9 +326,8 @@ def predicted_ray_error(
         errors = _drawn_errors(form, covariance, mixture, rng)
         squares = (errors @ form * errors).sum(axis=1)
     else:
-        squares, variance = _of_views(
-            scanner, frame, (points[ray, on_chord], cells[ray]), of_views, of_places=of_places
-        )
+        at = points[ray, on_chord], cells[ray]
+        squares, variance = _of_views(scanner, frame, at, of_views, rng, of_places=of_places)
         # What modules hide adds to errors that the poses have taken up.
         errors = np.zeros((DRAWS, len(covariance)))
     if further_mm:
@@ -350,6 +349,7 @@ def _of_views(
     frame: SourceFrame,
     at: tuple[FloatArray, NDArray[np.intp]],
     of_views: ViewErrors,
+    rng: np.random.Generator,
     *,
     of_places: bool,
 ) -> tuple[FloatArray, FloatArray]:
@@ -365,7 +365,7 @@ def _of_views(
     variance = np.einsum("pm,vmn,pn->pv", derivative, products, derivative, optimize=True)
     # The variances of the poses are estimated from as many numbers.
     freedom = of_views.poses[0].size
-    return squares * freedom / np.random.default_rng(1).chisquare(freedom, len(squares)), variance
+    return np.resize(squares, DRAWS) * freedom / rng.chisquare(freedom, DRAWS), variance
 
 
 def _drawn_errors(

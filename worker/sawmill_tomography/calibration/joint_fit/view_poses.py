@@ -134,7 +134,7 @@ def _with_other_rolls(model: ScanModel, columns: Sequence[Column], on_step: OnSt
 
     best = model
     for way in (-1.0, 1.0):
-        other = replace(model, pose=model.pose + [way * OTHER_ROLL * sizes.roll_rad, 0.0, 0.0])
+        other = replace(model, pose=model.pose + way * OTHER_ROLL * sizes.roll_rad * np.eye(3)[0])
         for _ in range(OTHER_STEPS):
             on_step()
             there = ViewGrams(other)
