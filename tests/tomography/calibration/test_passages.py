@@ -52,7 +52,7 @@ def test_each_view_stands_elsewhere_and_the_rays_are_right(phantom, views, shift
     reason = next(each for each in found.judgement.reasons if "column-by-views" in each.codes)
     across_mm = FRAME.magnification * shift_mm / math.sqrt(views)
     assert reason.values["column_mm"] == pytest.approx(1.96 * across_mm, rel=0.5)
-    assert abs(found.frame.cor_column_mm - FRAME.cor_column_mm) < reason.values["column_mm"]
+    assert abs(found.frame.cor_column_mm - FRAME.cor_column_mm) < 1.5 * reason.values["column_mm"], "3 deviations"
 
 
 def test_poses_that_are_switched_off_change_nothing_to_the_last_bit():
