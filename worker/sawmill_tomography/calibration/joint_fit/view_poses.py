@@ -66,20 +66,6 @@ def beam_axes(model: ScanModel) -> FloatArray:
     return axes
 
 
-def with_centred_shadows(model: ScanModel) -> ScanModel:
-    """Shift each view's phantom across the beam until its shadow has the middle of the measured one."""
-    lengths, residual = model.prediction - model.offset, model.residual
-    if model.data.weights is not None:
-        residual = residual * (model.data.weights > 0.0)
-    near = scipy.ndimage.maximum_filter1d(lengths > 0.01 * lengths.max(), 41, axis=1)
-    total = lengths.sum(axis=1)
-    u, _ = model.by_kink
-    middle = (lengths @ u) / total
-    off = (near * residual * (u - middle[:, None])).sum(axis=1) / total / model.frame.magnification
-    pose = model.pose + (off - off.mean())[:, None] * beam_axes(model)[:, :, 1]
-    return replace(model, pose=pose)
-
-
 def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column]) -> tuple[PoseSizes, float]:
     """Return the likeliest sizes of the views' poses next to these columns, and the variance of a sample."""
     axes, poses, own = beam_axes(model), [Column.of(term) for term in POSE], slice(len(columns), None)
@@ -119,7 +105,7 @@ def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column
 
 def with_view_poses(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
     """Find the views' poses next to these columns alone."""
-    model = _stepped_often(with_centred_shadows(model), columns, on_step)
+    model = _stepped_often(model, columns, on_step)
     return _stepped_often(_with_other_rolls(model, columns, on_step), columns, on_step)
 
 
