@@ -338,6 +338,72 @@ def without_shares(grams, own, share):
 
 
 @njit(cache=True, fastmath=_FAST)
+def taken_of_modules(taken, by_stripes, u, turn, border):
+    """Return what `taken` (rows, cells) takes of information about a gap before each cell, a kink, and between both.
+
+    A kink moves a cell by (u - border) times `turn`. A module before a cell of the first half moves the cells before
+    it, with negative sign, and one of the second half those behind (`modules.py`).
+    """
+    cells = u.size
+    found, half = np.zeros((3, cells)), cells // 2
+    for n in range(taken.shape[0]):
+        for way in range(2):
+            gap = kink = apart = gap_stripes = kink_stripes = apart_stripes = 0.0
+            for step in range(half + 1 if way == 0 else cells - half - 1):
+                # The cells that a module moves are added one by one: before it, or behind it from the last.
+                c = step if way == 0 else cells - 1 - step
+                m = step - 1 if way == 0 else c
+                if m >= 0:
+                    sign = -1.0 if way == 0 else 1.0
+                    value, stripe = sign * taken[n, m], sign * by_stripes[n, m]
+                    gap += value
+                    gap_stripes += stripe
+                    apart += value * turn[m]
+                    apart_stripes += stripe * turn[m]
+                    kink += value * turn[m] * u[m]
+                    kink_stripes += stripe * turn[m] * u[m]
+                moved, moved_stripes = kink - border[c] * apart, kink_stripes - border[c] * apart_stripes
+                found[0, c] += gap * (gap - 2.0 * gap_stripes)
+                found[1, c] += moved * (moved - 2.0 * moved_stripes)
+                found[2, c] += gap * (moved - moved_stripes) - gap_stripes * moved
+    return found
+
+
+@njit(cache=True, fastmath=_FAST)
+def combined(grams, scores, rows, weights, at):
+    """Return the inner products (views, d, d) of combinations of rows, and their scores (views, d) at another point.
+
+    `rows` (n,), of which `weights` (views, d, n) are the combinations and `at` (views, n) the point.
+    """
+    views, count, n = weights.shape
+    products, of_scores = np.empty((views, count, count)), np.empty((views, count))
+    line, moved, by = np.empty(n), np.empty(n), np.empty((count, n))
+    for k in range(views):
+        for p in range(n):
+            total = scores[k, rows[p]]
+            for q in range(n):
+                line[q] = grams[k, rows[p], rows[q]]
+                total += line[q] * at[k, q]
+            moved[p] = total
+            for a in range(count):
+                total = 0.0
+                for q in range(n):
+                    total += line[q] * weights[k, a, q]
+                by[a, p] = total
+        for a in range(count):
+            total = 0.0
+            for p in range(n):
+                total += weights[k, a, p] * moved[p]
+            of_scores[k, a] = total
+            for b in range(count):
+                total = 0.0
+                for p in range(n):
+                    total += weights[k, a, p] * by[b, p]
+                products[k, a, b] = total
+    return products, of_scores
+
+
+@njit(cache=True, fastmath=_FAST)
 def largest_power(scores, information, diagonal, blocks):
     """Return the largest sum of squares of scores (views, n): of single views, or of blocks of neighbouring views.
 

@@ -225,7 +225,7 @@ class JointFitter:
         Only a fit with effects, or with a residual whose neighbouring cells resemble each other, is tested: the
         effects may have joined in place of these.
         """
-        if not self.fitted and self.correlation <= UNCORRELATED:
+        if self._within_drawing or (not self.fitted and self.correlation <= UNCORRELATED):
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=True)
@@ -238,7 +238,7 @@ class JointFitter:
     def shows_varying_density(self) -> bool:
         """Return whether some of the views show, next to a fit that has ended, that the wood's density varies."""
         system, posterior, *_ = self.last
-        if system.structured / STRUCTURES <= system.variance(posterior.used):
+        if self._within_drawing or system.structured / STRUCTURES <= system.variance(posterior.used):
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
@@ -253,6 +253,11 @@ class JointFitter:
             return False
         explained = uniform.remaining(own) - grams.system(columns).remaining(own)
         return explained > LEAST_EXPLAINED * uniform.structured
+
+    @property
+    def _within_drawing(self) -> bool:
+        """Whether the precision of the drawing leaves all that is structured at the last step."""
+        return self.last[0].structured <= self.of_drawing
 
     @property
     def _screening_step(self) -> int:
@@ -289,7 +294,8 @@ class JointFitter:
         _, posterior, change, grams, _ = self.last
         if self.sets is None or self.sets.current.sizes is not posterior.sizes:
             climb = Climb(self.model, self.climb.structured, self.scatter)
-            self.sets = MotionSets(FitPoint(climb, grams, posterior, self.groups, change, self.without))
+            point = FitPoint(climb, grams, posterior, self.groups, change, self.without, self._within_drawing)
+            self.sets = MotionSets(point)
         return self.sets
 
     def round(self) -> bool:
@@ -346,11 +352,7 @@ class JointFitter:
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
         noise = max(remaining, self._rounding(system)) / max(system.samples - len(everything), 1.0)
-        structured = max(
-            system.structured - (system.power - remaining),
-            UNTRUSTED * system.structured,
-            STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing),
-        )
+        structured = max(system.structured - (system.power - remaining), self._least_structured(system))
         fitted = {group: self.size_of[group.one] for group in groups if group.one in self.size_of}
         posterior = Posterior(system, system.score + system.normal @ sizes, noise, list(range(free)), fitted)
         self.scatter = {each.one: scatter_of(posterior.resized(each, 0.0), each) for each in posterior.sizes}
@@ -544,8 +546,17 @@ class JointFitter:
 
     def _module_by_chance(self, system: System, used: list[int]) -> float:
         """Return the power that a gap or a kink explains by chance, or by rounding errors, at its likeliest place."""
-        variance = _variance_on_detector(system, used)
+        variance = self._variance_on_detector(system, used)
         return max(variance * chance_limit(BEYOND_CHANCE / self._places_of_modules, 1), self._rounding(system))
+
+    def _least_structured(self, system: System) -> float:
+        """Return what is structured at least, whatever is fitted: the drawing is off by its precision."""
+        of_drawing = STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing)
+        return max(UNTRUSTED * system.structured, of_drawing)
+
+    def _variance_on_detector(self, system: System, used: list[int]) -> float:
+        """Return the variance against which modules are judged: of noise, or their share of the structure."""
+        return max(system.variance(used), self._least_structured(system) / ON_DETECTOR)
 
     def _rounding(self, system: System) -> float:
         """Return the power of a residual that rounding errors make in a scan without noise."""
@@ -555,7 +566,7 @@ class JointFitter:
         """Yield the modules that the scan may hide, and for each that it shows the places at which it may begin."""
         if Adjustment.MODULES in self.without:
             return
-        variance = _variance_on_detector(system, used)
+        variance = self._variance_on_detector(system, used)
         if variance <= 0.0:
             return
         search, found = self._module_search(grams, system, used), [module for _, module in self._found_modules]
@@ -659,11 +670,6 @@ def _terms(one: Fitted) -> list[int]:
 
 def _is_slip(one: Fitted) -> bool:
     return one.effect.adjustment is Adjustment.SLIP
-
-
-def _variance_on_detector(system: System, used: list[int]) -> float:
-    """Return the variance against which modules are judged: of noise, or their share of the structure."""
-    return max(system.variance(used), UNTRUSTED * system.structured / ON_DETECTOR)
 
 
 def _with_new_averaging(model: ScanModel, before: FloatArray) -> tuple[ScanModel, FloatArray]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.calibration.covariance import scaled_inverse
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import taken_of_modules
 from sawmill_tomography.calibration.joint_fit.effects import Effect
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, gap_term, kink_term
@@ -88,6 +89,7 @@ class ModuleSearch:
         self._width_mm = cells.width_mm
         self._taken = [*avoided, *(module.first_cell for module in cells.modules)]
         self._border = cells.first_border_mm + cells.width_mm * np.arange(cells.count)
+        self._found: dict[int, tuple[FloatArray, FloatArray, FloatArray]] = {}
 
     def likeliest(self, least_power: float, most: int) -> list[int]:
         """Find the cells before which a gap or a kink explains more than this power.
@@ -118,6 +120,8 @@ class ModuleSearch:
     def _without(self, module: DetectorModule) -> "ModuleSearch":
         """Return, to first order, the search without a module that the fit found."""
         rest, cell = copy(self), module.first_cell
+        for name in ("_of_columns", "_of_score"):
+            rest.__dict__.pop(name, None)
         kept = [n for n, term in enumerate(self._terms) if term not in {gap_term(cell), kink_term(cell)}]
         shape = np.array([-module.gap_mm, module.kink_rad]) @ self._shapes(cell)
         products = self._products
@@ -233,15 +237,16 @@ class ModuleSearch:
         """Compute what the base's columns, and gaps and kinks before the cells found, leave of a module."""
         products = self._products
         shapes = np.concatenate([np.empty((0, self._u.size)), *(self._shapes(cell) for cell in found)])
-        of_shapes = products.of_shapes(shapes)
-        with_columns = np.concatenate([products.with_columns, of_shapes])
+        own, *moved = zip(*(self._beside(cell) for cell in found), strict=True) if found else ((), (), ())
         crossed = products.with_columns @ shapes.T
-        normal = np.block([[self._normal, crossed], [crossed.T, of_shapes @ shapes.T]])
+        normal = self._normal
+        if found:
+            normal = np.block([[normal, crossed], [crossed.T, np.concatenate(own) @ shapes.T]])
         inverse = scaled_inverse(normal)
-        of_base = np.concatenate([self._of_base, shapes @ products.score])
-        score = products.score - (inverse @ of_base) @ with_columns
-        by_gap, by_kink = _moved(with_columns), self._of_kink(with_columns)
+        change = inverse @ np.concatenate([self._of_base, shapes @ products.score])
+        by_gap, by_kink = (np.concatenate([base, *some]) for base, some in zip(self._of_columns, moved, strict=True))
         moved_by = inverse @ by_gap, inverse @ by_kink
+        of_gap, of_kink = self._of_score
         gaps, kinks, between, seen = self._alone
         gap, kink = (
             np.where(left > LEAST_SEEN * whole[0], left, np.inf)
@@ -251,24 +256,43 @@ class ModuleSearch:
             )
         )
         between = between - (by_gap * moved_by[1]).sum(axis=0)
-        return _Left(gap, kink, between, (_moved(score), self._of_kink(score)), moved_by, seen)
+        return _Left(gap, kink, between, (of_gap - change @ by_gap, of_kink - change @ by_kink), moved_by, seen)
+
+    def _both(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return sums over the cells that a gap moves, and over those that a kink moves, before each cell."""
+        return _moved(values), self._of_kink(values)
+
+    @cached_property
+    def _of_columns(self) -> tuple[FloatArray, FloatArray]:
+        return self._both(self._products.with_columns)
+
+    @cached_property
+    def _of_score(self) -> tuple[FloatArray, FloatArray]:
+        return self._both(self._products.score)
+
+    def _beside(self, cell: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the products with a gap and a kink before a cell (2, cells), and their sums as `_both` does."""
+        if cell not in self._found:
+            of_shapes = self._products.of_shapes(self._shapes(cell))
+            self._found[cell] = of_shapes, *self._both(of_shapes)
+        return self._found[cell]
 
     @cached_property
     def _alone(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
         """Information about a gap, a kink and between both without other columns, and where a module may begin."""
         products, own = self._products, self._products.own
-        gap_taken, kink_taken = (
-            (moved(products.taken), moved(products.by_stripes)) for moved in (_moved, self._of_kink)
+        of_gap, of_kink, of_both = taken_of_modules(
+            products.taken, products.by_stripes, self._u, self._turn, self._border
         )
         turned, side = own * self._turn**2, np.where(np.arange(own.size) > own.size // 2, 1.0, -1.0)
-        gaps = side * _moved(own) - _taken(gap_taken, gap_taken)
+        gaps = side * _moved(own) - of_gap
         border = self._border
         kinks = _moved(turned * self._u**2) - 2.0 * border * _moved(turned * self._u) + border**2 * _moved(turned)
-        kinks = side * kinks - _taken(kink_taken, kink_taken)
+        kinks = side * kinks - of_kink
         before = np.cumsum(own) - own
         seen = np.minimum(before, own.sum() - before) >= LEAST_BESIDE * own.sum()
         seen[:FEWEST_CELLS] = seen[seen.size - FEWEST_CELLS + 1 :] = False
-        return gaps, kinks, side * self._of_kink(own) - _taken(gap_taken, kink_taken), seen
+        return gaps, kinks, side * self._of_kink(own) - of_both, seen
 
     def _of_kink(self, values: FloatArray) -> FloatArray:
         """Return the sums as `_moved` does, each cell's value times its movement by a kink."""
@@ -308,12 +332,6 @@ class _Left:
         apart = np.isfinite(self.gap) & np.isfinite(self.kink) & (share < 1.0 - LEAST_SEEN)
         information: FloatArray = np.where(apart, self.kink * (1.0 - share), np.inf)
         return information
-
-
-def _taken(one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return what the views' random effects take of the product of two shapes before each cell (`CellProducts`)."""
-    sums: FloatArray = (one[0] * (other[0] - other[1]) - one[1] * other[0]).sum(axis=0)
-    return sums
 
 
 def _moved(values: FloatArray) -> FloatArray:

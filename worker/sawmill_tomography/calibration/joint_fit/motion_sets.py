@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb
+from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
 from sawmill_tomography.calibration.joint_fit.effects import DEFORMATION, Effect
 from sawmill_tomography.calibration.joint_fit.groups import (
     STRUCTURES,
@@ -61,6 +61,7 @@ class FitPoint:
     groups: Sequence[Group]
     change: FloatArray  # the last step, (n,)
     without: Collection[Adjustment]
+    within_drawing: bool  # the precision of the drawing leaves all that is structured
 
 
 class MotionSets:
@@ -156,9 +157,14 @@ class MotionSets:
         if any(is_motion(group.one) or group.one.effect is DEFORMATION for group in here.sizes):
             return True
         motions = [group for group in self._point.groups if is_motion(group.one)]
-        return climb.structured / STRUCTURES > here.variance or any(
-            evidence.max() > SUSPECTED for evidence in climb.evidences(here, motions)
-        )
+        if not self._point.within_drawing and climb.structured / STRUCTURES > here.variance:
+            return True
+        for group, evidence in zip(motions, climb.evidences(here, motions), strict=True):
+            if evidence.max() > SUSPECTED:
+                climb.scatter.setdefault(group.one, scatter_of(here, group))
+                if climb.evidence(here, group).max() > SUSPECTED:
+                    return True
+        return False
 
     def _with_places(self) -> Posterior:
         """Return the last posterior next to slips at some views."""
@@ -202,9 +208,9 @@ class MotionSets:
 
         def likeliest(others: Sequence[int]) -> int | None:
             some = [columns[place] for place in kept] + [column for view in others for column in steps[view]]
-            grams, scores = point.grams.of_columns([*some, *(columns[place] for place in moved)])
-            own = len(some)
-            return likeliest_slip(some, grams[:, :own, :own], scores[:, :own] + grams[:, :own, own:] @ at[moved])
+            left = np.eye(len(some) + len(moved), len(some))
+            there = np.concatenate([np.zeros(len(some)), at[moved]])
+            return likeliest_slip(some, *point.grams.of_columns([*some, *(columns[n] for n in moved)], left, there))
 
         for _ in range(MOST_SLIPS):
             view = likeliest(views)
@@ -233,13 +239,14 @@ class MotionSets:
                 continue
             own, there = np.zeros((drawn.size, len(posterior.used))), np.zeros(drawn.size, bool)
             for group in self._averaged(posterior):
-                evidence, biases, roots = zip(*self._cases(posterior, group), strict=True)
+                evidence = self._evidence_of_others(posterior, group)
                 weights = np.exp(np.array([0.0, *evidence]) - max(0.0, *evidence))
                 size = np.searchsorted(np.cumsum(weights / weights.sum()), rng.random(drawn.size)) - 1
-                for case, (bias, root) in enumerate(zip(biases, roots, strict=True)):
+                there |= size >= 0
+                sizes = [case for case in range(len(evidence)) if (size == case).any()]
+                for case, (bias, root) in zip(sizes, self._moves(posterior, group, sizes), strict=True):
                     here = size == case
                     own[here] += bias + rng.standard_normal((int(here.sum()), root.shape[1])) @ root.T
-                    there |= here
             if posterior is first:
                 errors[drawn], real[drawn] = own, there
                 continue
@@ -263,20 +270,27 @@ class MotionSets:
                 yield group
         yield from (group for group in self._placed if group in posterior.sizes or group.one.trials < views)
 
-    def _cases(self, posterior: Posterior, group: Group) -> Iterator[tuple[float, FloatArray, FloatArray]]:
-        """Yield evidence, bias and root of the covariance that other sizes of a group add to the fitted columns."""
+    def _evidence_of_others(self, posterior: Posterior, group: Group) -> list[float]:
+        """Return the evidence of each other size of a group: of 0 where it is fitted."""
         evidence = self._climb.evidence(posterior, group)
-        information, score = posterior.left(group)
+        fitted = posterior.sizes.get(group)
+        return evidence.tolist() if fitted is None else [-group.at(evidence, fitted)]
+
+    @staticmethod
+    def _moves(posterior: Posterior, group: Group, others: Sequence[int]) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield bias and root of the covariance that other sizes of a group add to the fitted columns."""
+        if not others:
+            return
         if group in posterior.sizes:
-            current = group.at(evidence, posterior.sizes[group])
             own = np.array([posterior.used.index(place) for place in group.one.places])
             within = posterior.covariance[np.ix_(own, own)]
             bias = -posterior.covariance[:, own] @ np.linalg.pinv(within, hermitian=True) @ posterior.mean[own]
-            yield -current, bias, np.zeros((len(bias), 1))
+            yield bias, np.zeros((len(bias), 1))
             return
+        information, score = posterior.left(group)
         moves = posterior.sensitivity[:, group.one.places] * group.unit
         values, vectors = np.linalg.eigh(information)
         values, turned, along = np.maximum(values, 0.0), moves @ vectors, vectors.T @ score
-        for size, one in zip(group.sizes.tolist(), evidence.tolist(), strict=True):
+        for size in group.sizes[list(others)].tolist():
             shrunk = size**2 / (1.0 + size**2 * values)
-            yield one, -turned @ (shrunk * along), turned * np.sqrt(shrunk)
+            yield -turned @ (shrunk * along), turned * np.sqrt(shrunk)

@@ -13,7 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
-from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, inner_products, without_shares
+from sawmill_tomography.calibration.joint_fit._derivatives_numba import BLOCK, combined, inner_products, without_shares
 from sawmill_tomography.calibration.joint_fit.sample_noise import sample_noise
 from sawmill_tomography.calibration.joint_fit.scan_model import (
     ALWAYS_DIFFERENTIATED,
@@ -131,8 +131,7 @@ class ViewGrams:
         self._sums, self._of_column = sums.sum(axis=0), of_column.sum(axis=0)
         self._patches = tuple(map(Column.of, model.patch_terms)) if of_patches else ()
         self._densities = np.array([model.size(term) for term in model.patch_terms]) if of_patches else np.empty(0)
-        self._density_precision = 0.0
-        self._asked: tuple[Sequence[Column], Patches | None, tuple[FloatArray, FloatArray]] | None = None
+        self._density_precision, self._summed = 0.0, dict[Column, FloatArray]()
         # The inner products before anything is projected out, the terms that are, and the precision (views, terms,
         # terms) by which their prior draws them back, by (views, terms).
         self._whole, self._projected = (self.grams, self.scores), list[Term]()
@@ -215,31 +214,44 @@ class ViewGrams:
         self._taken = self._taken + np.einsum("kto,oek->tek", share, rows[..., None] - self._taken[own])
         self.scores = self.scores - (share @ score[..., None])[..., 0]
         self.grams = without_shares(self.grams, np.array(own), share)
-        self._asked = None
+        self._summed = {}
 
     def objective(self, residual: FloatArray) -> float:
         """Compute the objective of generalised least squares for another residual, without views' random effects."""
         squares, products = self._squares(self._unbiased(residual))
         return squares - float((self.stripe_shares * products) @ products)
 
-    def of_columns(self, columns: Sequence[Column], patches: "Patches | None" = None) -> tuple[FloatArray, FloatArray]:
-        """Compute each view's inner products of these columns (views, n, n), and with the residual (views, n).
+    def of_columns(
+        self,
+        columns: Sequence[Column],
+        left: FloatArray | None = None,
+        at: FloatArray | None = None,
+        patches: "Patches | None" = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compute each view's inner products of these columns (views, d, d), and with the residual (views, d).
 
-        With `patches` of what the densities leave. The products of the columns that were asked for last are kept.
+        With `left` (columns, d) of these combinations of the columns, and with `at` (columns,) where the columns have
+        these sizes less. With `patches` of what the densities leave.
         """
-        if self._asked is None or self._asked[0] is not columns or self._asked[1] is not patches:
-            of_rows, scores = np.zeros((*self.scores.shape, len(columns))), self.scores
-            for number, column in enumerate(columns):
-                for term, shape in column.parts:
-                    of_rows[:, self._rows.get(term, term), number] += 1.0 if shape is None else shape
-            if patches is not None:
-                densities = slice(-len(patches.change), None)
-                of_rows[:, densities] -= patches.taken
-                scores = scores - self.grams[:, :, densities] @ patches.change
-            of_columns = np.swapaxes(of_rows, 1, 2)
-            products = of_columns @ (self.grams @ of_rows), (of_columns @ scores[..., None])[..., 0]
-            self._asked = columns, patches, products
-        return self._asked[2]
+        left = np.eye(len(columns)) if left is None else left
+        both = left if at is None else np.column_stack([left, at])
+        own = np.flatnonzero(both.any(axis=1)).tolist()
+        parts = [(self._rows.get(term, term), shape, number) for number in own for term, shape in columns[number].parts]
+        rows = sorted({row for row, _, _ in parts})
+        place = {row: n for n, row in enumerate(rows)}
+        densities = 0 if patches is None else len(patches.change)
+        weights = np.zeros((len(self.scores), len(rows) + densities, both.shape[1]))
+        for row, shape, number in parts:
+            weights[:, place[row]] += both[number] if shape is None else shape[:, None] * both[number]
+        if patches is not None:
+            weights[:, len(rows) :] -= patches.taken @ both
+        point = np.zeros(weights.shape[:2]) if at is None else weights[..., -1].copy()
+        if patches is not None:
+            point[:, len(rows) :] -= patches.change
+            rows += range(self.scores.shape[1] - densities, self.scores.shape[1])
+        of_left = np.ascontiguousarray(np.swapaxes(weights[..., : left.shape[1]], 1, 2))
+        products, scores = combined(self.grams, self.scores, np.array(rows), of_left, point)
+        return products, scores
 
     def vary_densities(self, columns: Sequence[Column]) -> Variation:
         """Estimate the variation of the patches' densities next to these columns; they are eliminated from now on."""
@@ -397,7 +409,12 @@ class ViewGrams:
         return score, normal
 
     def _sums_of(self, columns: Sequence[Column]) -> FloatArray:
-        """Compute the sums (columns, cells) of the weighted columns over the views."""
+        """Compute the sums (columns, cells) of the weighted columns over the views; those of before are kept."""
+        new = [column for column in columns if column not in self._summed]
+        self._summed |= zip(new, self._new_sums(new), strict=True)
+        return np.array([self._summed[column] for column in columns]).reshape(-1, self._count.size)
+
+    def _new_sums(self, columns: Sequence[Column]) -> FloatArray:
         views = len(self.scores)
         sums, of_kept = np.zeros((len(columns), self._count.size)), np.zeros((len(columns), len(KEPT), views))
         for number, column in enumerate(columns):
@@ -460,16 +477,13 @@ class System:
         """Number of views."""
         return len(self.source.scores)
 
-    def of_views(self, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Return each view's inner products of these columns (views, m, m), and with the residual (views, m)."""
-        gone = [] if self.removed is None else [n for n in np.flatnonzero(self.removed).tolist() if n not in places]
-        every = [*places, *gone]
-        grams, scores = self.source.of_columns(self.columns, self.patches)
-        grams, scores = grams[:, every][:, :, every], scores[:, every]
-        if self.removed is not None:
-            scores = scores + grams @ self.removed[every]
-        count = len(places)
-        return grams[:, :count, :count], scores[:, :count]
+    def of_views(self, left: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return each view's inner products of combinations of the columns, and with the residual after a change.
+
+        `left` (n, d), `change` (n,); products (views, d, d), scores (views, d).
+        """
+        at = -change if self.removed is None else self.removed - change
+        return self.source.of_columns(self.columns, left, at, self.patches)
 
     def with_patches(self, change: FloatArray) -> "tuple[System, FloatArray]":
         """Return the system with the patches' columns, and the change of all: of patches the best next to this one."""

@@ -200,11 +200,9 @@ def _refuse_undetermined(joint: JointFit) -> None:
 
 def _scores(joint: JointFit) -> _Scores:
     system, used = joint.system, joint.used
-    going = [place for place in np.flatnonzero(joint.change).tolist() if place not in used]
-    grams, scores = system.of_views([*used, *going])
-    scores = (scores - grams @ joint.change[[*used, *going]])[:, : len(used)]
+    grams, scores = system.of_views(np.eye(len(system.columns))[:, used], joint.change)
     scores = scores[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
-    own = grams[:, : len(used), : len(used)].sum(axis=0) + np.diag(joint.precision)
+    own = grams.sum(axis=0) + np.diag(joint.precision)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > SINGULAR * values[-1]

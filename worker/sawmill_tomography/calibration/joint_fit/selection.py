@@ -82,11 +82,10 @@ class EffectTester:
         # The score scatters at least by noise: where noise explains the effect, no other scatter is computed.
         if power < variance * chance_limit(BEYOND_CHANCE, degrees):
             return EffectTest(power / variance, power, degrees, sizes, bias)
-        grams, scores = system.of_views([*base, *tried])
-        # What the base leaves of the effect's columns, and each view's score at the base's best change.
-        left = np.concatenate([-sensitivity, white])
-        information = left.T @ grams @ left
-        scores = (scores - grams[:, :, : len(base)] @ self._best) @ left - information @ score
+        # What the base leaves of the effect's columns, and each view's score at the best change.
+        left, change = np.zeros((len(system.columns), degrees)), np.zeros(len(system.columns))
+        left[base], left[own], change[base] = -sensitivity, white, self._best
+        information, scores = system.of_views(left, change + left @ score)
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
         on_detector = all(is_of_detector(system.columns[place].term) for place in tried)

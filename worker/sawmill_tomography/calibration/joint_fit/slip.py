@@ -99,10 +99,8 @@ DEVIATIONS, FEWEST_JITTER_VIEWS, SHARED, COLUMN = 8.0, 20, 0.3, 0.1
 def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     """Estimate the variance of the views' angles, rad^2; 0 where noise or a wrong model explains the scores."""
     places = [next(i for i, c in enumerate(system.columns) if c.term is term) for term in (Term.PSI, Term.U_C)]
-    places += [place for place in np.flatnonzero(change).tolist() if place not in places]
     psi, u_c = 0, 1
-    grams, scores = system.of_views(places)
-    scores = scores - grams @ change[places]
+    grams, scores = system.of_views(np.eye(len(change))[:, places], change)
     own = grams[:, psi, psi]
     seen = own > 1e-9 * own.max()
     if seen.sum() < FEWEST_JITTER_VIEWS or variance <= 0.0:
