@@ -157,6 +157,10 @@ study-production-logs: install-dev
 study-poses: install-dev
 	@$(BIN)/python benchmarks/log_poses.py $(OPTIONS)
 
+# Calibrations of scanners whose object is turned between passages; ten minutes. OPTIONS: --scans N, --first N.
+study-passages: install-dev
+	@$(BIN)/python benchmarks/passages.py $(OPTIONS)
+
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)

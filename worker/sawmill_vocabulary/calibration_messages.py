@@ -287,7 +287,7 @@ class ResidualMessage(Message):
         ),
         N_(
             "The phantom's model leaves %(share_percent).1f %% of the sinogram unexplained, and not as noise, most of "
-            "it at the phantom's edges, which has several causes: a detector that lags or a turntable that turns "
+            "it at the phantom's edges, which has several causes: a detector that lags or a phantom that turns "
             "during the exposure, angles that jitter, a surface as the saw left it or worn corners, a drawing that is "
             "not its shape."
         ),

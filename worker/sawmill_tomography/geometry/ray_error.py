@@ -87,19 +87,29 @@ def ray_error(
     *,
     radius_mm: float = 150.0,
     other_scanner: Scanner | None = None,
+    free_shift: bool = False,
 ) -> RayError:
     """Compute the RMS and maximum distance between the rays of two geometries inside a disc around the COR.
 
     `other_scanner` is the scanner of the other geometry, where its modules differ; None: the same scanner.
 
     It does not depend on theta's gauge (the twin has 0). One common rotation and one common scale are removed: psi has
-    no effect, and R only in `scale_change`.
+    no effect, and R only in `scale_change`. With `free_shift` a common shift against the beam is removed too, which
+    looks like a shift of all views of an object that is turned between passages.
     """
-    return nearest_rays(cell_points(scanner, true), true, other_scanner or scanner, other, radius_mm=radius_mm)
+    return nearest_rays(
+        cell_points(scanner, true), true, other_scanner or scanner, other, radius_mm=radius_mm, free_shift=free_shift
+    )
 
 
 def nearest_rays(
-    ends_mm: FloatArray, true: SourceFrame, scanner: Scanner, other: SourceFrame, *, radius_mm: float = 150.0
+    ends_mm: FloatArray,
+    true: SourceFrame,
+    scanner: Scanner,
+    other: SourceFrame,
+    *,
+    radius_mm: float = 150.0,
+    free_shift: bool = False,
 ) -> RayError:
     """Compute `ray_error` for rays from the source to these points, (cells, 2) mm as of `cell_points`."""
     points, cells = _chord_points(*_rays_to(ends_mm, true), radius_mm)
@@ -110,7 +120,12 @@ def nearest_rays(
         turn, shrink = turn + float(step[0]), shrink + float(step[1])
         if np.abs(step).max() < 1e-15:
             break
-    d, _ = _distances(scanner, other, points, cells, turn, shrink)
+    d, slope = _distances(scanner, other, points, cells, turn, shrink)
+    if free_shift:
+        _, direction = _rays(scanner, other)
+        shifts = np.broadcast_to(direction[cells].T[..., None], (2, *d.shape))
+        free = np.concatenate([slope, shifts]).reshape(4, -1).T
+        d = d - (free @ np.linalg.lstsq(free, d.ravel())[0]).reshape(d.shape)
     return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
 
 
