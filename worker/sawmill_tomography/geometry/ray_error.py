@@ -87,29 +87,19 @@ def ray_error(
     *,
     radius_mm: float = 150.0,
     other_scanner: Scanner | None = None,
-    free_shift: bool = False,
 ) -> RayError:
     """Compute the RMS and maximum distance between the rays of two geometries inside a disc around the COR.
 
     `other_scanner` is the scanner of the other geometry, where its modules differ; None: the same scanner.
 
     It does not depend on theta's gauge (the twin has 0). One common rotation and one common scale are removed: psi has
-    no effect, and R only in `scale_change`. With `free_shift` a common shift against the beam is removed too, which
-    looks like a shift of all views of an object that is turned between passages.
+    no effect, and R only in `scale_change`.
     """
-    return nearest_rays(
-        cell_points(scanner, true), true, other_scanner or scanner, other, radius_mm=radius_mm, free_shift=free_shift
-    )
+    return nearest_rays(cell_points(scanner, true), true, other_scanner or scanner, other, radius_mm=radius_mm)
 
 
 def nearest_rays(
-    ends_mm: FloatArray,
-    true: SourceFrame,
-    scanner: Scanner,
-    other: SourceFrame,
-    *,
-    radius_mm: float = 150.0,
-    free_shift: bool = False,
+    ends_mm: FloatArray, true: SourceFrame, scanner: Scanner, other: SourceFrame, *, radius_mm: float = 150.0
 ) -> RayError:
     """Compute `ray_error` for rays from the source to these points, (cells, 2) mm as of `cell_points`."""
     points, cells = _chord_points(*_rays_to(ends_mm, true), radius_mm)
@@ -120,12 +110,7 @@ def nearest_rays(
         turn, shrink = turn + float(step[0]), shrink + float(step[1])
         if np.abs(step).max() < 1e-15:
             break
-    d, slope = _distances(scanner, other, points, cells, turn, shrink)
-    if free_shift:
-        _, direction = _rays(scanner, other)
-        shifts = np.broadcast_to(direction[cells].T[..., None], (2, *d.shape))
-        free = np.concatenate([slope, shifts]).reshape(4, -1).T
-        d = d - (free @ np.linalg.lstsq(free, d.ravel())[0]).reshape(d.shape)
+    d, _ = _distances(scanner, other, points, cells, turn, shrink)
     return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
 
 
@@ -283,25 +268,6 @@ class ViewErrors:
     poses: FloatArray  # (draws, views, 3): errors of roll, rad, and of shifts across and along the beam, mm
     axes: FloatArray  # (views, 3, 3): changes of (psi, t_x, t_y) by the three
 
-    def nearest(self, form: FloatArray, source_distance_mm: float) -> tuple[FloatArray, FloatArray]:
-        """Return the mean squares (draws,) of a form, and the mean outer products (views, n + 3, n + 3) of the errors.
-
-        The rays are compared in the phantom's frame, after the common rotation, shift and scale that make the mean
-        square least.
-        """
-        views, count = len(self.axes), self.errors.shape[1]
-        moves = np.zeros((views, count + 3, 4))
-        moves[:, count:, :3] = np.linalg.inv(self.axes)
-        moves[:, FitParameter.R, 3] = source_distance_mm
-        of_draws = np.broadcast_to(self.errors[:, None], (len(self.errors), views, count))
-        errors = np.concatenate([of_draws, self.poses], axis=2)
-        formed = form @ moves
-        normal = np.einsum("vni,vnj->ij", moves, formed)
-        common = np.einsum("dvn,vni->di", errors, formed) @ np.linalg.pinv(normal, hermitian=True)
-        errors = errors - np.einsum("vni,di->dvn", moves, common)
-        squares = ((errors @ form) * errors).sum(axis=2).mean(axis=1)
-        return squares, np.einsum("dvm,dvn->vmn", errors, errors, optimize=True) / len(errors)
-
 
 def predicted_ray_error(
     scanner: Scanner,
@@ -368,19 +334,30 @@ def _of_views(
     *,
     of_places: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean squares (draws,) of distances, and the variance (points, views), of rays in the phantom's frame."""
-    points, cells = at
+    """Return mean squares (`DRAWS`,) of distances, and the variance (points, views), of rays in the phantom's frame.
+
+    The common rotation, shift and scale that make the mean square least are removed.
+    """
+    (points, cells), (views, count) = at, (len(of_views.axes), of_views.errors.shape[1])
     _, direction = _rays(scanner, frame)
     normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
     roll = normal[:, 0] * points[:, 1] - normal[:, 1] * points[:, 0]
-    by_frame = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)
-    derivative = np.concatenate([by_frame[:, : of_views.errors.shape[1]], roll[:, None], normal], axis=1)
+    by_frame = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)[:, :count]
+    derivative = np.column_stack([by_frame, roll, normal])
     form = derivative.T @ derivative / len(derivative)
-    squares, products = of_views.nearest(form, frame.source_distance_mm)
-    variance = np.einsum("pm,vmn,pn->pv", derivative, products, derivative, optimize=True)
+    common = np.zeros((views, count + 3, 4))
+    common[:, count:, :3], common[:, FitParameter.R, 3] = np.linalg.inv(of_views.axes), 1.0
+    formed = form @ common
+    of_draws = np.broadcast_to(of_views.errors[:, None], (len(of_views.errors), views, count))
+    errors = np.concatenate([of_draws, of_views.poses], axis=2)
+    least = np.linalg.pinv(np.einsum("vni,vnj->ij", common, formed), hermitian=True)
+    errors = errors - np.einsum("vni,dvm,vmj,ji->dvn", common, errors, formed, least, optimize=True)
+    products = np.einsum("dvm,dvn->vmn", errors, errors, optimize=True) / len(errors)
+    squares = ((errors @ form) * errors).sum(axis=2).mean(axis=1)
     # The variances of the poses are estimated from as many numbers.
     freedom = of_views.poses[0].size
-    return np.resize(squares, DRAWS) * freedom / rng.chisquare(freedom, DRAWS), variance
+    squares = np.resize(squares, DRAWS) * freedom / rng.chisquare(freedom, DRAWS)
+    return squares, np.einsum("pm,vmn,pn->pv", derivative, products, derivative, optimize=True)
 
 
 def _drawn_errors(

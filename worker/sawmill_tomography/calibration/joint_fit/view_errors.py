@@ -12,45 +12,45 @@ from sawmill_tomography.calibration.joint_fit.view_poses import beam_axes
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import ViewErrors
 
+# Number of draws: each has errors of all views.
+VIEW_DRAWS = 1024
+
 
 def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors | None:
     """Draw the errors of the geometry and of the views' poses; None where the object turns in one scan."""
     if joint.poses is None:
         return None
-    rng = np.random.default_rng(0)
-    order, used = terms_of_rays(joint), [joint.system.columns[place] for place in joint.used]
+    rng, order = np.random.default_rng(0), terms_of_rays(joint)
+    used = [joint.system.columns[place] for place in joint.used]
     own = [n for n, column in enumerate(used) if column.term in order]
-    rows = [order.index(used[n].term) for n in own]
-    rest = [n for n in range(len(used)) if n not in own]
-    errors = np.zeros((DRAWS, len(order) + len(rest)))
-    errors[:, : len(order)] = _drawn(statistics.ray_covariance, rng)
-    # What the other columns' errors are next to these.
+    rows, rest = [order.index(used[n].term) for n in own], [n for n in range(len(used)) if n not in own]
+    errors = _drawn(statistics.ray_covariance, rng)
+    # Other columns' errors follow from these, but for their own part.
     plain = joint.system.inverse(joint.used) * joint.variance
     by_own = plain[np.ix_(rest, own)] @ pseudo_inverse(plain[np.ix_(own, own)], 1e-12)
-    alone = plain[np.ix_(rest, rest)] - by_own @ plain[np.ix_(own, rest)]
-    errors[:, len(order) :] = errors[:, rows] @ by_own.T + _drawn(alone, rng)
+    alone = _drawn(plain[np.ix_(rest, rest)] - by_own @ plain[np.ix_(own, rest)], rng)
+    errors = np.concatenate([errors, errors[:, rows] @ by_own.T + alone], axis=1)
     instead = joint.motion_sets.errors()
     if instead is not None:
-        drawn = rng.integers(DRAWS, size=DRAWS)
+        drawn = rng.integers(DRAWS, size=VIEW_DRAWS)
         real = np.flatnonzero(drawn < len(instead))
         places = [*rows, *range(len(order), errors.shape[1])]
         errors[np.ix_(real, places)] += instead[drawn[real]][:, [*own, *rest]]
     columns = [*map(Column.of, order), *(used[n] for n in rest)]
+    terms = [column.term for column in columns]
     _, taken, covariance = joint.system.source.of_each_view(columns, POSE)
+    # The angle and the position that all views share count in each.
+    taken -= np.array([[float(each == term) for each in terms] for term in POSE])
     values, vectors = np.linalg.eigh(covariance * joint.variance * statistics.inflation)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-    poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((DRAWS, len(taken), len(POSE))))
+    poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((VIEW_DRAWS, *values.shape)))
     poses -= np.einsum("vin,dn->dvi", taken, errors)
-    # The angle and the position that all views share count in each.
-    terms = [column.term for column in columns]
-    for number, term in enumerate(POSE):
-        poses[:, :, number] += errors[:, terms.index(term), None]
     axes = beam_axes(joint.model)
     return ViewErrors(errors[:, : len(order)], np.einsum("vji,dvj->dvi", axes, poses), axes)
 
 
 def _drawn(covariance: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Draw errors (`DRAWS`, n) with this covariance."""
+    """Draw errors (`VIEW_DRAWS`, n) with this covariance."""
     values, vectors = np.linalg.eigh(covariance)
-    drawn: FloatArray = rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    drawn: FloatArray = rng.standard_normal((VIEW_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     return drawn
