@@ -52,5 +52,7 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
 def _drawn(covariance: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draw errors (`VIEW_DRAWS`, n) with this covariance."""
     values, vectors = np.linalg.eigh(covariance)
-    drawn: FloatArray = rng.standard_normal((VIEW_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    return drawn
+    drawn = rng.standard_normal((VIEW_DRAWS, len(values)))
+    drawn /= np.sqrt((drawn**2).mean(axis=0))
+    errors: FloatArray = drawn @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return errors

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from sawmill_tomography.calibration.covariance import scaled_inverse
+from sawmill_tomography.calibration.covariance import scaled_inverse, unit_scale
 from sawmill_tomography.calibration.fit import OnStep
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
@@ -68,38 +68,33 @@ def beam_axes(model: ScanModel) -> FloatArray:
 
 def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column]) -> tuple[PoseSizes, float]:
     """Return the likeliest sizes of the views' poses next to these columns, and the variance of a sample."""
-    axes, poses, own = beam_axes(model), [Column.of(term) for term in POSE], slice(len(columns), None)
-    products, scores = grams.of_columns([*columns, *poses])
-    here = np.linalg.solve(axes, model.pose[..., None])[..., 0]
-    # Inner products with poses along the beam's axes, and the residual where no view has a pose of its own.
-    within = np.swapaxes(axes, 1, 2) @ products[:, own, own] @ axes
-    crossed = products[:, : len(columns), own] @ axes
-    of_pose = (np.swapaxes(axes, 1, 2) @ scores[:, own, None])[..., 0] + (within @ here[..., None])[..., 0]
-    score = (scores[:, : len(columns)] + (crossed @ here[..., None])[..., 0]).sum(axis=0)
-    normal = products[:, : len(columns), : len(columns)].sum(axis=0)
-    power = grams.power + float((here * (2.0 * of_pose - (within @ here[..., None])[..., 0])).sum())
+    base, own = slice(len(columns)), slice(len(columns), None)
+    products, scores = grams.of_columns([*columns, *map(Column.of, POSE)])
+    within, crossed, normal = products[:, own, own], products[:, base, own], products[:, base, base].sum(axis=0)
+    # The scores and the power where no view has a pose of its own.
+    zero = scores + (products[:, :, own] @ model.pose[..., None])[..., 0]
+    power = grams.power + float((model.pose * (scores + zero)[:, own]).sum())
+    scale = unit_scale(normal)
 
-    def left(precision: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        inverse = np.linalg.pinv(within + np.diag(precision), rcond=1e-12, hermitian=True)
+    def left(precision: FloatArray | float) -> tuple[FloatArray, float]:
+        inverse = np.linalg.pinv(within + precision, rcond=1e-12, hermitian=True)
         taken = crossed @ inverse
         of_base = normal - np.einsum("vni,vmi->nm", taken, crossed)
-        rest = score - np.einsum("vni,vi->n", taken, of_pose)
-        explained = float(np.einsum("vi,vij,vj->", of_pose, inverse, of_pose))
-        return of_base, inverse, power - explained - float(rest @ scaled_inverse(of_base) @ rest)
+        rest = zero[:, base].sum(axis=0) - np.einsum("vni,vi->n", taken, zero[:, own])
+        explained = float(np.einsum("vi,vij,vj->", zero[:, own], inverse, zero[:, own]))
+        return of_base, power - explained - float(rest @ scaled_inverse(of_base) @ rest)
 
-    variance = left(np.zeros(3))[2] / max(grams.samples - 3.0 * len(scores) - len(columns), 1.0)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    variance = left(0.0)[1] / max(grams.samples - 3.0 * len(scores) - len(columns), 1.0)
 
     def cost(logarithms: FloatArray) -> float:
-        precision = variance * np.exp(-2.0 * logarithms)
-        of_base, _, remaining = left(precision)
-        determinants = float(np.linalg.slogdet(within / precision + np.eye(3))[1].sum())
+        precision = variance * PoseSizes(*np.exp(logarithms)).precision(model)
+        of_base, remaining = left(precision)
+        determinants = np.linalg.slogdet(within + precision)[1] - np.linalg.slogdet(precision)[1]
         of_fixed = np.linalg.slogdet(of_base * np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))[1]
-        return 0.5 * (determinants + float(of_fixed) + remaining / variance)
+        return 0.5 * (float(determinants.sum() + of_fixed) + remaining / variance)
 
-    best = scipy.optimize.minimize(
-        cost, np.log(START), method="L-BFGS-B", bounds=list(zip(np.log(LEAST), np.log(MOST), strict=True))
-    )
+    bounds = list(zip(np.log(LEAST), np.log(MOST), strict=True))
+    best = scipy.optimize.minimize(cost, np.log(START), method="L-BFGS-B", bounds=bounds)
     return PoseSizes(*np.exp(best.x).tolist()), variance
 
 
