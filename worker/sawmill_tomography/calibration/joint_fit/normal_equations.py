@@ -339,7 +339,7 @@ class ViewGrams:
         grams, scores = self._whole
         inverse = np.linalg.pinv(grams[:, every][:, :, every] + self._precision, rcond=SINGULAR, hermitian=True)[:, own]
         change = (inverse @ (scores[:, every] - self._pull)[..., None])[..., 0]
-        return change, inverse @ self._with_terms(columns, every), inverse[:, :, own]
+        return change, inverse @ self._with_terms(columns, every), np.asarray(inverse[:, :, own], np.float64)
 
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""
