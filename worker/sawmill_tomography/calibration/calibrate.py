@@ -217,7 +217,7 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
 def _without_faults(adjusted: AdjustedFit, task: CalibrationTask) -> AdjustedFit:
     """Adjust the plain fit to faults, as the start of the joint fit.
 
-    Faults that are switched off are not searched, nor outliers where views stand elsewhere and look like some.
+    Faults that are switched off are not searched, nor outliers where each view has another pose and looks like one.
     """
     for finding in BEFORE:
         if finding.adjustment not in task.without and not (finding is OUTLIERS and task.of_passages):

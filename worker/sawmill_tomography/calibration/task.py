@@ -76,7 +76,7 @@ class CalibrationTask:
 
     @property
     def of_passages(self) -> bool:
-        """True if the object is turned between passages, and each view has a pose of its own."""
+        """True if the object is turned between passages, and has another pose in each view."""
         declared = self.scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES
         return declared and Adjustment.VIEW_POSES not in self.without
 

@@ -262,10 +262,10 @@ class RayErrorMixture:
 
 @dataclass(frozen=True, eq=False)
 class ViewErrors:
-    """Drawn errors of a geometry together with those of the views' poses, where each view has a pose of its own."""
+    """Drawn errors of a geometry and, at the same time, of the poses of its views."""
 
     errors: FloatArray  # (draws, 5 + 2 modules): errors of the geometry and of the places of cells
-    poses: FloatArray  # (draws, views, 3): errors of roll, rad, and of shifts across and along the beam, mm
+    poses: FloatArray  # (draws, views, 3): errors of roll, rad, and of both shifts: across and along the beam, mm
     axes: FloatArray  # (views, 3, 3): changes of (psi, t_x, t_y) by the three
 
 
@@ -283,9 +283,8 @@ def predicted_ray_error(
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
     The covariance may go on with the gap and the kink of each module, then with the detector's curvature (1/mm) and
-    waves (mm). Of each of the `alternatives` at most one is
-    real; they and the `mixture` count in the limits only. `further_mm` is the RMS error that no parameter has. Where
-    each view has a pose of its own, errors are those of `of_views`, which have the mixture in them.
+    waves (mm). Of each of the `alternatives` at most one is real; they and the `mixture` count in the limits only.
+    `further_mm` is the RMS error that no parameter has. `of_views` replaces the drawn errors, the mixture's too.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them

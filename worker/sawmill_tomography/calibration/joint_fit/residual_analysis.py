@@ -45,7 +45,7 @@ class ResidualAnalysis:
 
     effects: tuple[FoundEffect, ...] = ()  # effects in the order in which they were found
     structure: Structure | None = None  # structure that is left in the residual; None where the residual is white noise
-    poses: PoseSizes | None = None  # how far views stand from each other; None where the object turns in one scan
+    poses: PoseSizes | None = None  # sizes of the views' poses; None where the object turns in one scan
 
     @property
     def cells_misplaced(self) -> bool:

@@ -1,4 +1,4 @@
-"""Poses of single views, where the object is turned between passages: each view stands a little elsewhere.
+"""Poses of single views, where the object is turned between passages and so has another place in each view.
 
 The roll of each view, and its shifts across and along the beam, are random effects with one size each, which has no
 zero: restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971, 545-554). Each belongs to one view
@@ -71,7 +71,7 @@ def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column
     base, own = slice(len(columns)), slice(len(columns), None)
     products, scores = grams.of_columns([*columns, *map(Column.of, POSE)])
     within, crossed, normal = products[:, own, own], products[:, base, own], products[:, base, base].sum(axis=0)
-    # The scores and the power where no view has a pose of its own.
+    # The scores and the power where all poses are 0.
     zero = scores + (products[:, :, own] @ model.pose[..., None])[..., 0]
     power = grams.power + float((model.pose * (scores + zero)[:, own]).sum())
     scale = unit_scale(normal)
