@@ -33,6 +33,7 @@ from sawmill_tomography.calibration.joint_fit.modules import (
     HIDDEN,
     NEAR,
     HiddenModule,
+    ModulePlaces,
     ModuleSearch,
     effect_of,
     with_modules,
@@ -186,6 +187,7 @@ class JointFitter:
         self.waiting += self.declared_places
         self.unneeded: set[int] = set()
         self.searched: tuple[ViewGrams, list[int], ModuleSearch] | None = None
+        self.placed: tuple[ScanModel, dict[DetectorModule, ModulePlaces]] = self.model, {}
         self.fitted: list[Fitted] = []
         for known in prepared.known:
             self.fitted.append(Fitted(known.effect, known.effect.columns(self.model)))
@@ -578,7 +580,33 @@ class JointFitter:
         for _ in range(FURTHER_HIDDEN if len(found) < MANY_FOUND else 0):
             yield tuple(replace(one, probabilities=left * one.probabilities) for one in hidden)
         for module in sorted(found, key=lambda one: one.first_cell):
-            yield tuple(search.elsewhere(module, variance))
+            places = self._places_of(module, grams, system, used)
+            yield places.likely(variance) if places else tuple(search.elsewhere(module, variance))
+
+    def _places_of(self, module: DetectorModule, grams: ViewGrams, system: System, used: list[int]) -> ModulePlaces:
+        """Return where a found module may begin, each with the residual that the whole model leaves there."""
+        search, variance = self._module_search(grams, system, used), self._variance_on_detector(system, used)
+        if self.placed[0] is not self.model:
+            self.placed = self.model, {}
+        if module in self.placed[1]:
+            return self.placed[1][module]
+        nothing = system.with_patches(np.zeros(len(system.columns)))[1]
+        others = [each for each in self.model.data.cells.modules if each.first_cell != module.first_cell]
+        places = ModulePlaces()
+        for one in search.places(module, variance):
+            if any(abs(each.first_cell - one.first_cell) < FEWEST_CELLS for each in others):
+                continue
+            change = np.zeros(len(system.columns))
+            change[used] = one.bias
+            of_all, change = system.with_patches(change)
+            then = moved(self.model, of_all.columns, change - nothing)
+            then = with_modules(then, (*others, DetectorModule(one.first_cell, one.gap_mm, one.kink_rad)))
+            if then.view_gain and then.clears:
+                then = then.with_view_gains(grams.weights)
+            if then.clears:
+                places.add(one, then, grams.objective(then.residual))
+        self.placed[1][module] = places
+        return places
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
         """Move a found module to where it explains more next to all else; return whether one has moved.
@@ -591,34 +619,31 @@ class JointFitter:
         for one, module in self._found_modules:
             better = search.relocated(module, by_chance)
             if better != module.first_cell:
-                self._move(one, module, better)
+                others = [other for other in self.model.data.cells.modules if other.first_cell != module.first_cell]
+                there = replace(module, first_cell=better)
+                self._move(one, with_modules(self.model, (*others, there)), there)
                 return True
         return False
 
-    def _move(self, one: Fitted, module: DetectorModule, first_cell: int) -> None:
-        """Let a found module begin at another cell."""
-        others = [other for other in self.model.data.cells.modules if other.first_cell != module.first_cell]
-        self.model = with_modules(self.model, (*others, replace(module, first_cell=first_cell)))
-        again = self._of_module(DetectorModule(first_cell), one.trials)
-        again.sizes = one.sizes
+    def _move(self, one: Fitted, model: ScanModel, module: DetectorModule) -> None:
+        """Go over to a model in which a found module is this one."""
+        self.model = model
+        again = self._of_module(DetectorModule(module.first_cell), one.trials)
+        again.sizes = np.array([module.gap_mm, module.kink_rad])
         self.fitted[self.fitted.index(one)] = again
         self.size_of[again] = self.size_of.pop(one)
 
     def _moved_borders(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
-        """Locate the borders of the modules that were found; return whether one has moved."""
-        if not self._found_modules:
-            return False
-        # `result` uses this search, which is of the model before its last step.
-        search, moved = self._module_search(grams, system, used), False
+        """Move the border of a found module to the likeliest place; return whether one has moved."""
         if self.rounds >= LATEST_MOVE:
             return False
         for one, module in self._found_modules:
-            better = search.border(module)
-            others = [each.first_cell for each in self.model.data.cells.modules if each.first_cell != module.first_cell]
-            if better != module.first_cell and all(abs(better - other) >= FEWEST_CELLS for other in others):
-                self._move(one, module, better)
-                moved = True
-        return moved
+            places = self._places_of(module, grams, system, used)
+            if places and (best := places.best)[0].first_cell != module.first_cell:
+                found, model, _ = best
+                self._move(one, model, DetectorModule(found.first_cell, found.gap_mm, found.kink_rad))
+                return True
+        return False
 
     def _settled(self, system: System, change: FloatArray) -> bool:
         """Return whether every effect is possible, all scatter of angles is fitted, and averaging follows the model.

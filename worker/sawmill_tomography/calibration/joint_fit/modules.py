@@ -24,6 +24,9 @@ FEWEST_CELLS = 8
 LARGEST_GAP_CELLS, LARGEST_KINK_RAD = 4.0, 0.07
 # A border is looked for this number of cells away from where it was found.
 REACH = 4
+# Steps of a chord at the outline's edges are not linear in a cell's place: differences of chi-square between places
+# are looked at where they are less than this factor as much as to first order, this number of cells away.
+NOT_LINEAR, LINEAR_CELLS, AWAY = 6.0, 0.2, frozenset({0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89})
 # A module that stands in for another may begin this number of cells away from it.
 NEAR = 16
 # The information about a gap or a kink that the other unknowns must leave, as a share of the whole detector's.
@@ -51,6 +54,40 @@ class HiddenModule:
     bias: FloatArray  # (used,): errors of the fitted columns in this case, for a factor of 1
     factors: FloatArray  # (n,): factors by which gap, kink and bias may be larger, and the probability of each
     probabilities: FloatArray  # (n,)
+
+
+class ModulePlaces:
+    """Places at which a found module may begin: for each cell the best model, with the power of its residual."""
+
+    def __init__(self) -> None:
+        self._at: dict[int, tuple[HiddenModule, ScanModel, float]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._at)
+
+    def add(self, module: HiddenModule, model: ScanModel, power: float) -> None:
+        """Add a place, unless the same cell has a better one."""
+        cell = module.first_cell
+        if cell not in self._at or power < self._at[cell][2]:
+            self._at[cell] = module, model, power
+
+    @property
+    def best(self) -> tuple[HiddenModule, ScanModel, float]:
+        """The place with the least power."""
+        return min(self._at.values(), key=lambda place: place[2])
+
+    def likely(self, variance: float) -> tuple[HiddenModule, ...]:
+        """Return the places with their probabilities, for a residual of this variance; each stands for its cells."""
+        cells = sorted(self._at)
+        powers = np.array([self._at[cell][2] for cell in cells])
+        count = np.gradient(np.array(cells, np.float64)) if len(cells) > 1 else np.ones(1)
+        likelihood = count * np.exp((powers.min() - powers) / (2.0 * variance))
+        likelihood /= likelihood.sum()
+        return tuple(
+            replace(self._at[cell][0], probabilities=np.array([each]))
+            for cell, each in zip(cells, likelihood.tolist(), strict=True)
+            if each > LEAST_WEIGHT
+        )
 
 
 def effect_of(module: DetectorModule, cell_mm: float) -> Effect:
@@ -191,20 +228,25 @@ class ModuleSearch:
         information = self._products.of_shapes(rows) @ rows.T - with_columns @ moved
         return information, rows @ self._products.score - self._of_base @ moved
 
-    def border(self, module: DetectorModule) -> int:
-        """Return the likeliest cell before which a module begins.
+    def places(self, module: DetectorModule, variance: float) -> Iterator[HiddenModule]:
+        """Yield places at which a module among the columns may begin: near it, and where it explains much as well.
 
-        Cells at most `REACH` away are compared. A cell that changes sides moves by the gap: its part of the residual's
-        power changes by the square of the gap times the power of the derivative by u_c, less twice the gap times the
-        score.
+        What a place explains is known to first order only, by `NOT_LINEAR` in the variance, and where the gap is larger
+        than `LINEAR_CELLS` hardly. Then places at which both sides of the border stay where they are follow.
         """
-        cell, gap_mm, own = module.first_cell, module.gap_mm, self._products.own
-        score = self._products.score - np.linalg.lstsq(self._normal, self._of_base)[0] @ self._products.with_columns
-        behind, before = slice(cell, cell + REACH), slice(cell - REACH, cell)
-        later = np.cumsum(gap_mm**2 * own[behind] - 2.0 * gap_mm * score[behind])
-        earlier = np.cumsum((gap_mm**2 * own[before] + 2.0 * gap_mm * score[before])[::-1])
-        change = np.concatenate([earlier[::-1], [0.0], later])
-        return cell + int(change.argmin()) - REACH
+        for one in self.elsewhere(module, NOT_LINEAR * variance):
+            if abs(one.first_cell - module.first_cell) in AWAY:
+                yield one
+        if abs(module.gap_mm) < LINEAR_CELLS * self._width_mm:
+            return
+        cell, bias = module.first_cell, np.zeros(len(self._terms))
+        bias[self._terms.index(gap_term(cell))], bias[self._terms.index(kink_term(cell))] = (
+            -module.gap_mm,
+            -module.kink_rad,
+        )
+        for other in range(max(cell - REACH, 0), min(cell + REACH + 1, self._u.size)):
+            gap_mm = module.gap_mm - module.kink_rad * (self._border[other] - self._border[cell]) * self._turn[cell]
+            yield HiddenModule(other, float(gap_mm), module.kink_rad, bias, np.ones(1), np.ones(1))
 
     def _shapes(self, cell: int) -> FloatArray:
         """Return the factors of the derivative by u_c in each cell for a gap and a kink before a cell, (2, cells)."""
