@@ -13,6 +13,7 @@ import argparse
 import math
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +22,15 @@ from measurement import Measurement
 from sawmill_tomography.calibration.calibrate import calibrate
 from sawmill_tomography.calibration.calibration import CalibrationOutcome
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.detector_shape import cell_points
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_vocabulary import ObjectTurns, Scanner, SourceFrame
 
 sys.path.append(str(Path(__file__).parents[1] / "tests/support"))
-from exact_chords import Detector, full_turn, scan, view_ray_error
+from exact_chords import Detector, full_turn, scan
 
 SEED = 5104
 SCANNER = Scanner(859.46, 768, 1.502864583, object_turns=ObjectTurns.BETWEEN_PASSAGES)
@@ -36,6 +40,66 @@ VIEWS = (20, 30, 45, 60, 90, 180, 360)
 TOLERANCE_MM, GOOD_MM = 0.1, 0.05
 # Of scans with smaller shifts, or at least this number of views, the good ones should pass.
 SMALL_MM, MANY = 0.5, 60
+
+
+@dataclass(frozen=True, eq=False)
+class Passages:
+    """A scan of a phantom by passages, and the truth: position, shifts (views, 2) and rolls (views,)."""
+
+    task: CalibrationTask
+    detector: Detector
+    frame: SourceFrame
+    position_mm: FloatArray
+    shift_mm: FloatArray
+    roll_rad: FloatArray
+
+    @classmethod
+    def simulated(
+        cls,
+        phantom: Phantom,
+        frame: SourceFrame,
+        sizes: tuple[float, float],
+        views: int,
+        rng: np.random.Generator,
+        *,
+        noise: float,
+        detector: Detector = DETECTOR,
+    ) -> "Passages":
+        """Simulate a scan with these standard deviations of shifts, mm, and rolls, rad."""
+        position, angles = rng.uniform(-10.0, 10.0, 2), full_turn(views)
+        shifts, rolls = sizes[0] * rng.standard_normal((views, 2)), sizes[1] * rng.standard_normal(views)
+        shapes = phantom.moved(*position).of_density(0.004).shapes
+        lines = -np.log(scan(shapes, detector, frame, angles, moved_mm=shifts, turned_rad=rolls))
+        lines += noise * lines.max() * rng.standard_normal(lines.shape)
+        return cls(CalibrationTask(SCANNER, phantom, lines, angles), detector, frame, position, shifts, rolls)
+
+    def error_mm(self, found: CalibrationOutcome) -> float:
+        """Compute the true ray error of a calibration with its views' poses."""
+        assert found.view_poses is not None
+        pose = found.view_poses[:, 1:] + np.array(found.findings.fit.position_mm) - self.position_mm
+        true, other = (self.detector.points(self.frame, 1)[:, 0], cell_points(found.scanner, found.frame))
+        ray, other = (ends / np.hypot(*ends.T)[:, None] for ends in (true, other))
+        centre = np.array([0.0, self.frame.source_distance_mm])
+        half = found.radius_mm**2 - (centre @ centre - (ray @ centre) ** 2)
+        met = np.flatnonzero(half > 0.0)
+        along = (ray @ centre)[met, None] + np.sqrt(half[met])[:, None] * np.linspace(-1.0, 1.0, 9)
+        points, normal = along[..., None] * ray[met, None], np.stack([-other[:, 1], other[:, 0]], -1)[met, None]
+        distances, slopes = [], []
+        for view, angle in enumerate(self.task.angles_rad):
+            inside = _rotated(angle + self.frame.psi_rad + self.roll_rad[view], points - centre - self.shift_mm[view])
+            turn = -(angle + found.frame.psi_rad + found.view_poses[view, 0])
+            seen = _rotated(turn, inside + pose[view]) + np.array([0.0, found.frame.source_distance_mm])
+            distances.append((normal * seen).sum(axis=-1).ravel())
+            ways = (np.array([1.0, 0.0]), np.array([0.0, 1.0]), _rotated(0.5 * math.pi, inside), inside)
+            slopes.append([(normal * _rotated(turn, way) + 0.0 * inside).sum(axis=-1).ravel() for way in ways])
+        off, by = np.concatenate(distances), np.concatenate(slopes, axis=1).T
+        left = off - by @ np.linalg.lstsq(by, off)[0]
+        return float(np.sqrt(np.mean(left**2)))
+
+
+def _rotated(angle: float, points: FloatArray) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.stack([c * points[..., 0] - s * points[..., 1], s * points[..., 0] + c * points[..., 1]], -1)
 
 
 def measure(number: int) -> dict[str, float]:
@@ -51,41 +115,24 @@ def measure(number: int) -> dict[str, float]:
         rng.uniform(-80.0, 80.0),
         rng.uniform(-0.1, 0.1),
     )
-    phantom, position = (L_SHAPE, RECTANGLE_WITH_HOLE)[number % 2], rng.uniform(-10.0, 10.0, 2)
-    shifts, rolls = shift_mm * rng.standard_normal((views, 2)), roll_rad * rng.standard_normal(views)
-    angles = full_turn(views)
-    shapes = phantom.moved(*position).of_density(0.004).shapes
-    lines = -np.log(scan(shapes, DETECTOR, frame, angles, moved_mm=shifts, turned_rad=rolls))
-    lines += rng.uniform(0.002, 0.006) * lines.max() * rng.standard_normal(lines.shape)
+    phantom = (L_SHAPE, RECTANGLE_WITH_HOLE)[number % 2]
+    made = Passages.simulated(phantom, frame, (shift_mm, roll_rad), views, rng, noise=rng.uniform(0.002, 0.006))
     started = time.process_time()
-    found = calibrate(CalibrationTask(SCANNER, phantom, lines, angles), seed=number)
+    found = calibrate(made.task, seed=number)
     seconds = time.process_time() - started
+    bars = found.findings.error_bars
+    assert bars is not None
+    u_c = FitParameter.U_C
     return {
         "views": views,
         "shift_mm": shift_mm,
         "roll_deg": math.degrees(roll_rad),
-        "error_mm": _error_mm(found, frame, position, shifts, rolls),
-        "rms_mm": found.findings.error_bars.predicted_ray_error.rms_mm,
-        "upper_95_mm": found.findings.error_bars.predicted_ray_error.upper_95_mm,
+        "error_mm": made.error_mm(found),
+        "upper_95_mm": bars.predicted_ray_error.upper_95_mm,
         "passes": found.judgement.rays_verdict == "pass",
-        "column_off": abs(found.frame.cor_column_mm - frame.cor_column_mm) / _column_mm(found),
+        "column_off": abs(found.frame.cor_column_mm - frame.cor_column_mm) / bars.frame_deviation(found.frame)[u_c],
         "seconds": seconds,
     }
-
-
-def _error_mm(
-    found: CalibrationOutcome, frame: SourceFrame, position_mm: FloatArray, shift_mm: FloatArray, roll_rad: FloatArray
-) -> float:
-    """Compute the true ray error of a calibration with its views' poses."""
-    assert found.view_poses is not None
-    pose = found.view_poses + np.array([0.0, *(np.array(found.findings.fit.position_mm) - position_mm)])
-    angles = found.rotation.apply(found.task.angles_rad)
-    return view_ray_error(DETECTOR, frame, found.frame, angles, (shift_mm, roll_rad), pose, found.radius_mm)
-
-
-def _column_mm(found: CalibrationOutcome) -> float:
-    """Return the standard deviation of u_c, mm."""
-    return math.sqrt(found.findings.error_bars.covariance.values[3, 3])
 
 
 def main() -> None:

@@ -129,7 +129,7 @@ def _of_rays(
     """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
     order = terms_of_rays(joint)
     kept = [n for n, name in enumerate(names) if name in order]
-    rows, columns = [order.index(names[n]) for n in kept], [own[n] for n in kept]
+    rows, columns = [order.index(name) for name in names if name in order], [own[n] for n in kept]
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
@@ -141,9 +141,9 @@ def _of_rays(
     return values, modules, RayErrorMixture(errors, DRAWS)
 
 
-def terms_of_rays(joint: JointFit) -> list[int | None]:
+def terms_of_rays(joint: JointFit) -> list[int]:
     """Return the terms that move the rays, in the order of `ResidualStatistics.ray_covariance`."""
-    order: list[int | None] = [*range(FRAME.stop)]
+    order = [*range(FRAME.stop)]
     for module in joint.modules:
         order += [gap_term(module.first_cell), kink_term(module.first_cell)]
     if any(joint.system.columns[place].term in joint.model.of_cells for place in joint.used):

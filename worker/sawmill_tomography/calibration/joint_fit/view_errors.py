@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from sawmill_tomography.calibration.covariance import pseudo_inverse
+from sawmill_tomography.calibration.covariance import scaled_inverse
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, terms_of_rays
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE
 from sawmill_tomography.calibration.joint_fit.view_poses import beam_axes
+from sawmill_tomography.geometry.fit_parameters import FRAME
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import ViewErrors
 
@@ -23,20 +24,22 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     rng, order = np.random.default_rng(0), terms_of_rays(joint)
     used = [joint.system.columns[place] for place in joint.used]
     own = [n for n, column in enumerate(used) if column.term in order]
-    rows, rest = [order.index(used[n].term) for n in own], [n for n in range(len(used)) if n not in own]
+    rows = [order.index(column.term) for column in used if column.term in order]
+    rest = [n for n in range(len(used)) if n not in own]
     errors = _drawn(statistics.ray_covariance, rng)
     # Other columns' errors follow from these, but for their own part.
     plain = joint.system.inverse(joint.used) * joint.variance
-    by_own = plain[np.ix_(rest, own)] @ pseudo_inverse(plain[np.ix_(own, own)], 1e-12)
+    by_own = plain[np.ix_(rest, own)] @ scaled_inverse(plain[np.ix_(own, own)])
     alone = _drawn(plain[np.ix_(rest, rest)] - by_own @ plain[np.ix_(own, rest)], rng)
     errors = np.concatenate([errors, errors[:, rows] @ by_own.T + alone], axis=1)
     instead = joint.motion_sets.errors()
     if instead is not None:
         drawn = rng.integers(DRAWS, size=VIEW_DRAWS)
-        real = np.flatnonzero(drawn < len(instead))
-        places = [*rows, *range(len(order), errors.shape[1])]
+        real, places = np.flatnonzero(drawn < len(instead)), np.array([*rows, *range(len(order), errors.shape[1])])
         errors[np.ix_(real, places)] += instead[drawn[real]][:, [*own, *rest]]
-    columns = [*map(Column.of, order), *(used[n] for n in rest)]
+    # Places of cells that the scan does not show have no error.
+    shown = [n for n in range(len(order)) if n < FRAME.stop or n in rows]
+    columns = [*(Column(((order[n], None),)) for n in shown), *(used[n] for n in rest)]
     terms = [column.term for column in columns]
     _, taken, covariance = joint.system.source.of_each_view(columns, POSE)
     # The angle and the position that all views share count in each.
@@ -44,7 +47,7 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     values, vectors = np.linalg.eigh(covariance * joint.variance * statistics.inflation)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
     poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((VIEW_DRAWS, *values.shape)))
-    poses -= np.einsum("vin,dn->dvi", taken, errors)
+    poses -= np.einsum("vin,dn->dvi", taken, errors[:, [*shown, *range(len(order), errors.shape[1])]])
     axes = beam_axes(joint.model)
     return ViewErrors(errors[:, : len(order)], np.einsum("vji,dvj->dvi", axes, poses), axes)
 
