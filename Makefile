@@ -161,6 +161,11 @@ study-poses: install-dev
 study-passages: install-dev
 	@$(BIN)/python benchmarks/passages.py $(OPTIONS)
 
+# Numbers of the calibration that change nothing, each set aside in turn on 100 scans; hours. OPTIONS: --scans N,
+# --part N/M (one of M parts), --only NAME, --list.
+study-limits: install-dev
+	@$(BIN)/python benchmarks/idle_limits.py $(OPTIONS)
+
 # The paper's own experiments for docs/evidence/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
 paper: install-dev
 	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
