@@ -211,10 +211,10 @@ class JointFitter:
 
     def find_poses(self, on_step: OnStep) -> None:
         """Find the poses of single views before any effect."""
-        self.model = with_view_poses(self.model, self.base, on_step)
+        self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
         if self.averaging is not None:
             self.model, self.averaging = _with_new_averaging(self.model, self.averaging)
-            self.model = with_view_poses(self.model, self.base, on_step)
+            self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
 
     def fit(self, on_step: OnStep) -> None:
         """Take steps until the fit has ended."""

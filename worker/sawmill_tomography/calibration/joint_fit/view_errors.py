@@ -13,9 +13,6 @@ from sawmill_tomography.geometry.fit_parameters import FRAME
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_tomography.geometry.ray_error import ViewErrors
 
-# Number of draws: each has errors of all views.
-VIEW_DRAWS = 1024
-
 
 def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors | None:
     """Draw the errors of the geometry and of the views' poses; None where the object turns in one scan."""
@@ -34,7 +31,7 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     errors = np.concatenate([errors, errors[:, rows] @ by_own.T + alone], axis=1)
     instead = joint.motion_sets.errors()
     if instead is not None:
-        drawn = rng.integers(DRAWS, size=VIEW_DRAWS)
+        drawn = rng.integers(DRAWS, size=len(errors))
         real, places = np.flatnonzero(drawn < len(instead)), np.array([*rows, *range(len(order), errors.shape[1])])
         errors[np.ix_(real, places)] += instead[drawn[real]][:, [*own, *rest]]
     # Places of cells that the scan does not show have no error.
@@ -46,16 +43,16 @@ def view_errors(joint: JointFit, statistics: ResidualStatistics) -> ViewErrors |
     taken -= np.array([[float(each == term) for each in terms] for term in POSE])
     values, vectors = np.linalg.eigh(covariance * joint.variance * statistics.inflation)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-    poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((VIEW_DRAWS, *values.shape)))
+    poses = np.einsum("vij,dvj->dvi", roots, rng.standard_normal((len(errors), *values.shape)))
     poses -= np.einsum("vin,dn->dvi", taken, errors[:, [*shown, *range(len(order), errors.shape[1])]])
     axes = beam_axes(joint.model)
     return ViewErrors(errors[:, : len(order)], np.einsum("vji,dvj->dvi", axes, poses), axes)
 
 
 def _drawn(covariance: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Draw errors (`VIEW_DRAWS`, n) with this covariance."""
+    """Draw errors (half of `DRAWS`, n) with this covariance: each draw has errors of all views."""
     values, vectors = np.linalg.eigh(covariance)
-    drawn = rng.standard_normal((VIEW_DRAWS, len(values)))
+    drawn = rng.standard_normal((DRAWS // 2, len(values)))
     drawn /= np.sqrt((drawn**2).mean(axis=0))
     errors: FloatArray = drawn @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     return errors

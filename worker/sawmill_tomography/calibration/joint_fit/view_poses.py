@@ -17,21 +17,13 @@ from sawmill_tomography.calibration.fit import OnStep
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, stepped
+from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, LEAST_MOVE_MM, stepped
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
 
 # Effects of an object that turns while it is scanned.
 OF_TURNING = MOTIONS | {Adjustment.ANGLE_JITTER, Adjustment.ROTATION_DURING_EXPOSURE}
-# Sizes at which the likelihood is looked for first, and the range of all: roll, rad, and shifts, mm.
-START = (math.radians(0.2), 0.5, 0.5)
-LEAST, MOST = (1e-5, 1e-3, 1e-3), (0.1, 20.0, 20.0)
-# The poses are found before effects are looked for: in this number of steps at most, until none is larger (mm at the
-# phantom's rim).
-STEPS, SMALL_MM = 20, 0.02
-# Other rolls are looked for from this number of standard deviations away, in this number of steps.
-OTHER_ROLL, OTHER_STEPS = 1.5, 4
 
 
 @dataclass(frozen=True)
@@ -93,18 +85,19 @@ def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column
         of_fixed = np.linalg.slogdet(of_base * np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))[1]
         return 0.5 * (float(determinants.sum() + of_fixed) + remaining / variance)
 
-    bounds = list(zip(np.log(LEAST), np.log(MOST), strict=True))
-    best = scipy.optimize.minimize(cost, np.log(START), method="L-BFGS-B", bounds=bounds)
+    # In rad and mm no size is outside of these bounds.
+    best = scipy.optimize.minimize(cost, np.full(3, -3.0), method="L-BFGS-B", bounds=[(-11.5, 3.0)] * 3)
     return PoseSizes(*np.exp(best.x).tolist()), variance
 
 
-def with_view_poses(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
-    """Find the views' poses next to these columns alone."""
-    model = _stepped_often(model, columns, on_step)
-    return _stepped_often(_with_other_rolls(model, columns, on_step), columns, on_step)
+def with_view_poses(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
+    """Find the views' poses next to these columns alone, in twice this number of rounds at most."""
+    model = _stepped_often(model, columns, rounds, on_step)
+    other = _with_other_rolls(model, columns, rounds // 3, on_step)
+    return _stepped_often(other, columns, rounds, on_step)
 
 
-def _with_other_rolls(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
+def _with_other_rolls(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
     """Take another roll in views that have two likely ones: a side along the rays looks alike turned either way."""
     grams = ViewGrams(model)
     sizes, variance = likeliest_sizes(model, grams, columns)
@@ -114,9 +107,9 @@ def _with_other_rolls(model: ScanModel, columns: Sequence[Column], on_step: OnSt
         return np.asarray((grams.weights * at.residual**2).sum(axis=1) + prior)
 
     best = model
-    for way in (-1.0, 1.0):
-        other = replace(model, pose=model.pose + way * OTHER_ROLL * sizes.roll_rad * np.eye(3)[0])
-        for _ in range(OTHER_STEPS):
+    for deviations in (-1.5, 1.5):
+        other = replace(model, pose=model.pose + deviations * sizes.roll_rad * np.eye(3)[0])
+        for _ in range(rounds):
             on_step()
             there = ViewGrams(other)
             project_out_poses(other, there, sizes, variance)
@@ -126,9 +119,9 @@ def _with_other_rolls(model: ScanModel, columns: Sequence[Column], on_step: OnSt
     return best
 
 
-def _stepped_often(model: ScanModel, columns: Sequence[Column], on_step: OnStep) -> ScanModel:
+def _stepped_often(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
     """Take steps of these columns and all poses until a step is small."""
-    for _ in range(STEPS):
+    for _ in range(rounds):
         on_step()
         grams = ViewGrams(model)
         project_out_poses(model, grams, *likeliest_sizes(model, grams, columns))
@@ -136,7 +129,7 @@ def _stepped_often(model: ScanModel, columns: Sequence[Column], on_step: OnStep)
         change = system.inverse(range(len(columns))) @ system.score
         of_poses = pose_change(grams, columns, change)
         model, share = stepped(model, system, change, grams, may_rise=BY_ANGLES, of_poses=of_poses)
-        if share in (0.0, 1.0) and share * np.abs(of_poses * [model.drawing.radius_mm, 1.0, 1.0]).max() < SMALL_MM:
+        if share in (0.0, 1.0) and share * np.abs(of_poses * [model.drawing.radius_mm, 1.0, 1.0]).max() < LEAST_MOVE_MM:
             break
     return model
 
