@@ -159,6 +159,10 @@ study-production-logs: install-dev
 study-poses: install-dev
 	@$(BIN)/python benchmarks/log_poses.py $(OPTIONS)
 
+# Calibrations of scanners whose object is turned between passages; ten minutes. OPTIONS: --scans N, --first N.
+study-passages: install-dev
+	@$(BIN)/python benchmarks/passages.py $(OPTIONS)
+
 # Numbers of the calibration that change nothing, each set aside in turn on 100 scans; hours. OPTIONS: --scans N,
 # --part N/M (one of M parts), --only NAME, --list.
 study-limits: install-dev

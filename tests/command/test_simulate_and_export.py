@@ -3,6 +3,7 @@
 import json
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -197,6 +198,28 @@ def test_vectors_on_an_arc_give_images_and_drift_checks(run, tmp_path):
     found = json.loads(run("drift", *known, "--json").stdout)
     assert found["reference"] == "given-geometry"
     assert abs(found["change"]["cor_column_mm"]) < 0.2
+
+
+def test_line_integrals_on_an_arc_are_resampled_for_programs_with_straight_detectors(run, result_file, tmp_path):
+    known = json.loads(result_file.read_text())
+    arc = replace(SCANNER, detector_arc_radius_mm=1500.0)
+    (tmp_path / "arc.json").write_text(
+        json.dumps({**known, "scanner": {**known["scanner"], "detector_arc_radius_mm": 1500.0}})
+    )
+    angles = np.deg2rad(15 + 30 * np.arange(12))
+    straight = FanBeamGeometry(SCANNER, Theta(**known["theta"]), angles)
+    seen, expected = (project(L_SHAPE, DetectorCells.of(scanner), straight.frame, angles) for scanner in (arc, SCANNER))
+    np.save(tmp_path / "lines.npy", seen)
+    flags = ("--views", 12, "--angles-deg", "15:30", "--flat", tmp_path / "lines.npy", "-o", tmp_path / "out.txt")
+    run("export", "--to", "astra", "--calibration", tmp_path / "arc.json", *flags)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "out.txt"), straight.astra_vectors(), rtol=1e-10)
+    left = np.linalg.norm(np.load(tmp_path / "out.txt.flat.npy") - expected)
+    assert left < 0.3 * np.linalg.norm(seen - expected), "edges are as sharp as a cell"
+    np.save(tmp_path / "narrow.npy", seen[:, 1:])
+    for wrong in ("narrow.npy", "arc.json"):
+        flags = (*flags, "--flat", tmp_path / wrong)
+        refused = run("export", "--to", "astra", "--calibration", tmp_path / "arc.json", *flags, code=1)
+        assert "must have 256 cells" in refused.stderr
 
 
 def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path):

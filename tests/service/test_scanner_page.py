@@ -281,6 +281,9 @@ def test_a_new_scanner_is_added_its_settings_changed_and_decimals_have_a_comma_o
     assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
     page = seeded.get(path).text.replace(",", "")
     assert absent(page, "on an arc of 1574", "one for each view</dd>", 'value="between-passages" selected>') == []
+    assert "does not tell whether the scanner has moved" in page
+    assert '"check-drift"' not in page
+    assert '"check-drift"' in seeded.get("/scanners/example").text
     # Two editors: the second one sees what the first has saved, and nothing of hers is lost.
     tag = re.search(r'name="tag" value="([^"]+)"', seeded.get(path).text)[1].replace("&#34;", '"')
     first, second = ({**changed, "tag": tag, name: "181"} for name in ("log_radius_mm", "ray_change_mm"))

@@ -9,7 +9,7 @@ from sawmill_contracts.drifts import DriftRequest
 from sawmill_contracts.scans import ScanSpec
 from sawmill_contracts.schedules import ScheduleSpec
 from sawmill_platform.contracts.jobs import Priority
-from sawmill_store.mill_tables import ScheduleRow
+from sawmill_store.mill_tables import ScannerRow, ScheduleRow
 from sawmill_store.store import Store
 from sawmill_vocabulary import DataKind
 
@@ -149,6 +149,16 @@ def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(stor
     clock.advance(minutes=30)
     (run,) = store.schedules.run_due()
     assert store.drifts.get(run.drift_id).scan_id == older
+
+
+@pytest.mark.usefixtures("active", "checks")
+def test_a_log_that_is_turned_between_passages_is_not_checked_for_drift(store, scanner, log_scan, clock):
+    with store.database.write() as session:
+        row = session.get(ScannerRow, scanner.id)
+        row.spec = {**row.spec, "constants": {**row.spec["constants"], "object_turns": "between-passages"}}
+    log_scan()
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
 
 def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(store, checks, log_scan, clock):

@@ -9,7 +9,7 @@ Adjustment = Literal[
     "faulty-cells", "corrupt-views", "metal", "intensity-averaging", "blur", "outliers", "view-gain",
     "beam-hardening", "density-gradient", "scattered-radiation", "lag", "rotation-during-exposure", "flat-field",
     "modules", "cell-places", "deformation", "bow", "surface-density", "wood-density", "corners", "pace", "creep",
-    "slip", "encoder", "wobble", "angle-jitter", "phantom-rows",
+    "slip", "encoder", "wobble", "angle-jitter", "view-poses", "phantom-rows",
 ]
 AlphaRule = Literal["cross-validation", "discrepancy", "gcv", "l-curve"]
 Axis = Literal["x", "y"]

@@ -80,6 +80,7 @@ ASKS = frozenset(
         "sparse-views",
         "too-few-calibrations",
         "too-few-views",
+        "turned-between-passages",
         "views-too-many",
         "without-error-bars",
     }

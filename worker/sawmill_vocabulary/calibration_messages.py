@@ -95,6 +95,15 @@ class CalibrationMessage(Message):
         "",
         N_("The source shift is not resolved from 0, so theta has no standard deviations; the rays have."),
     )
+    COLUMN_BY_VIEWS = (
+        "column-by-views",
+        N_("The centre of rotation's place on the detector is known to %(column_mm).2g mm only (95 %%)."),
+        "",
+        N_(
+            "The mean of the views' shifts looks the same, and the rays do not depend on it. Images of logs find the "
+            "place of each view from the log."
+        ),
+    )
     SCALE_SIZE = (
         "scale-size",
         _UNCERTAIN_SCALE,
@@ -278,7 +287,7 @@ class ResidualMessage(Message):
         ),
         N_(
             "The phantom's model leaves %(share_percent).1f %% of the sinogram unexplained, and not as noise, most of "
-            "it at the phantom's edges, which has several causes: a detector that lags or a turntable that turns "
+            "it at the phantom's edges, which has several causes: a detector that lags or a phantom that turns "
             "during the exposure, angles that jitter, a surface as the saw left it or worn corners, a drawing that is "
             "not its shape."
         ),

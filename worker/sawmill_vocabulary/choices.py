@@ -112,6 +112,7 @@ class Adjustment(StrEnum):
     ENCODER = "encoder"
     WOBBLE = "wobble"
     ANGLE_JITTER = "angle-jitter"
+    VIEW_POSES = "view-poses"
     PHANTOM_ROWS = "phantom-rows"
 
 

@@ -50,10 +50,10 @@ class MovementMessage(Message):
         N_(
             "The rays moved %(moved_mm).3f mm RMS, within the %(allowed_mm).2f mm allowed. The scale changed by "
             "%(scale_percent)+.3f ± %(spread_percent).2g %%, as when the phantom dried or swelled, was exchanged, or "
-            "source or turntable moved along the beam."
+            "the source or what carries the log moved along the beam."
         ),
     )
-    UNKNOWN_CAUSE = "unknown-cause", "", N_("Check the turntable and the detector.")
+    UNKNOWN_CAUSE = "unknown-cause", "", N_("Check what carries the log, and the detector.")
     TURNTABLE = (
         "turntable",
         "",
@@ -75,7 +75,7 @@ class MovementMessage(Message):
     SIZE = (
         "phantom-size",
         "",
-        N_("Check which phantom was scanned, and measure it. Then check the turntable along the beam."),
+        N_("Check which phantom was scanned, and measure it. Then check what carries the log along the beam."),
         N_(
             "The source distance changed by %(source_mm)+.2f mm and nothing else, as it does when the phantom's size "
             "is not the stated one: the source shift would be %(shift_mm).0f mm, where the active calibration has "
@@ -86,7 +86,7 @@ class MovementMessage(Message):
         "source",
         "",
         N_("Check the source's mount."),
-        N_("The source moved %(source_mm)+.2f mm along the beam, against turntable and detector alike."),
+        N_("The source moved %(source_mm)+.2f mm along the beam, and nothing else did."),
     )
     KNOCKED = (
         "detector-knocked",

@@ -150,6 +150,10 @@ class EffectMessage(Message):
         N_("The angles scatter from view to view, by %(jitter_deg).2g degrees."),
         N_("Look at the encoder and the drive."),
     )
+    VIEWS_ELSEWHERE = (
+        "each-view-elsewhere",
+        N_("Each view stands a little elsewhere: %(shift_mm).2g mm, %(roll_deg).2g degrees."),
+    )
     VIEW_GAIN = "view-gain", N_("The views differ in gain or background, so each has its own.")
     MODULE = (
         "module",

@@ -33,6 +33,16 @@ def export(
     views: Annotated[int, typer.Option(min=1, help="Number of views.")],
     angles_deg: shared.AnglesDeg = None,
     angles_file: shared.AnglesFile = None,
+    flat: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NPY",
+            exists=True,
+            dir_okay=False,
+            help="Line integrals, last axis cells, which are resampled to the equal cells of a straight detector, for "
+            "which the geometry is written. OUT.flat.npy has them.",
+        ),
+    ] = None,
 ) -> None:
     """Write a calibrated geometry for another toolkit."""
     angles = shared.given_angles(angles_deg, angles_file)
@@ -40,5 +50,5 @@ def export(
     with answering():
         from sawmill_worker.commands.export import export_geometry
 
-        export_geometry(to, calibration, output, angles, views)
+        export_geometry(to, calibration, output, angles, views, flat)
     say(f"{views} views: {output}")

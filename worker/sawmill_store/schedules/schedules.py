@@ -42,6 +42,7 @@ from sawmill_store.mill_tables import (
 )
 from sawmill_store.requests.asked import Asked
 from sawmill_store.scanners.history import changes_in_words
+from sawmill_vocabulary import ObjectTurns
 
 
 class Schedules:
@@ -326,7 +327,10 @@ def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
 
 
 def next_log(session: Session, scanner_id: str) -> str | None:
-    """Choose the log scan that a schedule checks for drift next."""
+    """Choose the log scan that a schedule checks for drift next: none of a log that is turned between passages."""
+    constants = found(session, ScannerRow, "scanner", scanner_id).spec["constants"]
+    if constants.get("object_turns") == ObjectTurns.BETWEEN_PASSAGES:
+        return None
     views, is_checked = ScanRow.reading["shape"]["views"].as_integer(), exists().where(DriftRow.scan_id == ScanRow.id)
     logs = select(ScanRow.id, ScanRow.created_at, ScanRow.state, views, is_checked)
     logs = logs.where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None))

@@ -1,7 +1,7 @@
 """The default calibration: search, fit, angles, joint fit, residual, error bars, alternatives, judgement."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from sawmill_tomography.calibration.joint_fit.outliers import OUTLIERS
 from sawmill_tomography.calibration.joint_fit.residual_analysis import analyse_residual
 from sawmill_tomography.calibration.joint_fit.residual_statistics import error_bars
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
+from sawmill_tomography.calibration.joint_fit.view_errors import view_errors
 from sawmill_tomography.calibration.judgement import Evidence, JudgementLimits, judge
 from sawmill_tomography.calibration.lost_views import shown_angles
 from sawmill_tomography.calibration.refusals import refuse_unfound
@@ -76,7 +77,7 @@ def conclude(
     best = _best_fit(task, ranked, basins.report.seed, on_step)
     of_metal = () if metal is None else (metal.reason(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     prepared, joint, statistics, source_distance = with_theta(
-        task, replace(_without_faults(best, task.without), known=known), on_step
+        task, replace(_without_faults(best, task), known=known), on_step
     )
     adjusted = (*task.screening.adjustments, *of_metal, *prepared.adjustments)
     task = replace(task, scanner=joint.seen_by(task.scanner))
@@ -86,7 +87,7 @@ def conclude(
     radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
     analysis = analyse_residual(joint, statistics, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
-    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm)
+    bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, view_errors(joint, statistics))
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
     scale = scale_uncertainty(
         task.scanner,
@@ -109,6 +110,7 @@ def conclude(
         residual=joint.model.residual,
         adjustments=(*adjusted, *analysis.adjustments),
         judgement=judgement,
+        view_poses=None if joint.poses is None else joint.model.pose,
         beam=_beam(joint.model),
         search=basins.report,
         timing=StageSeconds(ended - started, searched - started, refined - searched, ended - refined),
@@ -166,7 +168,7 @@ def _with_shown_angles(
     task: CalibrationTask, ranked: list[RankedFit], seed: int, on_step: OnStep
 ) -> tuple[CalibrationTask, list[RankedFit], tuple[KnownEffect, ...]]:
     """Give each view the angle that it shows, where no fit explains the scan and those angles explain it far better."""
-    if not ranked or not {Adjustment.PACE, Adjustment.SLIP}.isdisjoint(task.without):
+    if not ranked or task.of_passages or not {Adjustment.PACE, Adjustment.SLIP}.isdisjoint(task.without):
         return task, ranked, ()
     before = _plain(task, ranked[0], on_step).unexplained
     if before <= WELL_EXPLAINED:
@@ -212,9 +214,12 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
     )
 
 
-def _without_faults(adjusted: AdjustedFit, without: Collection[Adjustment]) -> AdjustedFit:
-    """Adjust the plain fit to faults, as the start of the joint fit; faults in `without` are not searched."""
+def _without_faults(adjusted: AdjustedFit, task: CalibrationTask) -> AdjustedFit:
+    """Adjust the plain fit to faults, as the start of the joint fit.
+
+    Faults that are switched off are not searched, nor outliers where each view has another pose and looks like one.
+    """
     for finding in BEFORE:
-        if finding.adjustment not in without:
+        if finding.adjustment not in task.without and not (finding is OUTLIERS and task.of_passages):
             adjusted = finding.adjust(adjusted)
-    return adjusted
+    return replace(adjusted, of_passages=task.of_passages)

@@ -36,6 +36,8 @@ class CalibrationOutcome:
     judgement: Judgement
     search: SearchReport
     timing: StageSeconds
+    # (views, 3): changes of (psi, t_x, t_y), rad and mm, where each view has another pose
+    view_poses: FloatArray | None = None
     beam: BeamCorrection = NOTHING_FOUND  # hardening and scatter, None where they were not fitted
 
     @property

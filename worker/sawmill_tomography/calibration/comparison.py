@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sawmill_tomography.calibration.calibration import CalibratedGeometry
 from sawmill_tomography.calibration.movement import likely_cause
 from sawmill_tomography.calibration.scale import TWO_SIDED_95
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, angle_difference
 from sawmill_tomography.geometry.ray_error import RayError, ray_error, scale_deviation
+from sawmill_vocabulary import ObjectTurns
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import MovementMessage
 
@@ -109,7 +110,11 @@ def _scale_values(change: _Change) -> dict[str, Value]:
 def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, radius_mm: float) -> RayError:
     try:
         before, after = (scanner.with_cells_of(each.scanner) for each in (active, new))
-        return ray_error(before, active.frame, new.frame, radius_mm=radius_mm, other_scanner=after)
+        frame = new.frame
+        if scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES:
+            # A common shift of the views looks like another u_c.
+            frame = replace(frame, cor_column_mm=active.frame.cor_column_mm)
+        return ray_error(before, active.frame, frame, radius_mm=radius_mm, other_scanner=after)
     except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
         scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0
         return RayError(radius_mm, radius_mm, scale)

@@ -10,11 +10,12 @@ from sawmill_tomography.calibration.fit import Fit, FittedModel
 from sawmill_tomography.calibration.joint_fit.residual_analysis import ResidualAnalysis
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ErrorBars
 from sawmill_tomography.calibration.joint_fit.structure import ResidualPlace, Structure
-from sawmill_tomography.calibration.scale import ScaleSource, ScaleUncertainty, size_by_distance
+from sawmill_tomography.calibration.scale import TWO_SIDED_95, ScaleSource, ScaleUncertainty, size_by_distance
 from sawmill_tomography.calibration.second_witness import LogWitness
 from sawmill_tomography.calibration.sinogram_data import counted_radius_mm
 from sawmill_tomography.calibration.source_distance import SourceDistance
 from sawmill_tomography.calibration.task import CalibrationTask
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame
 from sawmill_tomography.preparing.line_integrals import MOST_DEAD
 from sawmill_vocabulary import WIDEST_CELL_MM, Agreement, CalibrationStatus, MovedBody, Verdict
@@ -318,6 +319,13 @@ def _source_shift(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
         yield Remark(Degree.NOTE, CalibrationMessage.SHIFT_NOT_RESOLVED())
 
 
+def _column(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
+    """Report how well u_c is known where the mean of the views' shifts looks the same."""
+    if evidence.residual.poses is not None:
+        deviation_mm = evidence.error_bars.frame_deviation(evidence.fit.frame)[FitParameter.U_C]
+        yield Remark(Degree.NOTE, CalibrationMessage.COLUMN_BY_VIEWS(column_mm=TWO_SIDED_95 * float(deviation_mm)))
+
+
 def _scale(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     """Check whether the image's millimetres are known well enough: no residual shows a common scale."""
     scale = evidence.scale
@@ -343,6 +351,7 @@ KINDS: tuple[Callable[[Evidence, JudgementLimits], Iterator[Remark]], ...] = (
     _structured_residual,
     _bounds,
     _source_shift,
+    _column,
     _scale,
 )
 

@@ -9,6 +9,7 @@ from sawmill_tomography.calibration.scale import size_by_distance
 from sawmill_tomography.geometry.fit_parameters import RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_tomography.geometry.ray_error import ray_error, scale_ray_error
+from sawmill_vocabulary import ObjectTurns
 from sawmill_vocabulary.messages import Reason, Value
 from sawmill_vocabulary.movement_messages import MovementMessage
 
@@ -61,10 +62,12 @@ def likely_cause(
         "column_mm": float(change[FitParameter.U_C]),
         "tilt_deg": math.degrees(change[FitParameter.TILT]),
     }
+    of_passages = scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES
     spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
     if covariance is not None:
         spread += covariance[RAYS, RAYS]
-    for causes in _CAUSES:
+    for every in _CAUSES:
+        causes = [cause for cause in every if not (of_passages and cause.message is MovementMessage.TURNTABLE)]
         remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
         best = int(np.argmin(remaining))
         if remaining[best] < SIGNIFICANT:

@@ -18,7 +18,7 @@ from sawmill_tomography.geometry.geometry import FloatArray, Scanner, ThetaBound
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection.analytic import DetectorCells
 from sawmill_tomography.sinograms.screening import Screening, screen
-from sawmill_vocabulary import Adjustment, Handedness, Rotation, TrueAxis
+from sawmill_vocabulary import Adjustment, Handedness, ObjectTurns, Rotation, TrueAxis
 
 
 class PoseHypothesis(NamedTuple):
@@ -73,6 +73,12 @@ class CalibrationTask:
         """The phantom as seen by each allowed handedness."""
         seen = {Handedness.AS_DRAWN: self.phantom, Handedness.FROM_BEHIND: self.phantom.mirrored()}
         return {h: p for h, p in seen.items() if self.handedness in {None, h}}
+
+    @property
+    def of_passages(self) -> bool:
+        """True if the object is turned between passages, and has another pose in each view."""
+        declared = self.scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES
+        return declared and Adjustment.VIEW_POSES not in self.without
 
     @property
     def rotations(self) -> tuple[Rotation, ...]:

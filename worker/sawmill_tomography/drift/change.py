@@ -55,7 +55,7 @@ class DriftError(ValueError):
     """A scan that shows no drift; the message gives the reason.
 
     `code`, for programs, is stable: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen,
-    moved-too-far, metal-in-log.
+    moved-too-far, metal-in-log, turned-between-passages.
     """
 
     def __init__(self, code: str, message: str) -> None:

@@ -39,7 +39,7 @@ from sawmill_tomography.drift.view_pairs.pair_sums import ENCODER_DEG, ScanMotio
 from sawmill_tomography.drift.view_pairs.view_pairs import MOST_VIEWS, REACH, UNREST, PairFit, scan_times, view_pair_fit
 from sawmill_tomography.geometry.detector_shape import FlatDetector, flat_borders_mm
 from sawmill_tomography.geometry.geometry import TAU, FloatArray, Scanner, SourceFrame
-from sawmill_vocabulary import Rotation
+from sawmill_vocabulary import ObjectTurns, Rotation
 
 # Where opposite rays leave u_c uncertain by more than this share of a cell, motions during the scan disturb them: pairs
 # of views fit those (benchmarks/production_logs.py: 360 views with slides or wrong turns).
@@ -67,10 +67,16 @@ def detector_fit(
     Raises
     ------
     DriftError
-        Error of `conjugate_fit` or `few_view_fit`.
+        Error of `conjugate_fit` or `few_view_fit`; or the scanner turns the log between passages.
     GeometryError
         Error of `few_view_fit`.
     """
+    if scanner.object_turns is ObjectTurns.BETWEEN_PASSAGES:
+        raise DriftError(
+            "turned-between-passages",
+            "this log does not tell whether the scanner has moved, because it is turned between passages and stands "
+            "elsewhere in each view: reconstruct it with view_poses, and scan the phantom to check the scanner",
+        )
     across_gaps = None
     if scanner != scanner.with_equal_cells:
         # Opposite rays are interpolated between cells at equal distances.

@@ -160,7 +160,7 @@ class FanViews:
         if self.uneven_mm > SAME_MM:
             raise GeometryError(
                 f"the cells are up to {self.uneven_mm:.3g} mm from equal distances on a straight line, and only the "
-                "form vectors holds modules and arcs: export --to vectors, or calibrate --without modules"
+                "form vectors holds modules and arcs: export --to vectors, or resample line integrals by export --flat"
             )
 
     def astra_vectors(self) -> FloatArray:

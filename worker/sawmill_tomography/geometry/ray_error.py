@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
+from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import (
     FloatArray,
     GeometryError,
@@ -259,6 +260,15 @@ class RayErrorMixture:
     draws: int  # number of draws, of which the remaining ones have no further error
 
 
+@dataclass(frozen=True, eq=False)
+class ViewErrors:
+    """Drawn errors of a geometry and, at the same time, of the poses of its views."""
+
+    errors: FloatArray  # (draws, 5 + 2 modules): errors of the geometry and of the places of cells
+    poses: FloatArray  # (draws, views, 3): errors of roll, rad, and of both shifts: across and along the beam, mm
+    axes: FloatArray  # (views, 3, 3): changes of (psi, t_x, t_y) by the three
+
+
 def predicted_ray_error(
     scanner: Scanner,
     frame: SourceFrame,
@@ -268,12 +278,13 @@ def predicted_ray_error(
     *,
     radius_mm: float = 150.0,
     further_mm: float = 0.0,
+    of_views: ViewErrors | None = None,
 ) -> RayErrorPrediction:
     """Predict the ray error from a covariance of (psi, R, SDD, u_c, tau), to first order.
 
     The covariance may go on with the gap and the kink of each module, then with the detector's curvature (1/mm) and
-    waves (mm). Of each of the `alternatives` at most one is
-    real; they and the `mixture` count in the limits only. `further_mm` is the RMS error that no parameter has.
+    waves (mm). Of each of the `alternatives` at most one is real; they and the `mixture` count in the limits only.
+    `further_mm` is the RMS error that no parameter has. `of_views` replaces the drawn errors, the mixture's too.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
     point's derivatives; the common rotation and scale are projected out of the derivatives as `ray_error` removes them
@@ -291,8 +302,14 @@ def predicted_ray_error(
     form = derivative.T @ derivative / len(derivative)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 2 %.
     rng = np.random.default_rng(0)
-    errors = _drawn_errors(form, covariance, mixture, rng)
-    squares = (errors @ form * errors).sum(axis=1)
+    if of_views is None:
+        errors = _drawn_errors(form, covariance, mixture, rng)
+        squares = (errors @ form * errors).sum(axis=1)
+    else:
+        at = points[ray, on_chord], cells[ray]
+        squares, variance = _of_views(scanner, frame, at, of_views, rng, of_places=of_places)
+        # What modules hide adds to errors that the poses have taken up.
+        errors = np.zeros((DRAWS, len(covariance)))
     if further_mm:
         squares += further_mm**2 * FREEDOM / rng.chisquare(FREEDOM, DRAWS)
     moves = _ModuleMoves.of(form, derivative, hidden, distances[:, distances.shape[1] - 2 * len(hidden) :])
@@ -305,6 +322,41 @@ def predicted_ray_error(
         upper,
         (low, high),
     )
+
+
+def _of_views(
+    scanner: Scanner,
+    frame: SourceFrame,
+    at: tuple[FloatArray, NDArray[np.intp]],
+    of_views: ViewErrors,
+    rng: np.random.Generator,
+    *,
+    of_places: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean squares (`DRAWS`,) of distances, and the variance (points, views), of rays in the phantom's frame.
+
+    The common rotation, shift and scale that make the mean square least are removed.
+    """
+    (points, cells), (views, count) = at, (len(of_views.axes), of_views.errors.shape[1])
+    _, direction = _rays(scanner, frame)
+    normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
+    roll = normal[:, 0] * points[:, 1] - normal[:, 1] * points[:, 0]
+    by_frame = _derivatives(scanner, frame, points[:, None], cells, (), of_places=of_places)[:, :count]
+    derivative = np.column_stack([by_frame, roll, normal])
+    form = derivative.T @ derivative / len(derivative)
+    common = np.zeros((views, count + 3, 4))
+    common[:, count:, :3], common[:, FitParameter.R, 3] = np.linalg.inv(of_views.axes), 1.0
+    formed = form @ common
+    of_draws = np.broadcast_to(of_views.errors[:, None], (len(of_views.errors), views, count))
+    errors = np.concatenate([of_draws, of_views.poses], axis=2)
+    least = np.linalg.pinv(np.einsum("vni,vnj->ij", common, formed), hermitian=True)
+    errors = errors - np.einsum("vni,dvm,vmj,ji->dvn", common, errors, formed, least, optimize=True)
+    products = np.einsum("dvm,dvn->vmn", errors, errors, optimize=True) / len(errors)
+    squares = ((errors @ form) * errors).sum(axis=2).mean(axis=1)
+    # The variances of the poses are estimated from as many numbers.
+    freedom = of_views.poses[0].size
+    squares = np.resize(squares, DRAWS) * freedom / rng.chisquare(freedom, DRAWS)
+    return squares, np.einsum("pm,vmn,pn->pv", derivative, products, derivative, optimize=True)
 
 
 def _drawn_errors(

@@ -9,19 +9,42 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from sawmill_calibration.failures import refused
 from sawmill_calibration.result_file import read_calibration
 from sawmill_calibration.view_vectors import vectors_of
 from sawmill_formats.input.angles import AnglesGiven
+from sawmill_tomography.geometry.detector_shape import FlatDetector, flat_borders_mm
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments, rtk_arguments
-from sawmill_tomography.geometry.geometry import FanBeamGeometry, cell_centres_mm
+from sawmill_tomography.geometry.geometry import FanBeamGeometry, FloatArray, cell_centres_mm
 from sawmill_worker.commands.options import ExportTarget
 
 
-def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
-    """Write a calibration's geometry at the given views for a toolkit, or as vectors, which `--geometry` reads."""
+def export_geometry(
+    target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int, flat: Path | None = None
+) -> None:
+    """Write a calibration's geometry at the given views for a toolkit, or as vectors, which `--geometry` reads.
+
+    With line integrals `flat`, (..., cells), they are resampled to the equal cells of a straight detector first.
+    """
     result = read_calibration(calibration)
     turned = result.rotation.apply(np.deg2rad(angles.expand(views)))
-    _WRITERS[target](output, FanBeamGeometry(result.scanner, result.theta, turned))
+    fan = FanBeamGeometry(result.scanner, result.theta, turned)
+    if flat is not None:
+        shape = FlatDetector.of(flat_borders_mm(fan.scanner, fan.frame), fan.scanner)
+        np.save(f"{output}.flat.npy", shape.resampled(_line_integrals(flat, fan.scanner.num_detector_pixels)))
+        fan = FanBeamGeometry(fan.scanner.with_equal_cells, fan.theta, turned)
+    _WRITERS[target](output, fan)
+
+
+def _line_integrals(path: Path, cells: int) -> FloatArray:
+    """Read line integrals (..., cells)."""
+    try:
+        lines = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError):
+        lines = None
+    if not isinstance(lines, np.ndarray) or lines.shape[-1:] != (cells,) or lines.dtype.kind != "f":
+        raise refused("other-detector", f"{path} must have {cells} cells of line integrals as its last axis, as .npy")
+    return lines
 
 
 def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:

@@ -41,6 +41,7 @@ class AdjustedFit:
     adjustments: tuple[str, ...] = ()
     known: tuple[KnownEffect, ...] = ()  # effects with which the joint fit starts
     averaging: FloatArray | None = None  # (views, cells) or None
+    of_passages: bool = False  # True if the object is turned between passages, so that each view has its own pose
     on_step: OnStep = ignore_progress  # called at each step of further fits
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":

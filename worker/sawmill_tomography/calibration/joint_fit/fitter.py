@@ -55,6 +55,14 @@ from sawmill_tomography.calibration.joint_fit.selection import (
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
 from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.view_poses import (
+    OF_TURNING,
+    PoseSizes,
+    likeliest_sizes,
+    pose_change,
+    project_out_poses,
+    with_view_poses,
+)
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation, patch_side_mm
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
@@ -106,6 +114,8 @@ def fit_jointly(
     Effects of real wood, and a density of each of its patches, are looked at where they are beyond chance.
     """
     fitter = JointFitter(prepared, frozenset(without))
+    if fitter.left_out:
+        fitter.find_poses(on_step)
     fitter.fit(on_step)
     fitter.go_over(on_step, 1)
     if fitter.shows(OF_WOOD):
@@ -149,7 +159,10 @@ class JointFitter:
 
     def __init__(self, prepared: AdjustedFit, without: frozenset[Adjustment]) -> None:
         start, views = prepared.fit, len(prepared.data.sinogram)
-        self.without = without
+        # An object that is turned between passages does not move in the ways of one that turns.
+        self.left_out = OF_TURNING if prepared.of_passages else frozenset[Adjustment]()
+        self.without = without | self.left_out
+        self.poses: PoseSizes | None = None
         self.model = ScanModel(
             prepared.phantom,
             prepared.data,
@@ -193,8 +206,15 @@ class JointFitter:
         return [
             Fitted(effect, columns, effect.trials, declined=effect.adjustment in self.without)
             for effect in effects
-            if (columns := effect.columns(self.model))
+            if effect.adjustment not in self.left_out and (columns := effect.columns(self.model))
         ]
+
+    def find_poses(self, on_step: OnStep) -> None:
+        """Find the poses of single views before any effect."""
+        self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
+        if self.averaging is not None:
+            self.model, self.averaging = _with_new_averaging(self.model, self.averaging)
+            self.model = with_view_poses(self.model, self.base, ROUNDS, on_step)
 
     def fit(self, on_step: OnStep) -> None:
         """Take steps until the fit has ended."""
@@ -209,8 +229,9 @@ class JointFitter:
         """
         if self._within_drawing or (not self.fitted and self.correlation <= UNCORRELATED):
             return False
-        grams = ViewGrams(self.model.every(self._screening_step), of_wood=True)
-        base = self._screened(grams)
+        model = self.model.every(self._screening_step)
+        grams = ViewGrams(model, of_wood=True)
+        base = self._screened(grams, model)
         tried = [one.columns for one in self._of_effects(effects)]
         tester = EffectTester(grams.system([*base, *chain.from_iterable(tried)]), range(len(base)))
         ends = accumulate(map(len, tried), initial=len(base))
@@ -223,7 +244,7 @@ class JointFitter:
             return False
         model = self.model.every(self._screening_step)
         grams = ViewGrams(model, of_wood=self.of_wood, of_patches=True)
-        columns = self._screened(grams)
+        columns = self._screened(grams, model)
         uniform, own = grams.system(columns), range(len(columns))
         varies = grams.vary_densities(columns)
         # Patches change the rays as an outline does that is off by their side times the variation.
@@ -244,10 +265,10 @@ class JointFitter:
     def _screening_step(self) -> int:
         return max(len(self.model.data.angles_rad) // SCREENED_VIEWS, 1)
 
-    def _screened(self, grams: ViewGrams) -> list[Column]:
+    def _screened(self, grams: ViewGrams, model: ScanModel) -> list[Column]:
         """Return the fit's columns in the views that are tested first, without the views' random effects."""
         fitted = (column.every(self._screening_step) for one in self.fitted for column in one.columns)
-        return [*self._project_out(grams), *fitted]
+        return [*self._project_out(grams, model), *fitted]
 
     def widen(self, *, patches: bool = False) -> None:
         """Go on with the effects of wood, or with the densities of its patches too."""
@@ -302,7 +323,9 @@ class JointFitter:
         self.variance = left / max(system.samples - degrees, 1.0)
         penalised = posterior.penalised
         small = is_small(self.model, penalised, posterior.used, change, self.variance)
-        self.model, share = stepped(self.model, *system.with_patches(change), grams, may_rise=BY_ANGLES)
+        whole, of_all = system.with_patches(change)
+        of_poses = 0.0 if self.poses is None else pose_change(grams, whole.columns, of_all)
+        self.model, share = stepped(self.model, whole, of_all, grams, may_rise=BY_ANGLES, of_poses=of_poses)
         for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
         self.model = self._with_fitted_modules()
@@ -384,6 +407,7 @@ class JointFitter:
             self.angle_variance,
             self.variation if self.variation is not None and _varies(self.variation) else None,
             tuple(self._hidden_modules(grams, system, posterior.used)),
+            poses=self.poses,
             converged=self.converged,
             rounds=self.rounds,
         )
@@ -400,13 +424,18 @@ class JointFitter:
         # What a drawing that is off by its precision leaves, of each ray at two edges that it crosses at an angle.
         off = EDGES * float(self.model.gain.mean()) * self.model.drawing.precision_mm
         self.of_drawing = off * off * float(grams.weights[self.model.lengths > 0.0].sum())
-        return grams, self._project_out(grams)
+        if self.left_out:
+            fitted = [column for one in self.fitted for column in one.columns]
+            self.poses, self.variance = likeliest_sizes(self.model, grams, [*self.base, *fitted])
+        return grams, self._project_out(grams, self.model)
 
     def _grams(self) -> ViewGrams:
         return ViewGrams(self.model, of_wood=self.of_wood, of_patches=self.of_patches)
 
-    def _project_out(self, grams: ViewGrams) -> list[Column]:
+    def _project_out(self, grams: ViewGrams, model: ScanModel) -> list[Column]:
         """Project out the views' random effects, and return the columns always fitted."""
+        if self.poses is not None:
+            project_out_poses(model, grams, self.poses, self.variance)
         if self.angle_variance > 0.0:
             grams.project_out([Term.PSI], self.variance / self.angle_variance)
         if self.model.view_gain:
@@ -426,7 +455,7 @@ class JointFitter:
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         if self.of_patches:
             self.variation = grams.vary_densities(base)
-        more = sum(map(_is_slip, self.fitted)) < MOST_SLIPS
+        more = not self.left_out and sum(map(_is_slip, self.fitted)) < MOST_SLIPS
         view = likeliest_slip(base, *grams.of_columns(base)) if more else None
         if view is not None:
             effects = (slip_at(view), jump_at(view))
@@ -636,9 +665,9 @@ class JointFitter:
             self.angle_variance = angle_scatter(system, change, self.variance)
             if self.angle_variance > 0.0:
                 return False
-        if self.averaging is None or not self.fitted:
+        if self.averaging is None or not (self.fitted or self.left_out):
             return True
-        self.model, self.averaging = _with_new_averaging(self.model, self.averaging), None
+        self.model, self.averaging = _with_new_averaging(self.model, self.averaging)[0], None
         return False
 
 
@@ -668,10 +697,10 @@ def _is_slip(one: Fitted) -> bool:
     return one.effect.adjustment is Adjustment.SLIP
 
 
-def _with_new_averaging(model: ScanModel, before: FloatArray) -> ScanModel:
+def _with_new_averaging(model: ScanModel, before: FloatArray) -> tuple[ScanModel, FloatArray]:
     """Compute the averaging of intensities for the current model, and put it into the sinogram instead of `before`."""
     data = model.data
     position = model.pose[:, 1:] + model.x[[FitParameter.T_X, FitParameter.T_Y]]
     turned = replace(data, angles_rad=data.angles_rad + model.pose[:, 0])
     added = averaging(model.phantom, turned, model.frame, position_mm=position, gain=model.gain)
-    return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
+    return replace(model, data=replace(data, sinogram=data.sinogram - before + added)), added

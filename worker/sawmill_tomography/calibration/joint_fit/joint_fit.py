@@ -13,6 +13,7 @@ from sawmill_tomography.calibration.joint_fit.motion_sets import MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, System
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import EffectTest
+from sawmill_tomography.calibration.joint_fit.view_poses import PoseSizes
 from sawmill_tomography.calibration.joint_fit.wood_patches import Variation
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, wrap_angle
@@ -35,6 +36,7 @@ class JointFit:
     angle_variance: float  # variance of the views' angles, rad^2; 0 where the angles do not scatter
     variation: Variation | None  # how much the wood's density varies from patch to patch
     hidden_modules: tuple[tuple[HiddenModule, ...], ...]
+    poses: PoseSizes | None  # sizes of the poses of single views; None where the object turns in one scan
     converged: bool
     rounds: int
 

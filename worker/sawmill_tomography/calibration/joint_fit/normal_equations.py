@@ -132,8 +132,10 @@ class ViewGrams:
         self._patches = tuple(map(Column.of, model.patch_terms)) if of_patches else ()
         self._densities = np.array([model.size(term) for term in model.patch_terms]) if of_patches else np.empty(0)
         self._density_precision, self._summed = 0.0, dict[Column, FloatArray]()
-        # The inner products before anything is projected out, and the precision of each term projected out.
-        self._whole, self._precisions = (self.grams, self.scores), dict[Term, float]()
+        # The inner products before anything is projected out, the terms that are, and the precision (views, terms,
+        # terms) by which their prior draws them back, by (views, terms).
+        self._whole, self._projected = (self.grams, self.scores), list[Term]()
+        self._precision, self._pull = np.zeros((views, 0, 0)), np.zeros((views, 0))
         count = views * (cells - 1)
         mean, square = (neighbours.sum(axis=0) / count).tolist()
         deviation = math.sqrt(max(square - mean * mean, 0.0))
@@ -186,20 +188,31 @@ class ViewGrams:
         chance = SCATTERS * variance * math.sqrt(2.0 * float((own**2).sum()))
         return (excess / float((own**2).sum()) if excess > chance else 0.0), variance
 
-    def project_out(self, terms: Sequence[Term], precision: float) -> None:
+    def project_out(self, terms: Sequence[Term], precision: float | FloatArray, at: FloatArray | None = None) -> None:
         """Project out unknowns of each view: terms that are free in each view (precision 0), or scatter about 0.
 
-        `precision` is the variance of a sample divided by the variance of the unknowns.
+        `precision` is the variance of a sample divided by the variance of the unknowns, or times the inverse of their
+        covariance in each view, (views, terms, terms). `at` (views, terms): the unknowns in the model.
         """
-        own = list(terms)
-        self._precisions |= dict.fromkeys(terms, precision)
-        within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
+        own, before = list(terms), len(self._projected)
+        precisions = np.broadcast_to(
+            precision * np.eye(len(own)) if isinstance(precision, float) else precision,
+            (len(self.scores), len(own), len(own)),
+        )
+        at = np.zeros((len(self.scores), len(own))) if at is None else at
+        pull = (precisions @ at[..., None])[..., 0]
+        self._projected += own
+        both = np.zeros((len(self.scores), len(self._projected), len(self._projected)))
+        both[:, :before, :before], both[:, before:, before:] = self._precision, precisions
+        self._precision, self._pull = both, np.concatenate([self._pull, pull], axis=1)
+        within = self.grams[:, own][:, :, own] + precisions
         inverse = np.linalg.pinv(within, rcond=SINGULAR, hermitian=True)
         share = self.grams[:, :, own] @ inverse
-        self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
+        score = self.scores[:, own] - pull
+        self.power += float(np.einsum("ki,ki->", at, pull)) - float(np.einsum("ki,kij,kj->", score, inverse, score))
         rows = np.array([[float(kept is term) for kept in KEPT] for term in terms])
         self._taken = self._taken + np.einsum("kto,oek->tek", share, rows[..., None] - self._taken[own])
-        self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
+        self.scores = self.scores - (share @ score[..., None])[..., 0]
         self.grams = without_shares(self.grams, np.array(own), share)
         self._summed = {}
 
@@ -283,10 +296,10 @@ class ViewGrams:
         own = self._of_column[Term.U_C] - of_stripes * self._sums[Term.U_C]
         score = self._of_column[-1]
         taken = by_stripes = np.empty((0, own.size))
-        if self._precisions:
-            terms = list(self._precisions)
+        if self._projected:
+            terms = self._projected
             grams, scores = self._whole
-            within = grams[:, terms][:, :, terms] + np.diag(list(self._precisions.values()))
+            within = grams[:, terms][:, :, terms] + self._precision
             values, vectors = np.linalg.eigh(within)
             kept = values > SINGULAR * values[:, -1:]
             root = np.swapaxes(vectors * np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None], 1, 2)
@@ -295,7 +308,7 @@ class ViewGrams:
             by_stripes = (weighted * of_stripes).reshape(-1, own.size)
             of_columns = root @ self._with_terms(columns, terms) - (weighted * self.stripe_shares) @ sums.T
             with_columns -= of_columns.reshape(-1, len(columns)).T @ taken
-            score = score - (root @ scores[:, terms, None]).ravel() @ taken
+            score = score - (root @ (scores[:, terms] - self._pull)[..., None]).ravel() @ taken
         return CellProducts(with_columns, own, score, taken, by_stripes)
 
     def _of_kept(self, term: Term) -> FloatArray:
@@ -313,6 +326,20 @@ class ViewGrams:
                 of_term = grams[:, :, self._rows.get(term, term)]
                 products[:, :, number] += of_term if shape is None else shape[:, None] * of_term
         return products
+
+    def of_each_view(
+        self, columns: Sequence[Column], terms: Sequence[Term]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute the best change of unknowns of each view that are projected out, and what other columns change in it.
+
+        The change (views, terms) is for columns that do not change. It is less by the second array (views, terms,
+        columns) times their change; its covariance is the third (views, terms, terms) times a sample's variance.
+        """
+        every, own = self._projected, [self._projected.index(term) for term in terms]
+        grams, scores = self._whole
+        inverse = np.linalg.pinv(grams[:, every][:, :, every] + self._precision, rcond=SINGULAR, hermitian=True)[:, own]
+        change = (inverse @ (scores[:, every] - self._pull)[..., None])[..., 0]
+        return change, inverse @ self._with_terms(columns, every), np.asarray(inverse[:, :, own], np.float64)
 
     def _densities_alone(self, whole: "System") -> tuple[FloatArray, FloatArray]:
         """Return the inverse normal matrix and the score of the densities, the last columns, with their prior."""

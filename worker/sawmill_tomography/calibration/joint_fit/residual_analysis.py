@@ -11,6 +11,7 @@ from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics
 from sawmill_tomography.calibration.joint_fit.structure import Structure, find_structure
+from sawmill_tomography.calibration.joint_fit.view_poses import PoseSizes
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner
 from sawmill_tomography.geometry.ray_error import ray_error_of_bias
@@ -44,6 +45,7 @@ class ResidualAnalysis:
 
     effects: tuple[FoundEffect, ...] = ()  # effects in the order in which they were found
     structure: Structure | None = None  # structure that is left in the residual; None where the residual is white noise
+    poses: PoseSizes | None = None  # sizes of the views' poses; None where the object turns in one scan
 
     @property
     def cells_misplaced(self) -> bool:
@@ -74,12 +76,17 @@ def analyse_residual(
     if statistics.structured:
         used = 1.0 if model.data.weights is None else model.data.weights > 0.0
         structure = find_structure(model.residual * used, model.prediction)
-    return ResidualAnalysis(effects, structure)
+    return ResidualAnalysis(effects, structure, joint.poses)
 
 
 def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
     if joint.model.view_gain:
         yield FoundEffect(Adjustment.VIEW_GAIN, EffectMessage.VIEW_GAIN(), 0.0, fitted=True)
+    if joint.poses is not None:
+        elsewhere = EffectMessage.VIEWS_ELSEWHERE(
+            shift_mm=joint.poses.shift_mm, roll_deg=math.degrees(joint.poses.roll_rad)
+        )
+        yield FoundEffect(Adjustment.VIEW_POSES, elsewhere, 0.0, fitted=True)
     if joint.variation is not None:
         varies = EffectMessage.WOOD_DENSITY(deviation_percent=100.0 * joint.variation.deviation)
         yield FoundEffect(Adjustment.WOOD_DENSITY, varies, 0.0, fitted=True)

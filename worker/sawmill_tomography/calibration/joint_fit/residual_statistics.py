@@ -19,6 +19,7 @@ from sawmill_tomography.geometry.ray_error import (
     RayAlternatives,
     RayErrorMixture,
     RayErrorPrediction,
+    ViewErrors,
     predicted_ray_error,
 )
 
@@ -126,13 +127,9 @@ def _of_rays(
     joint: JointFit, names: Sequence[int | None], own: Sequence[int], covariance: FloatArray
 ) -> tuple[FloatArray, tuple[RayAlternatives, ...], RayErrorMixture | None]:
     """Return `ray_covariance`, `hidden_modules` and `mixture` from the covariance of the columns `own`."""
-    order: list[int | None] = [*range(FRAME.stop)]
-    for module in joint.modules:
-        order += [gap_term(module.first_cell), kink_term(module.first_cell)]
-    if any(term in joint.model.of_cells for term in names):
-        order += [ARC, *WAVES]
+    order = terms_of_rays(joint)
     kept = [n for n, name in enumerate(names) if name in order]
-    rows, columns = [order.index(names[n]) for n in kept], [own[n] for n in kept]
+    rows, columns = [order.index(name) for name in names if name in order], [own[n] for n in kept]
     values = np.zeros((len(order), len(order)))
     values[np.ix_(rows, rows)] = covariance[np.ix_(kept, kept)]
     modules = tuple(_alternatives(group, columns, rows, len(order)) for group in joint.hidden_modules if group)
@@ -142,6 +139,16 @@ def _of_rays(
     errors = np.zeros((len(drawn), len(order)))
     errors[:, rows] = drawn[:, columns]
     return values, modules, RayErrorMixture(errors, DRAWS)
+
+
+def terms_of_rays(joint: JointFit) -> list[int]:
+    """Return the terms that move the rays, in the order of `ResidualStatistics.ray_covariance`."""
+    order = [*range(FRAME.stop)]
+    for module in joint.modules:
+        order += [gap_term(module.first_cell), kink_term(module.first_cell)]
+    if any(joint.system.columns[place].term in joint.model.of_cells for place in joint.used):
+        order += [ARC, *WAVES]
+    return order
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
@@ -228,9 +235,17 @@ class ErrorBars:
 
 
 def error_bars(
-    scanner: Scanner, frame: SourceFrame, theta: Theta, statistics: ResidualStatistics, radius_mm: float
+    scanner: Scanner,
+    frame: SourceFrame,
+    theta: Theta,
+    statistics: ResidualStatistics,
+    radius_mm: float,
+    of_views: ViewErrors | None = None,
 ) -> ErrorBars:
-    """Compute the error bars from the residual's statistics, for rays inside a disc of this radius."""
+    """Compute the error bars from the residual's statistics, for rays inside a disc of this radius.
+
+    `of_views` are the errors of views with poses of their own.
+    """
     covariance = statistics.covariance.of_frame
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
@@ -247,6 +262,7 @@ def error_bars(
             statistics.mixture,
             radius_mm=radius_mm,
             further_mm=statistics.further_mm,
+            of_views=of_views,
         ),
         inflation=statistics.inflation,
         deviation_ratio=statistics.deviation_ratio,

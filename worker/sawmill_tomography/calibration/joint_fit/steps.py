@@ -1,6 +1,7 @@
 """A Gauss-Newton step: the length of the step, the changed model, and when a step is small."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -69,16 +70,24 @@ def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -
 
 
 def stepped(
-    model: ScanModel, system: System, change: FloatArray, grams: ViewGrams, *, may_rise: float
+    model: ScanModel,
+    system: System,
+    change: FloatArray,
+    grams: ViewGrams,
+    *,
+    may_rise: float,
+    of_poses: FloatArray | float = 0.0,
 ) -> tuple[ScanModel, float]:
     """Take the largest share of the step that does not raise the residual; return the model and the share.
 
     The residual may rise by the share `may_rise`, and by what the system expects: where a group leaves the fit, or its
-    prior is narrower, the residual rises. The returned share is 0 where no share is possible.
+    prior is narrower, the residual rises. The returned share is 0 where no share is possible. `of_poses` (views, 3) is
+    the step of the poses of single views.
     """
     share = 1.0
     while share >= SHORTEST:
         then = moved(model, system.columns, share * change)
+        then = replace(then, pose=then.pose + share * of_poses)
         if then.view_gain and then.clears:
             then = then.with_view_gains(grams.weights)
         # A step that is far too long has no finite residual: it is halved as one that raises the residual is.
