@@ -14,6 +14,7 @@ COMMANDS = {
         "drift",
         "reconstruct",
         "simulate",
+        "pack",
         "export",
         "worker",
         "compile",

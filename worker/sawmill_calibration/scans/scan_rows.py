@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +165,13 @@ def _needs_no_preparing(source: ScanSource) -> bool:
         return options.detector_pitch_mm in {None, scan.detector_pitch_mm}
 
 
+def of_file(options: UnregisteredScanOptions) -> dict[str, Any]:
+    """Return the parameters of `reading_contents` that `options` states, with the free memory."""
+    names = ("dataset", "transpose", "axes", "flats", "darks", "follow_links")
+    stated = {name: getattr(options, name) for name in names}
+    return {"counts": options.data is DataKind.COUNTS, **stated, "free_bytes": memory_available()}
+
+
 @contextmanager
 def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback) -> Iterator[ScanRows]:
     with open_scan(source.path) as scan:
@@ -186,19 +194,12 @@ def _prepared_rows(
         path = Path(temporary) / "scan.h5"
         reading = reading_scan(
             source.path,
-            counts=source.options.data is DataKind.COUNTS,
-            dataset=source.options.dataset,
+            **of_file(source.options),
             angles_deg=source.angles,
             detector_pitch_mm=source.options.detector_pitch_mm,
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.options.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
-            transpose=source.options.transpose,
-            axes=source.options.axes,
-            flats=source.options.flats,
-            darks=source.options.darks,
-            follow_links=source.options.follow_links,
-            free_bytes=memory_available(),
         )
         with links_offered(followed=source.options.follow_links), reading as read:
             if read.detector_pitch_mm is None:

@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
@@ -159,6 +160,17 @@ def print_inspection(result: InspectionResult) -> None:
         console.print(_reading_table(result.reading))
     for sentence in _sentences(result):
         console.print(f"- {sentence}", highlight=False, markup=False)
+
+
+def print_pack(packed: ScanPack) -> None:
+    """Print what a packed scan keeps, what it leaves out, and what nobody knows."""
+    lines = [f"kept: {name}: {value}" for name, value in packed.kept.items()]
+    for private, why in ((True, "private"), (False, "nothing reads it")):
+        stated = [each for each in packed.left_out if each.private is private]
+        lines += [f"left out, {why}: {each.place}: {each.text}" for each in stated[:MOST_ROWS]]
+        lines += [f"left out, {why}: {len(stated) - MOST_ROWS} more, which --json lists"] * (len(stated) > MOST_ROWS)
+    lines += [f"not known: {name} ({flag})" for name, flag in packed.unknown.items()]
+    Console().print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)
 
 
 def _sentences(result: InspectionResult) -> Iterator[str]:
