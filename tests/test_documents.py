@@ -275,6 +275,7 @@ def test_every_shell_block_is_run_by_a_test():
     ]
     run += [ROOT / "docs/start/first-program.md"]  # by test_client_programs.py
     run += [ROOT / "docs/understand/measured.md"]  # by test_measured.py
+    run += [ROOT / "docs/do/image-quality.md"]  # by test_image_quality.py
     run_here = {block for path in run for block in blocks(path.read_text(), "sh")}
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.

@@ -119,10 +119,13 @@ def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> 
     if not Path(phantom).is_file():
         raise refused("phantom", f"a phantom must be {', '.join(BUILT_IN_PHANTOMS)} or a file, not {str(phantom)!r}")
     if Path(phantom).suffix.lower() == ".h5":
-        from sawmill_formats.input.own import read_drawing_json
+        from sawmill_formats.input.own import read_calibration_json
+        from sawmill_formats.output.scan_layout import DRAWING
+        from sawmill_formats.reading_apart import read_apart
 
         with input_errors_translated():
-            return options_of(PhantomRequest, json.loads(read_drawing_json(Path(phantom))))
+            read_apart(Path(phantom))
+            return options_of(PhantomRequest, json.loads(read_calibration_json(Path(phantom), DRAWING)))
     return read_json(Path(phantom), PhantomRequest, code="phantom", otherwise="not a phantom's drawing")
 
 

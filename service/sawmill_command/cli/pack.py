@@ -2,7 +2,6 @@
 # ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -49,7 +48,6 @@ def pack(
                 raise refused("not-confirmed", "nothing was written: answer y, or give --yes")
             packed.write(output)
     if as_json:
-        left_out = [asdict(each) for each in packed.left_out]
-        lists = {"kept": packed.kept, "left_out": left_out, "unknown": packed.unknown}
+        lists = {"kept": packed.kept, "left_out": packed.left_out, "unknown": packed.unknown}
         print_json({"state": "succeeded", "output": str(output), **lists})
     say(f"packed: {output}; read it with --data {reading.data.value}")

@@ -165,11 +165,12 @@ def _needs_no_preparing(source: ScanSource) -> bool:
         return options.detector_pitch_mm in {None, scan.detector_pitch_mm}
 
 
-def of_file(options: UnregisteredScanOptions) -> dict[str, Any]:
-    """Return the parameters of `reading_contents` that `options` states, with the free memory."""
-    names = ("dataset", "transpose", "axes", "flats", "darks", "follow_links")
-    stated = {name: getattr(options, name) for name in names}
-    return {"counts": options.data is DataKind.COUNTS, **stated, "free_bytes": memory_available()}
+def of_file(options: Any) -> dict[str, Any]:  # noqa: ANN401 - of a scan, or of an inspection, which needs less
+    """Return the parameters of `reading_contents` that `options` states by its fields, with the free memory."""
+    stated = {
+        name: getattr(options, name) for name in ("dataset", "transpose", "axes", "flats", "darks", "follow_links")
+    }
+    return {"counts": options.data is DataKind.COUNTS, "free_bytes": memory_available(), **stated}
 
 
 @contextmanager

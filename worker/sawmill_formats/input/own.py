@@ -20,7 +20,6 @@ from sawmill_formats.nexus import CHUNK_BYTES
 from sawmill_formats.output import scan_layout
 from sawmill_formats.output.calibration_file import ANSWER, ARRAYS
 from sawmill_formats.output.scan_reader import open_scan
-from sawmill_formats.reading_apart import read_apart
 
 
 def is_own_scan(path: Path) -> bool:
@@ -36,12 +35,6 @@ def is_own_scan(path: Path) -> bool:
         with open_scan(path) if own else nullcontext():  # a scan that was repacked is read as any other file
             return own
     return False
-
-
-def is_prepared_from_counts(path: Path) -> bool:
-    """Return whether a file is a prepared scan with properties of counts, which no file of a scanner holds."""
-    with open_scan(path) if is_own_scan(path) else nullcontext() as scan:
-        return scan is not None and not (scan.air_level is scan.present is scan.deviations is None)
 
 
 def _is_marked(file: h5py.File) -> bool:
@@ -125,8 +118,8 @@ OF_A_LOG = ("log_row", "log_field_mm", "log_after", "log_before")
 TEXTS, WRITTEN_AT = ("phantom_image_method", "log_before_with"), "entry/start_time"
 
 
-def read_calibration_json(path: Path) -> str:
-    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or one named as such.
+def read_calibration_json(path: Path, place: str = ANSWER) -> str:
+    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or the text at a place.
 
     Raises
     ------
@@ -134,20 +127,9 @@ def read_calibration_json(path: Path) -> str:
         `dataset-missing` where the file is another one; it is damaged, or the text is too long.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        text = read_text(file, ANSWER, most_bytes=LONGEST_ANSWER)
-    if text is None:
-        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{ANSWER}")
-    return text
-
-
-def read_drawing_json(path: Path) -> str:
-    """Read the phantom's drawing as JSON text from a packed scan: `dataset-missing` where the file holds none."""
-    place = f"{scan_layout.ENTRY}/{nxtomo.GIVEN}/{nxtomo.PHANTOM_JSON}"
-    read_apart(path)
-    with library_errors_translated("HDF5"), open_hdf5(path) as file:
         text = read_text(file, place, most_bytes=LONGEST_ANSWER)
     if text is None:
-        raise UnreadableScan("dataset-missing", f"{path.name!r} holds no drawing of a phantom (/{place})")
+        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{place}")
     return text
 
 

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -27,33 +26,16 @@ USED = re.compile(
 )
 # Tags of TIFF that only say how pixels are stored: "TIFF Revision 6.0", section 8.
 STORAGE_TAGS = {254, 256, 257, 258, 259, 262, 266, 273, 274, 277, 278, 279, 284, 317, 322, 323, 324, 325, 339}
-# Words in the names of numbers that may state a person, a place, a time or a single device.
-PRIVATE = re.compile(
-    "name|user|operator|owner|customer|sample|code|time|date|stamp|serial|number|id$|uuid|path|file|host|version|site",
-    re.IGNORECASE,
-)
 MOST_SHOWN = 8
 
 
-@dataclass(frozen=True)
-class Statement:
-    """A value in a file, with its place and its text."""
+def statements(path: Path, bounds: Bounds) -> Iterator[tuple[str, str]]:
+    """Yield places and texts of what a file or a folder states besides what a reader of scans uses.
 
-    place: str
-    text: str
-    private: bool  # whether it is a text, or by its name may state a person, a place, a time or a single device
-
-
-def statements(path: Path, bounds: Bounds) -> Iterator[Statement]:
-    """Yield what a file or a folder states besides what a reader of scans uses; links are not followed.
-
-    Raises
-    ------
-    UnreadableScan
-        The file is damaged, or of no known format.
+    Links are not followed. `UnreadableScan`: the file is damaged, or of no known format.
     """
     found = recognise(path)
-    yield Statement("its name", quoted(str(path.absolute())), private=True)
+    yield "its name", quoted(str(path.absolute()))
     if found is HDF5:
         with open_hdf5(path) as file:
             yield from _of_hdf5(file["/"], "", set())
@@ -61,40 +43,36 @@ def statements(path: Path, bounds: Bounds) -> Iterator[Statement]:
     for each in [path] if found is TIFF else sorted(path.glob("*.tif*")) if found is FOLDER else []:
         with opened_tiff(each, each.name, each.stat().st_size) as tiff:
             tags = [tag for page in tiff.pages[:1] for tag in page.aspage().tags if tag.code not in STORAGE_TAGS]
-            yield from (_statement(f"{quoted(each.name)}: {tag.name}", tag.value) for tag in tags)
+            yield from ((f"{quoted(each.name)}: {tag.name}", _text(tag.value)) for tag in tags)
     for part in found.parts(path, bounds) if found is not TIFF else ():
         if part.kind is PartKind.FILE or not _is_used(part.name):
-            described = f"{part.kind} {part.type or ''} {part.shape or ''}"
-            yield Statement(part.name, described, part.kind is PartKind.FILE or PRIVATE.search(part.name) is not None)
+            yield part.name, f"{part.kind} {part.type or ''} {part.shape or ''}"
 
 
-def _of_hdf5(node: h5py.Group | h5py.Dataset, name: str, seen: set[guard.Address]) -> Iterator[Statement]:
+def _of_hdf5(node: h5py.Group | h5py.Dataset, name: str, seen: set[guard.Address]) -> Iterator[tuple[str, str]]:
     if guard.address_of(node) in seen:
         return
     seen.add(guard.address_of(node))
     guard.check_members(len(seen))
-    yield from (
-        _statement(f"{name}@{quoted(key)}", guard.attribute(node, key)) for key in node.attrs if not _is_used(key)
-    )
+    yield from ((f"{name}@{quoted(key)}", _text(guard.attribute(node, key))) for key in node.attrs if not _is_used(key))
     if isinstance(node, h5py.Dataset):
         if not _is_used(name):
             few = 0 < (node.size or 0) <= MOST_SHOWN and not (node.is_virtual or node.external)
-            yield _statement(name, node[()] if few else f"{node.dtype} {node.shape}", is_text=node.dtype.kind in "OSU")
+            yield name, _text(node[()]) if few else f"{node.dtype} {node.shape}"
         return
     for key, link in guard.members(node):
         place = f"{name}/{quoted(guard.text_of(key))}"
         if link != h5py.h5l.TYPE_HARD:
-            yield _statement(place, str(node.id.links.get_val(key)))
+            yield place, quoted(str(node.id.links.get_val(key)))
         elif isinstance(child := node[key], h5py.Group | h5py.Dataset):
             yield from _of_hdf5(child, place, seen)
 
 
-def _statement(place: str, value: object, *, is_text: bool | None = None) -> Statement:
-    values = np.asarray(value)
-    texts = (each.decode("utf-8", "replace") if isinstance(each, bytes) else str(each) for each in values.flat)
-    text = quoted(" ".join(text for text, _ in zip(texts, range(MOST_SHOWN), strict=False)))
-    stated = values.dtype.kind not in "iufb" if is_text is None else is_text
-    return Statement(place, text, stated or PRIVATE.search(re.split("[/@]", place)[-1]) is not None)
+def _text(value: object) -> str:
+    values = np.asarray(value).reshape(-1)[:MOST_SHOWN]
+    return quoted(
+        " ".join(each.decode("utf-8", "replace") if isinstance(each, bytes) else str(each) for each in values)
+    )
 
 
 def _is_used(name: str) -> bool:

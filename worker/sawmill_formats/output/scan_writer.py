@@ -189,10 +189,8 @@ def write_raw_scan(
     flats, darks : (n, rows, detector), of the same type, or None
     angles_rad : (views,) float64
     detector_pitch_mm, row_pitch_mm : float, or None where it is not known
-    detector_modules : sequence of DetectorModule, optional
-        Modules of the detector after the first.
-    given : mapping, optional
-        What the owner of a packed scan gave, by names with units; the file then holds no time of writing.
+    detector_modules, given : optional
+        Modules after the first; what the owner of a packed scan gave, by names: its file holds no time of writing.
 
     Raises
     ------
@@ -228,9 +226,8 @@ def write_raw_scan(
 def _degrees(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the degrees that are read back as these angles to the last digit, where there are such degrees."""
     degrees = np.rad2deg(angles_rad)
-    near = [degrees, np.nextafter(degrees, -np.inf), np.nextafter(degrees, np.inf)]
-    exact = [np.deg2rad(each) == angles_rad for each in near]
-    return np.select(exact, near, degrees)
+    near = [np.nextafter(degrees, towards) for towards in (degrees, -np.inf, np.inf)]
+    return np.select([np.deg2rad(each) == angles_rad for each in near], near, degrees)
 
 
 def _write_modules(file: h5py.File, modules: Sequence[PlacedModule], rows: int) -> None:

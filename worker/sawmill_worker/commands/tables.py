@@ -16,6 +16,7 @@ from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReadin
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
 from sawmill_formats.input.contents import PartKind
+from sawmill_tomography.reconstruction.image_quality import ImageQuality
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
 
@@ -162,13 +163,22 @@ def print_inspection(result: InspectionResult) -> None:
         console.print(f"- {sentence}", highlight=False, markup=False)
 
 
+def print_image_quality(quality: ImageQuality) -> None:
+    """Print the disc, the frequency at which the MTF is 10 %, and the contrast that patches of doubled sides show."""
+    lines = [f"disc: radius {quality.radius_mm:.4g} mm, pixels of {quality.pixel_mm:.4g} mm"]
+    lines += [f"MTF at 10 %: {quality.mtf_10_per_mm:.4g} per mm"]
+    for number, (side, contrast) in enumerate(zip(quality.patch_mm, quality.contrast_percent, strict=True), 1):
+        lines += [f"contrast discrimination, patches of {side:.3g} mm: {contrast:.3g} %"] * (number.bit_count() == 1)
+    Console().print("\n".join(lines), highlight=False, markup=False)
+
+
 def print_pack(packed: ScanPack) -> None:
     """Print what a packed scan keeps, what it leaves out, and what nobody knows."""
     lines = [f"kept: {name}: {value}" for name, value in packed.kept.items()]
-    for private, why in ((True, "private"), (False, "nothing reads it")):
-        stated = [each for each in packed.left_out if each.private is private]
-        lines += [f"left out, {why}: {each.place}: {each.text}" for each in stated[:MOST_ROWS]]
-        lines += [f"left out, {why}: {len(stated) - MOST_ROWS} more, which --json lists"] * (len(stated) > MOST_ROWS)
+    left_out = [f"left out: {place}: {text}" for place, text in packed.left_out.items()]
+    lines += left_out[:MOST_ROWS] + [f"left out: {len(left_out) - MOST_ROWS} more (--json)"] * (
+        len(left_out) > MOST_ROWS
+    )
     lines += [f"not known: {name} ({flag})" for name, flag in packed.unknown.items()]
     Console().print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)
 

@@ -21,7 +21,7 @@ from sawmill_formats.detector_modules import (
     modules_after_first,
     translation,
 )
-from sawmill_formats.errors import UnreadableScan, quoted
+from sawmill_formats.errors import UnreadableScan
 from sawmill_formats.input.arrays import Bounds, LinkedFiles, check_scan_dimensions, check_size
 from sawmill_formats.input.contents import FileAngles, FileContents, Wanted, to_mm
 from sawmill_formats.input.hdf5 import fields, guard
@@ -67,21 +67,10 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         row_pitch=row_pitch,
         order=selection.order(dataset.ndim) or fields.stated_order(dataset),
         detector_modules=modules,
-        unused=_given_constants(entry, bounds.whole),
+        unused=guard.read_text(entry, f"{nxtomo.GIVEN}/{nxtomo.CONSTANTS}", linked=bounds.linked),
         remarks=(*of_keys, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
     return fields.with_fields_beside(contents, dataset, bounds.whole, selection)
-
-
-def _given_constants(entry: h5py.Group, bounds: Bounds) -> str | None:
-    """Describe the constants in a packed scan that the owner of the scanner gave."""
-    lengths = {
-        name: guard.numbers(entry, f"{nxtomo.GIVEN}/{name}", bounds)
-        for name in ("source_to_cor_mm", "detector_arc_radius_mm")
-    }
-    stated = [f"{name} ({guard.read_values(held).item():.9g})" for name, held in lengths.items() if held is not None]
-    turns = guard.read_text(entry, f"{nxtomo.GIVEN}/object_turns", linked=bounds.linked)
-    return ", ".join([*stated, *([] if turns is None else [f"object_turns ({quoted(turns)})"])]) or None
 
 
 def _angles_of_views(angles: FileAngles, views: NDArray[np.bool_]) -> FileAngles:
