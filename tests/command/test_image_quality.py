@@ -10,7 +10,7 @@ import pytest
 from scan_files import published_data  # noqa: F401 - fixture
 
 import sawmill_calibration as sawmill
-from sawmill_vocabulary import Scanner, Theta
+from sawmill_vocabulary import Theta
 
 GEOMETRY = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
 FIELD = ("--data", "line-integrals", "--size", 256, "--field-mm", 200)
@@ -41,7 +41,6 @@ def test_the_page_s_command_measures_a_disc_in_a_calibrated_scanner(run, result_
 def test_the_command_and_python_measure_the_same(run, disc_scan):
     answer = json.loads(run("image-quality", disc_scan, *GEOMETRY, *FIELD, "--json").stdout)
     scan = sawmill.read_scan(disc_scan, data="line-integrals", source_to_cor_mm=859.46)
-    assert scan.scanner == Scanner(859.46, 768, 1.5)
     made = sawmill.reconstruct(scan, Theta(2.55, 714.7, 319.9, 43.7, 0.281), method="fbp", size=256, field_mm=200.0)
     quality = made.image_quality()
     assert (answer["mtf_10_per_mm"], answer["radius_mm"]) == (quality.mtf_10_per_mm, quality.radius_mm)
@@ -50,15 +49,6 @@ def test_the_command_and_python_measure_the_same(run, disc_scan):
     shown = run("image-quality", disc_scan, *GEOMETRY, *FIELD).stdout
     assert f"MTF at 10 %: {quality.mtf_10_per_mm:.4g} per mm" in shown
     assert f"patches of {quality.patch_mm[1]:.3g} mm: {quality.contrast_percent[1]:.3g} %" in shown
-
-
-def test_a_wider_window_is_sharper_and_noisier(run, disc_scan):
-    hann, cosine = (
-        json.loads(run("image-quality", disc_scan, *GEOMETRY, *FIELD, "--filter", name, "--json").stdout)
-        for name in ("hann", "cosine")
-    )
-    assert cosine["mtf_10_per_mm"] > 1.1 * hann["mtf_10_per_mm"]
-    assert cosine["contrast_percent"][0] > 1.1 * hann["contrast_percent"][0]
 
 
 def test_a_phantom_is_no_disc_and_a_disc_needs_a_geometry(failure, wrong_use, phantom_scan, disc_scan):

@@ -16,18 +16,14 @@ from sawmill_vocabulary import Disc, FilterName, Theta
 SCANNER, THETA = Scanner(859.46, 768, 1.502864583), Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 GEOMETRY = FanBeamGeometry(SCANNER, THETA, 2.0 * np.pi * (np.arange(720) + 0.5) / 720)
 CELL_MM = SCANNER.detector_pitch_mm / GEOMETRY.frame.magnification
-WINDOWS = {
-    FilterName.HANN: lambda f: 0.5 + 0.5 * np.cos(np.pi * f),
-    FilterName.HAMMING: lambda f: 0.54 + 0.46 * np.cos(np.pi * f),
-    FilterName.COSINE: lambda f: np.cos(0.5 * np.pi * f),
-}
+WINDOWS = {"hann": lambda f: 0.5 + 0.5 * np.cos(np.pi * f), "cosine": lambda f: np.cos(0.5 * np.pi * f)}
 
 
-def slice_of(*shapes, name=FilterName.HANN, scaling=1.0, pixels=512, noise=0.0):
+def slice_of(*shapes, name="hann", scaling=1.0, pixels=512, noise=0.0):
     """A slice of 200 mm, and the standard deviation of a ray."""
     rays = simulate_sinogram(Phantom("body", shapes), GEOMETRY, noise=noise, seed=56)
     projector = Projector(GEOMETRY, ImageGrid(pixels, 200.0))
-    image = fbp(projector, rays, filter_name=name, frequency_scaling=scaling).image
+    image = fbp(projector, rays, filter_name=FilterName(name), frequency_scaling=scaling).image
     return np.asarray(image)[np.newaxis], noise * np.sqrt(np.mean(rays**2))
 
 
@@ -43,13 +39,7 @@ def transfer(f, name, scaling, pixel_mm, cell_mm):
 
 @pytest.mark.parametrize(
     ("name", "scaling", "pixels", "radius_mm"),
-    [
-        (FilterName.HANN, 1.0, 512, 80.0),
-        (FilterName.HANN, 1.0, 256, 40.0),
-        (FilterName.HANN, 0.5, 512, 60.0),
-        (FilterName.HAMMING, 1.0, 384, 70.0),
-        (FilterName.COSINE, 1.0, 512, 80.0),
-    ],
+    [("hann", 1.0, 512, 80.0), ("hann", 1.0, 256, 40.0), ("hann", 0.5, 512, 60.0), ("cosine", 1.0, 512, 80.0)],
 )
 def test_the_mtf_falls_to_a_tenth_where_aperture_filter_and_pixel_say(name, scaling, pixels, radius_mm):
     volume, _ = slice_of(disc(radius_mm), name=name, scaling=scaling, pixels=pixels)
@@ -66,7 +56,7 @@ def test_the_mtf_falls_to_a_tenth_where_aperture_filter_and_pixel_say(name, scal
     assert np.array(quality.mtf)[used] == pytest.approx(np.interp(listed, f, expected)[used], abs=0.02)
 
 
-@pytest.mark.parametrize(("name", "pixels"), [(FilterName.HANN, 512), (FilterName.COSINE, 256)])
+@pytest.mark.parametrize(("name", "pixels"), [("hann", 512), ("cosine", 256)])
 def test_the_contrast_of_patches_is_that_of_filtered_noise(name, pixels):
     pixel_mm = 200.0 / pixels
     volume, deviation = slice_of(disc(80.0), name=name, pixels=pixels, noise=0.01)
@@ -105,12 +95,9 @@ def test_what_is_no_plain_disc_is_refused(shapes):
         image_quality(volume, 200.0 / 256)
 
 
-def test_air_is_refused():
+def test_air_and_pixels_that_are_too_large_for_the_scan_are_refused():
     with pytest.raises(GeometryError, match="no plain disc is seen"):
         image_quality(np.zeros((1, 128, 128), np.float32), 1.0)
-
-
-def test_pixels_that_are_too_large_for_the_scan_are_refused():
     x, y = np.indices((128, 128)) - 63.5
     with pytest.raises(GeometryError, match="too large for this MTF"):
         image_quality((np.hypot(x, y) < 40.0)[np.newaxis].astype(np.float32), 1.0)

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from sawmill_tomography.geometry.geometry import FloatArray, GeometryError
 
-# Width of a ring, pixels; half the differentiated profile, in 10 to 90 % widths; the low MTF; frequencies to one listed.
+# Ring's width, pixels; half the differentiated profile, in 10 to 90 % widths; the low MTF; frequencies to one listed.
 BIN, REACH, LOW, FINER = 0.125, 3.0, 0.1, 30
 # Pixels from the rim that may be on the wrong side of a circle, and the share of other pixels that may be. Smallest
 # radius, pixels; half the side of the square that shows noise, in radii; fewest patches of a size.
@@ -81,7 +81,7 @@ def _mtf(image: FloatArray, radii: FloatArray, radius: float) -> tuple[FloatArra
     inside, outside = np.median(profile[: last // 2]), np.median(profile[-last // 2 :])
     share = (profile - outside) / (inside - outside)
     middle = int(np.argmax(share < 0.5))
-    width = np.argmax(share[middle:] < 0.1) + np.argmax(share[middle::-1] > 0.9)
+    width = int(np.argmax(share[middle:] < 0.1)) + int(np.argmax(share[middle::-1] > 0.9))
     reach = int(min(REACH * max(width, 1.0 / BIN), last // 2))
     spread = -np.diff(share[middle - reach : middle + reach + 1])
     frequencies = np.linspace(0.0, 0.75, 100 * FINER + 1)
