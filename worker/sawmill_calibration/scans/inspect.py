@@ -257,7 +257,7 @@ def _missing(
         yield _missing_kind(contents, kind, uploaded=uploaded)
     if contents.flats is None and reading.data is DataKind.COUNTS:
         yield MissingPart(name="flat fields", flag="--flats", why="counts need at least one")
-    hint = "" if contents.unused is None else f"; no name states what these are: {contents.unused}"
+    hint = "" if contents.unused is None else f"; it holds {contents.unused}"
     if reading.detector_pitch_mm is None:
         why = f"the file carries no distance between detector cells{hint}"
         yield MissingPart(name="detector pitch", flag="--detector-pitch-mm", field="detector_pitch_mm", why=why)
