@@ -236,6 +236,16 @@ def test_scans_are_simulated_as_their_page_has_it(tmp_path, monkeypatch, capsys)
     assert "The phantom moved at view 36, by 1.5 mm" in capsys.readouterr().out
 
 
+def test_two_scans_are_packed_as_their_page_has_it(tmp_path, monkeypatch):
+    page, given = script((ROOT / "docs/do/send-a-scan.md").read_text()), ("--theta", THETA_FLAG, "--views", 60)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "phantom.json").write_text((ROOT / "examples/phantom-measured.json").read_text())
+    for body, name in (("phantom.json", "board.h5"), ("log", "log.h5")):
+        in_process("simulate", body, *given, "-o", name)
+    run_in_process(page)
+    assert "pass" in in_process(*shlex.split(page.splitlines()[-1])[1:])
+
+
 def test_the_table_of_methods_is_that_of_auto():
     rows = [
         f"| {views} | " + " | ".join(expected_errors(errors, number) for errors in EXPECTED_ERRORS.values()) + " |"
@@ -256,9 +266,16 @@ def milliseconds(method, views):
 
 
 def test_every_shell_block_is_run_by_a_test():
-    run = [README, DEMO, FIRST_CALIBRATION, PHANTOM, *(ROOT / f"docs/do/{name}.md" for name in ("export", "simulate"))]
+    run = [
+        README,
+        DEMO,
+        FIRST_CALIBRATION,
+        PHANTOM,
+        *(ROOT / f"docs/do/{name}.md" for name in ("export", "simulate", "send-a-scan")),
+    ]
     run += [ROOT / "docs/start/first-program.md"]  # by test_client_programs.py
     run += [ROOT / "docs/understand/measured.md"]  # by test_measured.py
+    run += [ROOT / "docs/do/image-quality.md"]  # by test_image_quality.py
     run_here = {block for path in run for block in blocks(path.read_text(), "sh")}
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.

@@ -36,6 +36,7 @@ from sawmill_mill.next_step import step_alone
 from sawmill_tomography.geometry.export import cil_arguments, odl_arguments
 from sawmill_tomography.geometry.geometry import FanBeamGeometry, FanViews, FloatArray
 from sawmill_tomography.phantoms.phantom import Phantom
+from sawmill_tomography.reconstruction.image_quality import ImageQuality, image_quality
 from sawmill_vocabulary import ProgressCallback, Rotation, Scanner, SourceFrame, Theta, Verdict
 from sawmill_vocabulary.calibration_arrays import CalibrationArrays
 
@@ -187,6 +188,11 @@ class Reconstruction:
         """Middle slice, (x, y) float32."""
         middle: NDArray[np.float32] = self.volume[len(self.volume) // 2]
         return middle
+
+    def image_quality(self) -> ImageQuality:
+        """Measure MTF and contrast as `sawmill image-quality` does; `InputError`: the slices show no plain disc."""
+        with input_errors_translated():
+            return image_quality(self.volume, self.result.pixel_mm)
 
     def plot(self, number: int | None = None) -> "Figure":
         """Draw one slice, counted from 0: the middle one by default, in the grey window of the volume."""

@@ -4,6 +4,7 @@ A phantom's drawing is built-in, read from a file or traced from a picture.
 """
 # ruff: noqa: PLC0415 - a built-in phantom needs no readers of files and pictures
 
+import json
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -102,7 +103,7 @@ def from_phantom(phantom: Phantom) -> PhantomDrawing:
 
 
 def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> PhantomDrawing:
-    """Return a phantom's drawing by its built-in name, from a JSON file, or from a picture of this width."""
+    """Return a phantom's drawing by its built-in name, from a JSON file, a packed scan, or a picture of this width."""
     if width_mm is not None:
         if isinstance(phantom, Phantom) or not Path(phantom).is_file():
             raise refused("phantom", f"phantom_width_mm belongs to the path of a picture (PNG), not to {phantom!r}")
@@ -117,6 +118,14 @@ def drawing_of(phantom: Phantom | str | Path, width_mm: float | None = None) -> 
         return BUILT_IN_PHANTOMS[str(phantom)]
     if not Path(phantom).is_file():
         raise refused("phantom", f"a phantom must be {', '.join(BUILT_IN_PHANTOMS)} or a file, not {str(phantom)!r}")
+    if Path(phantom).suffix.lower() == ".h5":
+        from sawmill_formats.input.own import read_calibration_json
+        from sawmill_formats.output.scan_layout import DRAWING
+        from sawmill_formats.reading_apart import read_apart
+
+        with input_errors_translated():
+            read_apart(Path(phantom))
+            return options_of(PhantomRequest, json.loads(read_calibration_json(Path(phantom), DRAWING)))
     return read_json(Path(phantom), PhantomRequest, code="phantom", otherwise="not a phantom's drawing")
 
 

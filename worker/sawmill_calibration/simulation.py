@@ -232,7 +232,9 @@ def write_simulated_scan(
     """Write counts, flat and dark fields as an NXtomo file; angles_rad (views,) are as the scanner counts them."""
     write_raw_scan(
         path,
-        counts=stack.counts,
+        stack.counts.shape,
+        stack.counts.dtype,
+        counts=[stack.counts],
         flats=stack.flats,
         darks=stack.darks,
         angles_rad=angles_rad,

@@ -18,13 +18,14 @@ PACKED = MappingProxyType({"compression": "gzip", "compression_opts": 1, "shuffl
 UNIT_SUFFIXES = frozenset({"mm", "rad", "deg", "s"})
 
 
-def new_entry(file: h5py.File, definition: str | None = None) -> h5py.Group:
-    """Make the NXentry of a new file, with its definition and the time of writing."""
+def new_entry(file: h5py.File, definition: str | None = None, *, timed: bool = True) -> h5py.Group:
+    """Make the NXentry of a new file, with its definition and, if it is `timed`, the time of writing."""
     file.attrs["default"] = "entry"
     entry = new_group(file, "entry", "NXentry")
     if definition is not None:
         entry["definition"] = definition
-    entry["start_time"] = datetime.now(UTC).isoformat(timespec="seconds")
+    if timed:
+        entry["start_time"] = datetime.now(UTC).isoformat(timespec="seconds")
     return entry
 
 

@@ -13,6 +13,8 @@ IMAGE_KEY_CONTROL = f"{DETECTOR}/image_key_control"
 CELL_PITCH = f"{DETECTOR}/x_pixel_size"
 ROW_PITCH = f"{DETECTOR}/y_pixel_size"
 ANGLES = "sample/rotation_angle"
+# Our own group, of a packed scan: the scanner's constants that its owner gave, also in words, and the drawing as JSON.
+GIVEN, PHANTOM_JSON, CONSTANTS = "given", "phantom_json", "constants"
 
 # Kind of an image of the stack, by its image key.
 PROJECTION, FLAT, DARK, INVALID, ALIGNMENT = 0, 1, 2, 3, -1

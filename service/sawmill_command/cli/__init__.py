@@ -14,9 +14,10 @@ COMMANDS = {
         "drift",
         "reconstruct",
         "simulate",
+        "pack",
         "export",
         "worker",
         "compile",
         "phantom",
     )
-}
+} | {"image-quality": f"{__name__}.reconstruct"}

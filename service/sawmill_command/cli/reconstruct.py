@@ -1,8 +1,10 @@
-"""`sawmill reconstruct`: flags and output."""
+"""`sawmill reconstruct` and `sawmill image-quality`: flags and output."""
 # ruff: noqa: PLC0415, FBT002 - imports inside the command: its help needs none; flags are booleans with a default
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.models import OptionInfo
@@ -41,21 +43,21 @@ def _coordinates_of(text: str) -> tuple[float, float]:
     return position.x, position.y
 
 
+OF_FIELD: Mapping[str, Mapping[str, Any]] = {
+    "rows": {"metavar": "A:B[:STEP]"},
+    "size": {"parser": _one_number, "metavar": "INTEGER"},
+    "field_mm": {"parser": _one_number, "metavar": "FLOAT"},
+    "field_centre_mm": {"parser": _coordinates_of, "metavar": "X,Y", "default": "0,0"},
+}
+
+
 @app.command(cls=geometry_options.WithGeometry)
 @from_contracts
 def reconstruct(
     scan: shared.ScanFile,
     reading: shared.ScanFlags,
     output: shared.Result,
-    options: Annotated[
-        ReconstructionOptions,
-        Flags(
-            rows={"metavar": "A:B[:STEP]"},
-            size={"parser": _one_number, "metavar": "INTEGER"},
-            field_mm={"parser": _one_number, "metavar": "FLOAT"},
-            field_centre_mm={"parser": _coordinates_of, "metavar": "X,Y", "default": "0,0"},
-        ),
-    ],
+    options: Annotated[ReconstructionOptions, Flags(**OF_FIELD)],
     theta: Annotated[Theta | None, geometry_options.ThetaFlag] = None,
     source_to_cor_mm: geometry_options.SourceToCorOfTheta = None,
     rotation: geometry_options.RotationOfTheta = None,
@@ -89,3 +91,35 @@ def reconstruct(
         from sawmill_worker.commands.tables import report_method
 
         report_method(result.method)
+
+
+@app.command(cls=geometry_options.WithGeometry)
+@from_contracts
+def image_quality(
+    scan: shared.ScanFile,
+    reading: shared.ScanFlags,
+    options: Annotated[ReconstructionOptions, Flags(method={"default": "fbp"}, **OF_FIELD)],
+    theta: Annotated[Theta | None, geometry_options.ThetaFlag] = None,
+    source_to_cor_mm: geometry_options.SourceToCorOfTheta = None,
+    rotation: geometry_options.RotationOfTheta = None,
+    calibration: Annotated[Path | None, geometry_options.CalibrationFlag] = None,
+    geometry: Annotated[Path | None, geometry_options.GeometryFlag] = None,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Measure sharpness (MTF) and noise of images from a scan of a plain disc, which cannot calibrate."""
+    known_by = geometry_options.given_geometry(theta, rotation, calibration, source_to_cor_mm, geometry)
+    source = shared.scan_source(scan, reading, views=options.views, rows=options.rows)
+    with answering(as_json=as_json), showing_progress("image quality") as progress:
+        with importing():
+            from sawmill_calibration.reconstruction.reconstruct import reconstruct_in_memory
+            from sawmill_tomography.reconstruction.image_quality import image_quality as measured
+            from sawmill_worker.commands.calibrated_scan import open_with_geometry
+            from sawmill_worker.commands.tables import print_image_quality
+
+        with open_with_geometry(source, known_by, on_progress=progress) as (rows, known):
+            made = reconstruct_in_memory(rows, known, options, rows.on_progress)
+        quality = measured(made.data, made.result.pixel_mm)
+    if as_json:
+        print_json({"state": "succeeded", **asdict(quality), "options": options.model_dump(mode="json")})
+    else:
+        print_image_quality(quality)

@@ -94,7 +94,8 @@ def test_a_scan_keeps_the_shifts_of_its_views_and_may_lack_air_level_and_row_pit
 def test_raw_counts_round_trip(tmp_path, stack, angles_deg, dtype):
     flats, darks = np.full((2, 3, 8), 60_000, dtype), np.full((4, 3, 8), 50, dtype)
     places = {"angles_rad": np.deg2rad(angles_deg), "detector_pitch_mm": 1.5, "row_pitch_mm": 2.0}
-    write_raw_scan(tmp_path / "raw.h5", counts=stack.astype(dtype), flats=flats, darks=darks, **places)
+    counts = stack.astype(dtype)
+    write_raw_scan(tmp_path / "raw.h5", counts.shape, counts.dtype, counts=[counts], flats=flats, darks=darks, **places)
     scan = read_scan(tmp_path / "raw.h5", counts=True)
     np.testing.assert_array_equal(scan.projections, stack)
     np.testing.assert_array_equal(scan.flats, flats)

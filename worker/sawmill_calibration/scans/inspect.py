@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from sawmill_calibration.failures import memory_available
 from sawmill_calibration.pictures.images import small_square
 from sawmill_calibration.result_file import read_saved_calibration
-from sawmill_calibration.scans.scan_rows import links_offered
+from sawmill_calibration.scans.scan_rows import links_offered, of_file
 from sawmill_contracts.inspections import (
     PICTURE_PX,
     FilePart,
@@ -149,17 +149,7 @@ def _listed(path: Path, format_: Format | None, *, follow_links: bool) -> tuple[
 def _read(source: InspectionInput, kind: OwnKind | None) -> Fields:
     """Return the result's fields on what reading would begin with, or on why the file is not read."""
     try:
-        opened = reading_contents(
-            source.path,
-            dataset=source.dataset,
-            transpose=source.transpose,
-            axes=source.axes,
-            counts=source.data is DataKind.COUNTS,
-            flats=source.flats,
-            darks=source.darks,
-            follow_links=source.follow_links,
-            free_bytes=memory_available(),
-        )
+        opened = reading_contents(source.path, **of_file(source))
         with links_offered(followed=source.follow_links or source.uploaded), opened as contents:
             return _of_contents(contents, source, kind)
     except UnreadableScan as error:
@@ -267,7 +257,7 @@ def _missing(
         yield _missing_kind(contents, kind, uploaded=uploaded)
     if contents.flats is None and reading.data is DataKind.COUNTS:
         yield MissingPart(name="flat fields", flag="--flats", why="counts need at least one")
-    hint = "" if contents.unused is None else f"; no name states what these are: {contents.unused}"
+    hint = "" if contents.unused is None else f"; it holds {contents.unused}"
     if reading.detector_pitch_mm is None:
         why = f"the file carries no distance between detector cells{hint}"
         yield MissingPart(name="detector pitch", flag="--detector-pitch-mm", field="detector_pitch_mm", why=why)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +165,14 @@ def _needs_no_preparing(source: ScanSource) -> bool:
         return options.detector_pitch_mm in {None, scan.detector_pitch_mm}
 
 
+def of_file(options: Any) -> dict[str, Any]:  # noqa: ANN401 - of a scan, or of an inspection, which needs less
+    """Return the parameters of `reading_contents` that `options` states by its fields, with the free memory."""
+    stated = {
+        name: getattr(options, name) for name in ("dataset", "transpose", "axes", "flats", "darks", "follow_links")
+    }
+    return {"counts": options.data is DataKind.COUNTS, "free_bytes": memory_available(), **stated}
+
+
 @contextmanager
 def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback) -> Iterator[ScanRows]:
     with open_scan(source.path) as scan:
@@ -186,19 +195,12 @@ def _prepared_rows(
         path = Path(temporary) / "scan.h5"
         reading = reading_scan(
             source.path,
-            counts=source.options.data is DataKind.COUNTS,
-            dataset=source.options.dataset,
+            **of_file(source.options),
             angles_deg=source.angles,
             detector_pitch_mm=source.options.detector_pitch_mm,
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.options.align_rows is not RowAlignment.OFF,
             averaged_rows=source.options.averaged_rows,
-            transpose=source.options.transpose,
-            axes=source.options.axes,
-            flats=source.options.flats,
-            darks=source.options.darks,
-            follow_links=source.options.follow_links,
-            free_bytes=memory_available(),
         )
         with links_offered(followed=source.options.follow_links), reading as read:
             if read.detector_pitch_mm is None:

@@ -118,8 +118,8 @@ OF_A_LOG = ("log_row", "log_field_mm", "log_after", "log_before")
 TEXTS, WRITTEN_AT = ("phantom_image_method", "log_before_with"), "entry/start_time"
 
 
-def read_calibration_json(path: Path) -> str:
-    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or one named as such.
+def read_calibration_json(path: Path, place: str = ANSWER) -> str:
+    """Read the answer as JSON text from a file of `sawmill_formats.output.calibration_file`, or the text at a place.
 
     Raises
     ------
@@ -127,9 +127,9 @@ def read_calibration_json(path: Path) -> str:
         `dataset-missing` where the file is another one; it is damaged, or the text is too long.
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        text = read_text(file, ANSWER, most_bytes=LONGEST_ANSWER)
+        text = read_text(file, place, most_bytes=LONGEST_ANSWER)
     if text is None:
-        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{ANSWER}")
+        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{place}")
     return text
 
 

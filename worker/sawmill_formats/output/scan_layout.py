@@ -26,3 +26,5 @@ PROVENANCE = f"{ENTRY}/provenance"
 ROW_SHIFTS, ROW_SHIFT_DEVIATIONS = "row_shifts", "row_shifts_standard_deviation"
 # `long_name` of the data, by which a scan of ours differs from NXtomo files of detector counts.
 LINE_INTEGRALS = "line integrals"
+# Drawing of the phantom as JSON, in a packed scan.
+DRAWING = f"{ENTRY}/{nxtomo.GIVEN}/{nxtomo.PHANTOM_JSON}"

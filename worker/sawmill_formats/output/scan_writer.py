@@ -1,8 +1,9 @@
 """Writing of scans: line integrals as the product stores them, and detector counts as a scanner would."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from sawmill_formats import nxtomo
 from sawmill_formats.detector_modules import ACROSS, CLASS, OFFSET, ORIGIN, SIZE, STEP, PlacedModule, placed_modules
 from sawmill_formats.hdf5 import whole_hdf5
-from sawmill_formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
+from sawmill_formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_mapping, write_scalar
 from sawmill_formats.output import scan_layout
 from sawmill_vocabulary import DetectorModule
 
@@ -105,7 +106,7 @@ def new_scan(
             chunks=(min(views_together or views, views, within_chunk), 1, detector),
             units="1",
             image_key=np.zeros(views, dtype=np.uint8),
-            angles_deg=np.rad2deg(angles_rad),
+            angles_deg=_degrees(angles_rad),
             pitches_mm=(detector_pitch_mm, row_pitch_mm),
             # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
             storage={"fletcher32": True},
@@ -149,7 +150,7 @@ def write_scan(
     OSError
         When the file cannot be written.
     """
-    _check_stack("line_integrals", line_integrals, angles_rad)
+    _check_stack("line_integrals", line_integrals.shape, angles_rad)
     views, rows, detector = line_integrals.shape
     scan = new_scan(
         path,
@@ -165,22 +166,31 @@ def write_scan(
 
 def write_raw_scan(
     path: Path,
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
     *,
-    counts: NDArray[np.uint16] | NDArray[np.float32],
-    flats: NDArray[np.uint16] | NDArray[np.float32],
-    darks: NDArray[np.uint16] | NDArray[np.float32],
+    counts: Iterable[NDArray[Any]],
+    flats: NDArray[Any] | None,
+    darks: NDArray[Any] | None,
     angles_rad: NDArray[np.float64],
-    detector_pitch_mm: float,
+    detector_pitch_mm: float | None,
     row_pitch_mm: float | None,
+    detector_modules: Sequence[DetectorModule] = (),
+    given: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write detector counts as a scanner would: dark fields, flat fields, then the views.
+    """Write detector counts as a scanner would: dark fields, flat fields, then the views; or views without fields.
 
     Parameters
     ----------
-    counts : (views, rows, detector) uint16 or float32
-    flats, darks : (n, rows, detector), of the same type
+    shape, dtype
+        Shape (views, rows, detector) and type of the counts, uint16 or float32.
+    counts : iterable of (n, rows, detector)
+        The counts, some views at a time.
+    flats, darks : (n, rows, detector), of the same type, or None
     angles_rad : (views,) float64
-    detector_pitch_mm, row_pitch_mm : float
+    detector_pitch_mm, row_pitch_mm : float, or None where it is not known
+    detector_modules, given : optional
+        Modules after the first; what the owner of a packed scan gave, by names: its file holds no time of writing.
 
     Raises
     ------
@@ -189,25 +199,35 @@ def write_raw_scan(
     OSError
         When the file cannot be written.
     """
-    _check_stack("counts", counts, angles_rad)
-    fields = len(darks) + len(flats)
-    keys = [nxtomo.DARK] * len(darks) + [nxtomo.FLAT] * len(flats) + [nxtomo.PROJECTION] * len(counts)
+    _check_stack("counts", shape, angles_rad)
+    fields = [(key, images) for key, images in ((nxtomo.DARK, darks), (nxtomo.FLAT, flats)) if images is not None]
+    keys = [key for key, images in fields for _ in images]
     with whole_hdf5(path) as file:
         _new_images(
             file,
-            (len(keys), *counts.shape[1:]),
-            counts.dtype,
-            chunks=(1, *counts.shape[1:]),
-            units="counts",
-            image_key=np.array(keys, dtype=np.uint8),
-            angles_deg=np.concatenate([np.zeros(fields), np.rad2deg(angles_rad)]),
+            (len(keys) + shape[0], *shape[1:]),
+            dtype,
+            chunks=(1, *shape[1:]),
+            units="counts" if fields else "1",
+            image_key=np.array(keys + [nxtomo.PROJECTION] * shape[0], dtype=np.uint8),
+            angles_deg=np.concatenate([np.zeros(len(keys)), _degrees(angles_rad)]),
             pitches_mm=(detector_pitch_mm, row_pitch_mm),
             storage=PACKED,
+            given=given,
         )
+        if detector_modules and detector_pitch_mm is not None:
+            _write_modules(file, placed_modules(detector_modules, shape[2], detector_pitch_mm), shape[1])
         data, first = file[scan_layout.DATA], 0
-        for images in (darks, flats, counts):
+        for images in chain((images for _, images in fields), counts):
             data[first : first + len(images)] = images
             first += len(images)
+
+
+def _degrees(angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the degrees that are read back as these angles to the last digit, where there are such degrees."""
+    degrees = np.rad2deg(angles_rad)
+    near = [np.nextafter(degrees, towards) for towards in (degrees, -np.inf, np.inf)]
+    return np.select([np.deg2rad(each) == angles_rad for each in near], near, degrees)
 
 
 def _write_modules(file: h5py.File, modules: Sequence[PlacedModule], rows: int) -> None:
@@ -222,10 +242,10 @@ def _write_modules(file: h5py.File, modules: Sequence[PlacedModule], rows: int) 
             attributes["transformation_type"], attributes["depends_on"] = "translation", "."
 
 
-def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:
-    if stack.ndim != 3 or angles_rad.shape != (len(stack),):
+def _check_stack(name: str, shape: tuple[int, ...], angles_rad: NDArray[np.float64]) -> None:
+    if len(shape) != 3 or angles_rad.shape != shape[:1]:
         raise ValueError(
-            f"{name} must be (views, rows, detector) with one angle for each view, not of shape {stack.shape} "
+            f"{name} must be (views, rows, detector) with one angle for each view, not of shape {shape} "
             f"with {angles_rad.shape} angles"
         )
 
@@ -235,14 +255,17 @@ def _new_images(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
     *,
-    chunks: tuple[int, int, int],
+    chunks: tuple[int, ...],
     units: str,
     image_key: NDArray[np.uint8],
     angles_deg: NDArray[np.float64],
-    pitches_mm: tuple[float, float | None],
+    pitches_mm: tuple[float | None, float | None],
     storage: Mapping[str, Any],
+    given: Mapping[str, Any] | None = None,
 ) -> None:
-    entry = new_entry(file, nxtomo.DEFINITION)
+    entry = new_entry(file, nxtomo.DEFINITION, timed=given is None)
+    if given is not None:
+        write_mapping(entry, nxtomo.GIVEN, given)
     new_group(entry, "instrument", "NXinstrument")
     new_group(entry, nxtomo.DETECTOR, "NXdetector")
     entry.create_dataset(nxtomo.DATA, shape, dtype, chunks=chunks, **storage).attrs["units"] = units

@@ -1,9 +1,10 @@
 """Flags that several commands share, also of phantoms, and checks of their use before any file is read."""
 # ruff: noqa: PLC0415 - imports inside functions, so that a command's help need not load the readers of files
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic import Field
@@ -87,15 +88,13 @@ ScanFile = Annotated[
 ]
 AnglesDeg = Annotated[str | None, option(ScanFileOptions, "angles_deg", metavar="START:STEP")]
 AnglesFile = Annotated[Path | None, option(ScanOptions, "angles_file", exists=True, dir_okay=False)]
-ScanFlags = Annotated[
-    ScanOptions,
-    Flags(
-        angles_deg={"metavar": "START:STEP"},
-        angles_file={"exists": True, "dir_okay": False},
-        flats=FIELDS,
-        darks=FIELDS,
-    ),
-]
+OF_READING: Mapping[str, Mapping[str, Any]] = {
+    "angles_deg": {"metavar": "START:STEP"},
+    "angles_file": {"exists": True, "dir_okay": False},
+    "flats": FIELDS,
+    "darks": FIELDS,
+}
+ScanFlags = Annotated[ScanOptions, Flags(**OF_READING)]
 FlatsFile = Annotated[Path | None, option(ScanOptions, "flats", **FIELDS)]
 DarksFile = Annotated[Path | None, option(ScanOptions, "darks", **FIELDS)]
 SourceToCor = Annotated[float, option(ScannerConstants, "source_to_cor_mm")]
@@ -117,7 +116,7 @@ def check_width(phantom: str, width_mm: float | None) -> None:
     """Refuse a picture without a width, and a width without a picture."""
     if phantom in BUILT_IN_OUTLINES and width_mm is not None:
         raise typer.BadParameter("--phantom-width-mm is for a picture; a built-in phantom has its size.")
-    is_drawing = Path(phantom).suffix.lower() == ".json"
+    is_drawing = Path(phantom).suffix.lower() in {".json", ".h5"}
     if is_drawing and width_mm is not None:
         raise typer.BadParameter("--phantom-width-mm is for a picture; a drawing is in mm already.")
     if not (phantom in BUILT_IN_OUTLINES or is_drawing) and width_mm is None:
@@ -158,7 +157,8 @@ PhantomText = Annotated[
         metavar="NAME|FILE",
         callback=existing_phantom,
         autocompletion=phantom_names,
-        help=f"{', '.join(BUILT_IN_OUTLINES)}, a drawing FILE.json, or a picture FILE.png, bright where wood is.",
+        help=f"{', '.join(BUILT_IN_OUTLINES)}, a drawing FILE.json, a packed scan that holds one, or a picture "
+        "FILE.png, bright where wood is.",
     ),
 ]
 PhantomWidth = Annotated[

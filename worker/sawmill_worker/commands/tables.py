@@ -9,12 +9,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from sawmill_calibration.pictures.report_numbers import calibration_table
+from sawmill_calibration.scans.pack import ScanPack
 from sawmill_contracts.calibrations import CalibrationResult
 from sawmill_contracts.drifts import DriftResult
 from sawmill_contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
 from sawmill_contracts.plans import PlanResult, RepeatabilityResult
 from sawmill_contracts.reconstructions import MethodReport
 from sawmill_formats.input.contents import PartKind
+from sawmill_tomography.reconstruction.image_quality import ImageQuality
 from sawmill_vocabulary import ReconstructionMethod
 from sawmill_worker.commands.terminal import say
 
@@ -159,6 +161,26 @@ def print_inspection(result: InspectionResult) -> None:
         console.print(_reading_table(result.reading))
     for sentence in _sentences(result):
         console.print(f"- {sentence}", highlight=False, markup=False)
+
+
+def print_image_quality(quality: ImageQuality) -> None:
+    """Print the disc, the frequency at which the MTF is 10 %, and the contrast that patches of doubled sides show."""
+    lines = [f"disc: radius {quality.radius_mm:.4g} mm, pixels of {quality.pixel_mm:.4g} mm"]
+    lines += [f"MTF at 10 %: {quality.mtf_10_per_mm:.4g} per mm"]
+    for number, (side, contrast) in enumerate(zip(quality.patch_mm, quality.contrast_percent, strict=True), 1):
+        lines += [f"contrast discrimination, patches of {side:.3g} mm: {contrast:.3g} %"] * (number.bit_count() == 1)
+    Console().print("\n".join(lines), highlight=False, markup=False)
+
+
+def print_pack(packed: ScanPack) -> None:
+    """Print what a packed scan keeps, what it leaves out, and what nobody knows."""
+    lines = [f"kept: {name}: {value}" for name, value in packed.kept.items()]
+    left_out = [f"left out: {place}: {text}" for place, text in packed.left_out.items()]
+    lines += left_out[:MOST_ROWS] + [f"left out: {len(left_out) - MOST_ROWS} more (--json)"] * (
+        len(left_out) > MOST_ROWS
+    )
+    lines += [f"not known: {name} ({flag})" for name, flag in packed.unknown.items()]
+    Console().print("\n".join(lines), highlight=False, markup=False, soft_wrap=True)
 
 
 def _sentences(result: InspectionResult) -> Iterator[str]:

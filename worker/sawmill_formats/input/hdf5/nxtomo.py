@@ -67,6 +67,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds, selection: Wanted) -> FileCon
         row_pitch=row_pitch,
         order=selection.order(dataset.ndim) or fields.stated_order(dataset),
         detector_modules=modules,
+        unused=guard.read_text(entry, f"{nxtomo.GIVEN}/{nxtomo.CONSTANTS}", linked=bounds.linked),
         remarks=(*of_keys, *packed, *pitch.remarks, *row_pitch.remarks, *of_modules),
     )
     return fields.with_fields_beside(contents, dataset, bounds.whole, selection)
