@@ -192,7 +192,7 @@ class _OppositeRays(NamedTuple):
         return math.sqrt(self.solution.covariance[0, 0])
 
     def answers_alone(self, scanner: Scanner) -> bool:
-        """Return whether u_c is certain, and noise explains the differences: after hardening it does, but not a jump."""
+        """Return whether u_c is certain, and noise explains the differences, as after hardening but not a jump."""
         return self.deviation_mm < CERTAIN_CELLS * scanner.detector_pitch_mm and self.unrest < UNREST
 
     def log_jump(self, scanner: Scanner, start: SourceFrame) -> LogMovement | None:
