@@ -93,6 +93,7 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
 def test_a_beam_that_hardens_moves_nothing(angles):
     """By 5 %: over part of a turn that moved u_c by 0.07 mm."""
     # A log that is not round hardens otherwise from side to side: the bound counts what the fit of hardening leaves.
+    # Of 20 logs the largest error was 1.0 and 1.2 standard deviations.
     rays, frame = averaged(angles, rows=2)
     hard = rays * (1.0 - 0.05 * rays / rays.max())
     start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0)
@@ -221,18 +222,16 @@ def test_dead_cells_at_an_end_are_no_log_that_is_cut_off(cells, value):
 
 def test_the_noise_of_the_flat_fields_counts():
     """A pattern of the cells as large as the noise, in every view alike: 20 views average the noise and not it."""
-    rays, frame = averaged(turn(20))
     shares, plain = [], []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
+    for seed in range(20):
+        (rays, frame), rng = averaged(turn(20), seed=seed), np.random.default_rng(seed)
         scan = rays + 0.003 * rng.standard_normal(rays.shape)
         plain.append(view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN).deviation[0])
         fit = view_pair_fit(MILL, scan + 0.003 * rng.standard_normal(768), turn(20), frame, Rotation.AS_GIVEN)
         shares.append(error_of(fit, frame) / fit.deviation[:2])
-        # Growth rings in single rows, which are not round, are noise for both.
-        assert fit.deviation[0] > 1.3 * plain[-1]
-    # The RMS of 12 standard normal numbers is between 0.4 and 1.6 in 99.8 % of draws.
-    assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.6)
+        assert fit.deviation[0] > 1.35 * plain[-1]
+    # The RMS of 20 standard normal numbers is between 0.5 and 1.5 in 99.8 % of draws.
+    assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.5)
 
 
 def test_smooth_structure_of_the_flat_field_counts_as_the_air_shows_it():
@@ -401,6 +400,22 @@ def test_a_jump_of_a_cell_is_refused_even_where_hardening_hides_it_from_pairs_of
     rays, angles = hardened_scan(views, 2, position_mm=moved)
     with pytest.raises(DriftError, match=r"as those of a log that moved by 0\.1[2-6] mm") as refusal:
         detector_fit(LABORATORY, rays, angles, NOMINAL, Rotation.AS_GIVEN)
+    assert refusal.value.code == "moved-too-far"
+
+
+@pytest.mark.parametrize("seed", [4, 6, 9])
+def test_where_pairs_do_not_agree_opposite_rays_answer_for_a_hard_beam_and_not_for_a_slip(seed):
+    """A slip of 12 mm after nine of 20 views was reported as a move of 5.5 to 6 mm, with an error of 0.6 mm."""
+    mill = replace(MILL, num_detector_pixels=384, detector_pitch_mm=3.0)
+    fan = FanBeamGeometry(mill, THETA, turn(20))
+    rays = project(LogModel.random(seed).slice_at(120.0).moved(5.0, -3.0), DetectorCells.of(mill), fan.frame, turn(20))
+    noise = 0.004 * np.sqrt(np.mean(rays**2)) * np.random.default_rng(seed).standard_normal(rays.shape)
+    hard = rays * (1.0 - 0.4 * (rays / rays.max()) ** 2) + noise
+    fit = detector_fit(mill, hard, turn(20), fan.frame, Rotation.AS_GIVEN)
+    assert abs(error_of(fit, fan.frame)[0]) < 3.0 * fit.deviation[0] < 1.5
+    slipped = np.concatenate([rays[:9], np.roll(rays[9:], 4, axis=1)]) + noise
+    with pytest.raises(DriftError, match="no geometry near the known one") as refusal:
+        detector_fit(mill, slipped, turn(20), fan.frame, Rotation.AS_GIVEN)
     assert refusal.value.code == "moved-too-far"
 
 

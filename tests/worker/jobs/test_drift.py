@@ -205,7 +205,7 @@ def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn, finis
 
 def test_a_refusal_names_the_masked_rays(asked, log_scan):
     rays = log_scan(views=20)
-    rays[9:] = np.roll(rays[9:], 12, axis=1)
+    rays[9:] = np.roll(rays[9:], 4, axis=1)
     rays[4, 190:210] = np.nan
     with pytest.raises(JobFailure, match=r"20 of 7680 rays were masked, .* Wide masks do that too"):
         run(asked(rays, averaged_rows=300))

@@ -159,7 +159,7 @@ def few_view_fit(
                 f"opposite rays differ as those of a log that moved by {jump.by_mm:.2g} mm while it was scanned, or of "
                 "views with other angles than stated; secure the log and scan again",
             )
-    elif opposite is None or jump is not None or not opposite.deviation_mm < CERTAIN_CELLS * scanner.detector_pitch_mm:
+    elif opposite is None or jump is not None or not opposite.answers_alone(scanner):
         _refuse_unseen(scanner, pairs)
         raise DriftError(
             "moved-too-far",
@@ -190,11 +190,16 @@ class _OppositeRays(NamedTuple):
     solution: Solution
     angles_rad: FloatArray
     done: tuple[str, ...]
+    unrest: float  # variance of the differences of opposite rays, divided by the one that noise gives them
 
     @property
     def deviation_mm(self) -> float:
         """Standard deviation of u_c."""
         return math.sqrt(self.solution.covariance[0, 0])
+
+    def answers_alone(self, scanner: Scanner) -> bool:
+        """Return whether u_c is certain, and noise explains the differences, as after hardening but not a jump."""
+        return self.deviation_mm < CERTAIN_CELLS * scanner.detector_pitch_mm and self.unrest < UNREST
 
     def log_jump(self, scanner: Scanner, start: SourceFrame) -> LogMovement | None:
         """Return the jump of a log that moved during the scan, if beyond chance and not a small part of a cell."""
@@ -245,7 +250,11 @@ def _opposite_rays(
     )
     if not (solution.settled and np.isfinite(solution.free_covariance).all()):
         return None
-    return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,))
+    variance = np.zeros(scanner.num_detector_pixels)
+    # A few masked rays with large errors must not excuse the differences of all others.
+    variance[levelled.cells] = np.median(levelled.variance, axis=0)
+    unrest = solution.pairs.unrest(solution.vector, variance)
+    return _OppositeRays(solution, pairs.rotation.apply(angles), () if gain is None else (gain.done,), unrest)
 
 
 def _combined(pairs: PairFit, opposite: _OppositeRays, start: SourceFrame) -> PairFit:

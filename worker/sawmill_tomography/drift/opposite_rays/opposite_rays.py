@@ -121,10 +121,33 @@ class Pairs:
 
     def relative_residual(self, vector: FloatArray) -> float:
         """Return the RMS of the used pairs' blurred differences divided by the RMS of the blurred rays."""
+        residual, signal = self._squares(vector)
+        return math.sqrt(residual / signal)
+
+    def unrest(self, vector: FloatArray, variance: FloatArray) -> float:
+        """Return the variance of the used pairs' blurred differences, divided by the one that noise gives them.
+
+        Parameters
+        ----------
+        vector : (3,) float64
+            u_c in mm, tau in rad and SDD in mm.
+        variance : (detector,) float64
+            Variance of the rays' noise, dimensionless.
+        """
+        fan, covered = fan_angles(self._scanner, vector)
+        # What blurs over cells and over harmonics other than the constant one leave of white noise.
+        over_cells = np.median(covered) / (2.0 * math.sqrt(math.pi) * self._width)
+        over_views = 2.0 * np.sum(self._blur[1:] ** 2) / self._turn.views
+        of_pairs = sum(np.interp(gamma, fan, variance) for gamma in (self.gamma, -self.gamma))
+        noise = over_cells * over_views * float(of_pairs @ self._used.sum(axis=1))
+        return float(self._squares(vector)[0] / noise)
+
+    def _squares(self, vector: FloatArray) -> FloatArray:
+        """Return the sums of squares, (2,), of the used pairs' blurred differences and of their blurred rays."""
         (rays, opposite), _ = self._both_sides(vector)
         blurred = self._over_chi(self._blur * np.stack([rays - opposite, 0.5 * (rays + opposite)])) * self._used
-        residual, signal = np.sum(blurred**2, axis=(1, 2))
-        return math.sqrt(residual / signal)
+        squares: FloatArray = np.sum(blurred**2, axis=(1, 2))
+        return squares
 
     def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return rays and opposite rays over chi, and both derivatives by the rays' gamma, (2, pairs, harmonics)."""

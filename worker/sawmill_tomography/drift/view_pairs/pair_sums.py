@@ -250,8 +250,7 @@ class PairSums:
         # A gain common to all views changes nothing; its effect would be the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
         covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T + behind @ behind.T
-        same = weights[0] - weights[1]
-        covariance += (same @ lines.common_covariance @ same.T)[np.ix_(pairs.separation, pairs.separation)]
+        covariance += self.common_covariance(vector)
         for at in range(views):
             first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
             touched = np.append(first, second)
@@ -262,6 +261,13 @@ class PairSums:
         new = spread > model
         whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
         return whitening, gains
+
+    def common_covariance(self, vector: FloatArray) -> FloatArray:
+        """Return the covariance of the differences, (pairs, pairs), by what the flat field leaves in every view."""
+        first, second = self._weights(vector)
+        same, separation = first - second, self.pairs.separation
+        covariance: FloatArray = same @ self.lines.common_covariance @ same.T
+        return covariance[np.ix_(separation, separation)]
 
     def bends(self, vector: FloatArray) -> FloatArray:
         """Return the change of the differences by line integrals bent by `BENT`, as squares and as cubes, (pairs, 2).

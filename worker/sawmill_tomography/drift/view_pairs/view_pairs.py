@@ -355,7 +355,8 @@ def _fit(
     left, right = sums.at(vector)
     slopes = white @ sums.slopes(vector, left - right, 3)
     remaining, shown = white @ (left - right + put_back), white @ patterns
-    scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown)
+    of_flat_field = white @ sums.common_covariance(start) @ white.T
+    scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown, of_flat_field)
     moving = np.linalg.pinv(slopes[:, :2])
     sensitivity: FloatArray = -moving @ slopes[:, 2]
     by_encoder = moving[0] @ white @ encoder
@@ -391,13 +392,15 @@ def _whitened_further(white: FloatArray, changes: FloatArray) -> FloatArray:
 
 
 def _scaled(
-    residual: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
+    residual: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray, of_flat_field: FloatArray
 ) -> tuple[FloatArray, float, float]:
     """Return the covariance (2, 2) scaled to the residual of the whitened differences, chi-squared, and `unrest`.
 
     Noise and gains have a scale each: gains of another size than assumed say nothing about the noise, which is the
-    residual that no gain explains. The uncertainty of each scale enters by Student's t. Patterns explain no more than
-    their size allows, but each bend that can be seen is one comparison less, and motions are as many as they explain.
+    residual that no gain explains. The flat field's part (differences, differences) is known from the air: a residual
+    below the noise that was assumed makes it no smaller. The uncertainty of each scale enters by Student's t. Patterns
+    explain no more than their size allows, but each bend that can be seen is one comparison less, and motions are as
+    many as they explain.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
     explained = _explained(slopes, gains)
@@ -415,10 +418,13 @@ def _scaled(
         )
     chi_squared = float(residual @ residual)
     noise = chi_squared - float(np.sum((explained.T @ residual) ** 2))
-    through = covariance @ slopes.T @ gains
+    to_unknowns = covariance @ slopes.T
+    through = to_unknowns @ gains
     by_gains = through @ through.T
     widths = [
         chi / number * (scipy.special.stdtrit(number, 0.975) / scipy.special.ndtri(0.975)) ** 2
         for chi, number in ((noise, free), (chi_squared - noise, of_gains))
     ]
-    return widths[0] * (covariance - by_gains) + widths[1] * by_gains, chi_squared, noise / free
+    by_flat_field = max(0.0, 1.0 - widths[0]) * (to_unknowns @ of_flat_field @ to_unknowns.T)
+    scaled = widths[0] * (covariance - by_gains) + widths[1] * by_gains + by_flat_field
+    return scaled, chi_squared, noise / free
