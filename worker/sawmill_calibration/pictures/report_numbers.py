@@ -72,10 +72,9 @@ def theta_rows(geometry: FoundGeometry) -> list[ReportedParameter]:
 
 def theta_values(theta: Theta) -> list[str]:
     """Format the five parameters of a theta as in `theta_rows`."""
-    lengths = (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)
     return [
         f"{math.degrees(theta.initial_angle_rad):.4f}°",
-        *(f"{length:.3f} mm" for length in lengths),
+        *(f"{length:.3f} mm" for length in (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)),
         f"{_slope_degrees(theta):.4f}°",
     ]
 

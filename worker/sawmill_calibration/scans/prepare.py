@@ -63,12 +63,11 @@ class AveragedRays:
         """Report what was sent, and how it was changed."""
         alone = self._averaged.deviations is None
         came = PreparingMessage.MEAN_OF_ROWS if alone else PreparingMessage.MEAN_WITH_DEVIATIONS
-        masked = (
+        return came(rows=self._averaged.rows), (
             PreparingMessage.RAYS_MASKED(masked=self._masked, samples=self._samples)
             if self._masked
             else PreparingMessage.NO_RAY_MASKED()
         )
-        return came(rows=self._averaged.rows), masked
 
 
 def of_masked_rays(remarks: Collection[str]) -> str | None:
@@ -144,9 +143,8 @@ def prepare_scan(
         prepare = partial(_prepare_rows, written.data, preparation, window_bytes, progress) if afterwards else None
         aligned: AlignedRows | None = None
         if aligns:
-            views = Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows"))
             aligned = align_rows(
-                views,
+                Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows")),
                 read.angles_rad,
                 options.align_rows,
                 estimate=preparation.estimate,

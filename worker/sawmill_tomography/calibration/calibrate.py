@@ -137,8 +137,7 @@ def _beam(model: ScanModel) -> BeamCorrection:
         return NOTHING_FOUND
     lengths, integrals, weights = model.lengths, model.sharp + model.residual, model.data.weights
     if around or wide:
-        added = around * model.halos[0] + wide * model.halos[1]
-        measured = integrals - np.log1p(np.maximum(added, -0.95))
+        measured = integrals - np.log1p(np.maximum(around * model.halos[0] + wide * model.halos[1], -0.95))
         fitted = fit_scatter_and_hardening(lengths, measured, model.residual, weights)
         if fitted is not None:
             return fitted

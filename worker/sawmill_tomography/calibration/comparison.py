@@ -116,8 +116,7 @@ def _moved(scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry
             frame = replace(frame, cor_column_mm=active.frame.cor_column_mm)
         return ray_error(before, active.frame, frame, radius_mm=radius_mm, other_scanner=after)
     except GeometryError:  # the active rays no longer meet the log: they moved by more than its radius
-        scale = new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0
-        return RayError(radius_mm, radius_mm, scale)
+        return RayError(radius_mm, radius_mm, new.frame.source_distance_mm / active.frame.source_distance_mm - 1.0)
 
 
 def _scale_spread_percent(

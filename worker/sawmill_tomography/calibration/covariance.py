@@ -40,8 +40,7 @@ def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
     """Compute standard deviations (6,) of (psi, R, SDD, u_c, tau, M) from the covariance (5, 5) of the first five."""
     r, sdd = frame.source_distance_mm, frame.source_to_detector_mm
     slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
-    magnification = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
-    return np.append(np.sqrt(np.diag(covariance)), magnification)
+    return np.append(np.sqrt(np.diag(covariance)), math.sqrt(max(float(slope @ covariance @ slope), 0.0)))
 
 
 def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:

@@ -276,8 +276,7 @@ def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    structured = evidence.structure is not None
-    of_the_model = structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
+    of_the_model = evidence.structure is not None and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
     message = CalibrationMessage.IMPRECISE_MODEL if of_the_model else CalibrationMessage.IMPRECISE
     yield Remark(
         Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,

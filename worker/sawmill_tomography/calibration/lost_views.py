@@ -109,8 +109,7 @@ def _coarse_fits(task: CalibrationTask, seed: int, on_step: OnStep) -> list[tupl
     for hypothesis, number in sorted(best, key=lambda choice: best[choice].misfit)[:FITTED_COARSELY]:
         data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(coarse[number]), misfit.cells)
         start = best[hypothesis, number].frame
-        phantom = task.phantoms[hypothesis.handedness]
-        fit = refine(phantom, data, start, max_iterations=ITERATIONS, on_step=on_step)
+        fit = refine(task.phantoms[hypothesis.handedness], data, start, max_iterations=ITERATIONS, on_step=on_step)
         if fit is not None:
             fits.append((RankedFit(hypothesis, fit), choices[number]))
     return sorted(fits, key=lambda one: one[0].fit.relative_residual)[:MEASURED]

@@ -102,6 +102,5 @@ def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_
 def _remaining(change: FloatArray, spread: FloatArray, directions: FloatArray) -> float:
     """Compute how many standard deviations of a change remain after the best movement in these directions (4, k)."""
     weight = np.linalg.inv(spread)
-    amount = np.linalg.solve(directions.T @ weight @ directions, directions.T @ weight @ change)
-    rest = change - directions @ amount
+    rest = change - directions @ np.linalg.solve(directions.T @ weight @ directions, directions.T @ weight @ change)
     return math.sqrt(max(float(rest @ weight @ rest), 0.0))

@@ -87,8 +87,7 @@ class PaperSettings:
 def remove_background(sinogram: FloatArray) -> FloatArray:
     """Subtract the air level, the median of the lowest tenth of the range: a constant background biases J."""
     low, high = np.percentile(sinogram, [1.0, 99.0])
-    air = sinogram[sinogram <= low + 0.1 * (high - low)]
-    return sinogram - float(np.median(air))
+    return sinogram - float(np.median(sinogram[sinogram <= low + 0.1 * (high - low)]))
 
 
 class PaperObjective:
@@ -126,9 +125,8 @@ class PaperObjective:
         return {h: self._correlation(a, b) for h, (a, b) in pairs.items()}
 
     def _image_pairs(self, theta: Theta) -> dict[Handedness, Pair]:
-        geometry = FanBeamGeometry(self._task.scanner, theta, self._angles)
         image = fbp(
-            Projector(geometry, self._grid),
+            Projector(FanBeamGeometry(self._task.scanner, theta, self._angles), self._grid),
             self._data,
             filter_name=self._options.filter_name,
             weighting=self._options.weighting,

@@ -68,5 +68,4 @@ def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, statistics: R
     distance = frame.source_distance_mm
     variance = float(statistics.covariance.values[FitParameter.R, FitParameter.R])
     deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
-    deficit = task.scanner.source_to_cor_mm - distance
-    return deficit / deviation if deviation > 0.0 else math.inf
+    return (task.scanner.source_to_cor_mm - distance) / deviation if deviation > 0.0 else math.inf

@@ -152,8 +152,7 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     ray.
     """
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
-    mean = max(float(np.median(rays)), 1e-6)
-    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
+    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / max(float(np.median(rays)), 1e-6), 0.0), 1.0)
     return air_noise**2 * np.exp(np.clip(k * rays, 0.0, 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))))
 
 

@@ -185,8 +185,7 @@ def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> F
         across = d[0] * e[1] - d[1] * e[0]
         corner = outline[corners[i]]
         if abs(across) > math.sin(math.radians(5.0)):
-            s = ((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across
-            meeting = p + s * d
+            meeting = p + (((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across) * d
             # Two short sides of a curve may meet far away: such a corner keeps its place in the outline.
             corner = meeting if np.hypot(*(meeting - corner)) < 2.0 * near else corner
         fitted.append(corner)

@@ -156,8 +156,7 @@ class _ProfileFit:
 def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> None:
     score, _ = _scores(values, present, reference)
     best = score.argmax(axis=1)
-    peak = (score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:])
-    other_scores = np.where(peak, score[:, 1:-1], 0.0)
+    other_scores = np.where((score[:, 1:-1] >= score[:, :-2]) & (score[:, 1:-1] >= score[:, 2:]), score[:, 1:-1], 0.0)
     np.put_along_axis(other_scores, np.clip(best - 1, 0, other_scores.shape[1] - 1)[:, None], 0.0, axis=1)
     lead = score.max(axis=1) - other_scores.max(axis=1)
     if lead.min() < DISTINCT:
@@ -265,8 +264,7 @@ def _long_run_variance(influence: FloatArray) -> FloatArray:
 def _common(values: FloatArray, present: Rows, fit: _ProfileFit, shifts: FloatArray) -> _Profile:
     """Return the median profile of all views, each brought to the common level; present where half the views are."""
     rows = values.shape[1]
-    along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
-    levelled = (values - along) / fit.gain[:, None]
+    levelled = (values - (fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows))) / fit.gain[:, None]
     origin = int(np.floor(shifts.min()))
     at = np.arange(rows + int(np.ceil(shifts.max())) - origin) + origin - shifts[:, None]
     below = np.floor(at).astype(np.intp)

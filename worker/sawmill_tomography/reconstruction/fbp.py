@@ -66,8 +66,7 @@ def ramp_response(
     kernel[odd] = -1.0 / (np.pi * offset[odd] * pitch_mm) ** 2
     ramp = scipy.fft.rfft(kernel).real * pitch_mm
     relative = np.arange(ramp.size) * 2.0 / length / frequency_scaling
-    mean = np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm))
-    return ramp * _window(name, relative) * mean, length
+    return ramp * _window(name, relative) * np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm)), length
 
 
 @dataclass(frozen=True, eq=False)

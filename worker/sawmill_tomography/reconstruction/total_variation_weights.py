@@ -209,9 +209,8 @@ def choose_coupling(
 
     def error(coupling: float) -> float:
         prior = smoothed_prior(typical, np.full(len(lines), weights[coupling]), np.full(len(lines), ring_weight))
-        objective = Objective(problem.support.projector, problem.lines, training, prior)
         minimum = descend_by_levels(
-            objective,
+            Objective(problem.support.projector, problem.lines, training, prior),
             non_negative=non_negative,
             iterations=COUPLING_ITERATIONS,
             tolerance=TOLERANCE,

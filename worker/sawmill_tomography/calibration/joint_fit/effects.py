@@ -67,14 +67,12 @@ def _terms(*chosen: Term, counts: bool = False) -> Callable[[ScanModel], tuple[C
 
 def _hardening(model: ScanModel, sizes: FloatArray) -> Reason:
     longest = float(model.lengths.max())
-    change = float(sizes[0] * longest + sizes[1] * longest**2)
-    return EffectMessage.BEAM_HARDENING(change_percent=100.0 * change)
+    return EffectMessage.BEAM_HARDENING(change_percent=100.0 * float(sizes[0] * longest + sizes[1] * longest**2))
 
 
 def _scattered_radiation(model: ScanModel, sizes: FloatArray) -> Reason:
     around, wide = model.halos
-    deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
-    added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
+    added = float((sizes[0] * around + sizes[1] * wide)[model.blurred > np.quantile(model.blurred, DEEPEST)].mean())
     if added < 0.0:
         # With the gains of the views, scatter takes up what powers of the paths leave of the hardening.
         return EffectMessage.SCATTER_OR_HARDENING()

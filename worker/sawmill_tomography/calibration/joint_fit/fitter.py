@@ -253,8 +253,7 @@ class JointFitter:
             or varies.deviation * patch_side_mm(self.model.drawing) <= self.model.drawing.precision_mm
         ):
             return False
-        explained = uniform.remaining(own) - grams.system(columns).remaining(own)
-        return explained > LEAST_EXPLAINED * uniform.structured
+        return uniform.remaining(own) - grams.system(columns).remaining(own) > LEAST_EXPLAINED * uniform.structured
 
     @property
     def _within_drawing(self) -> bool:
@@ -553,8 +552,7 @@ class JointFitter:
 
     def _least_structured(self, system: System) -> float:
         """Return what is structured at least, whatever is fitted: the drawing is off by its precision."""
-        of_drawing = STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing)
-        return max(UNTRUSTED * system.structured, of_drawing)
+        return max(UNTRUSTED * system.structured, STRUCTURES / OF_DRAWING * min(system.structured, self.of_drawing))
 
     def _variance_on_detector(self, system: System, used: list[int]) -> float:
         """Return the variance against which modules are judged: of noise, or their share of the structure."""

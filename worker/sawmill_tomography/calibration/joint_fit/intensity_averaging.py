@@ -33,8 +33,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
         if again is None:
             return plain
         fit = again
-    after = plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING())
-    return replace(after, averaging=added)
+    return replace(plain.after(data, fit, AdjustmentMessage.INTENSITY_AVERAGING()), averaging=added)
 
 
 def averaging(

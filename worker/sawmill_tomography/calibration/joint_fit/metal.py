@@ -71,8 +71,7 @@ def find_metal(
         result = metal
         if settled:
             break
-        weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
-        weighted = replace(data, weights=weights)
+        weighted = replace(data, weights=np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights))
         again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if again is None:
             break

@@ -180,8 +180,7 @@ class ModuleSearch:
         neighbouring cells the likeliest one is taken for all.
         """
         left = self._left()
-        sizes = (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)
-        factors = [np.concatenate([-each, each]) for each in sizes]
+        factors = [np.concatenate([-each, each]) for each in (self._width_mm * HIDDEN_GAPS_CELLS, HIDDEN_KINKS_RAD)]
         ratios = np.zeros((2, factors[0].size, left.seen.size))
         for kind, information in enumerate((left.gap, left.kink)):
             known, factor = left.seen & np.isfinite(information), factors[kind][:, None]
@@ -357,8 +356,7 @@ class _Left:
         """Return the likeliest gap and kink before each cell, and the power that they explain."""
         of_gap, alone = self.scores[0], self.score_of_kink_alone
         kink = alone / self.of_kink_alone
-        gap = (of_gap - self.between * kink) / self.gap
-        return gap, kink, of_gap**2 / self.gap + alone * kink
+        return (of_gap - self.between * kink) / self.gap, kink, of_gap**2 / self.gap + alone * kink
 
     @property
     def score_of_kink_alone(self) -> FloatArray:

@@ -61,8 +61,7 @@ def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) ->
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     """Return whether outliers are whole cells or whole views, as with faults; otherwise the model is wrong."""
     cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
-    views = power[outlying.mean(axis=1) > WHOLE].sum()
-    return bool(max(cells, views) > FAULT_SHARE * power.sum())
+    return bool(max(cells, power[outlying.mean(axis=1) > WHOLE].sum()) > FAULT_SHARE * power.sum())
 
 
 OUTLIERS = EffectFinding(Adjustment.OUTLIERS, _adjust)

@@ -110,8 +110,7 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
     columns = [joint.system.columns[i] for i in joint.used]
     for one, test in joint.declined:
         off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
-        reason = one.effect.reason(joint.model, test.sizes)
-        yield FoundEffect(one.effect.adjustment, reason, off_mm, fitted=False)
+        yield FoundEffect(one.effect.adjustment, one.effect.reason(joint.model, test.sizes), off_mm, fitted=False)
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:

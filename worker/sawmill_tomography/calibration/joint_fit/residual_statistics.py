@@ -92,8 +92,7 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
     of_free = plain
     inflation, structured = 1.0, False
     if noise > 0.0:
-        remaining = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0)
-        shared = remaining / (SHARES * noise)
+        shared = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0) / (SHARES * noise)
         if views > unknowns:
             clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
             inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
@@ -189,8 +188,7 @@ def _refuse_undetermined(joint: JointFit) -> None:
     scale = system.scale[used]
     values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
     lost = values <= SINGULAR * values[-1]
-    undetermined = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost]
-    if (undetermined**2).sum() > RAYS_SHARE:
+    if (vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost] ** 2).sum() > RAYS_SHARE:
         raise CalibrationError(
             "too-few-views",
             f"the {system.views} views do not determine the geometry: other scanners would show the same; give "

@@ -229,8 +229,7 @@ class ScanModel:
     @cached_property
     def exposure_angle_rad(self) -> float:
         """Half the angle between the two points that represent a view exposed over a whole step, rad."""
-        turned = np.sort(np.mod(self.data.angles_rad, TAU))
-        return float(np.median(np.diff(turned))) / math.sqrt(12.0)
+        return float(np.median(np.diff(np.sort(np.mod(self.data.angles_rad, TAU))))) / math.sqrt(12.0)
 
     @property
     def kernel_arguments(self) -> tuple[object, ...]:
@@ -400,8 +399,7 @@ class ScanModel:
     @cached_property
     def lagging(self) -> FloatArray:
         """Intensity of the view before less the view's own, as a share of the view's own, (views, cells)."""
-        before = np.concatenate([self.blurred[:1], self.blurred[:-1]])
-        late: FloatArray = np.expm1(self.blurred - before)
+        late: FloatArray = np.expm1(self.blurred - np.concatenate([self.blurred[:1], self.blurred[:-1]]))
         return late
 
     @cached_property
@@ -452,8 +450,7 @@ class ScanModel:
         )
         if not pieces:
             return np.empty((0, 5))
-        cut_off = self._warped(pieces)
-        return cut_off.edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
+        return self._warped(pieces).edges * [1.0, 1.0, 1.0, 1.0, 1.0 / CORNER_STEP]
 
     def has_skin(self, term: Term) -> bool:
         """Return whether the wood is thicker than this term's skin."""

@@ -88,8 +88,7 @@ class EffectTester:
         information, scores = system.of_views(left, change + left @ score)
         structured = max(system.structured - explained, UNTRUSTED * system.structured)
         scatter = _scatter(scores, information, variance)
-        on_detector = all(is_of_detector(system.columns[place].term) for place in tried)
-        shares = ON_DETECTOR if on_detector else STRUCTURES
+        shares = ON_DETECTOR if all(is_of_detector(system.columns[place].term) for place in tried) else STRUCTURES
         return EffectTest(power / max(variance * scatter, structured / shares), power, degrees, sizes, bias)
 
 

@@ -117,10 +117,9 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     # Where a model is finer than the scan, one view with an edge along the rays may have most of the scatter.
     usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
     chance = DEVIATIONS * math.sqrt(2.0 * unit.size)
-    structured = system.structured - float(change @ system.score)
     if (
         excess < chance
-        or excess * variance < EXPLAINED * structured
+        or excess * variance < EXPLAINED * (system.structured - float(change @ system.score))
         or usual * unit.size < IN_MOST * excess
         or abs(neighbours) > SHARED * excess
         or column_excess > max(COLUMN * excess, 0.5 * chance)

@@ -93,8 +93,7 @@ def likeliest_sizes(model: ScanModel, grams: ViewGrams, columns: Sequence[Column
 def with_view_poses(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
     """Find the views' poses next to these columns alone, in twice this number of rounds at most."""
     model = _stepped_often(model, columns, rounds, on_step)
-    other = _with_other_rolls(model, columns, rounds // 3, on_step)
-    return _stepped_often(other, columns, rounds, on_step)
+    return _stepped_often(_with_other_rolls(model, columns, rounds // 3, on_step), columns, rounds, on_step)
 
 
 def _with_other_rolls(model: ScanModel, columns: Sequence[Column], rounds: int, on_step: OnStep) -> ScanModel:
@@ -114,8 +113,7 @@ def _with_other_rolls(model: ScanModel, columns: Sequence[Column], rounds: int, 
             there = ViewGrams(other)
             project_out_poses(other, there, sizes, variance)
             other = replace(other, pose=other.pose + there.of_each_view([], POSE)[0])
-        better = cost(other) < cost(best)
-        best = replace(best, pose=np.where(better[:, None], other.pose, best.pose))
+        best = replace(best, pose=np.where((cost(other) < cost(best))[:, None], other.pose, best.pose))
     return best
 
 

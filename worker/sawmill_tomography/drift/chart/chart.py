@@ -180,12 +180,11 @@ def likelier(steps: StepAndTrendFits, trends: StepAndTrendFits, now_days: float)
     plausible = np.flatnonzero(likelihood >= best[of_kind] - PLAUSIBLE)
     # A change between two candidates is fitted at the nearer one; before the first candidate there is the calibration.
     times = [0.0, *model.began_days.tolist(), now_days]
-    between = times[plausible[0]], times[plausible[-1] + 2]
     return ChartFinding(
         (DriftKind.JUMP, DriftKind.TREND)[of_kind],
         evidence,
         began_days=float(model.began_days[at]),
-        between_days=between,
+        between_days=(times[plausible[0]], times[plausible[-1] + 2]),
         change=DetectorEstimate.of(model.change[at], model.covariance[at]),
         log_odds=0.5 * (best[of_kind] - best[1 - of_kind]),
     )
