@@ -99,7 +99,6 @@ def conclude(
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds, task.saturated_share)
-    judgement = judge(evidence, JudgementLimits.of(task))
     ended = time.perf_counter()
     return CalibrationOutcome(
         task=task,
@@ -109,7 +108,7 @@ def conclude(
         findings=evidence,
         residual=joint.model.residual,
         adjustments=(*adjusted, *analysis.adjustments),
-        judgement=judgement,
+        judgement=judge(evidence, JudgementLimits.of(task)),
         view_poses=None if joint.poses is None else joint.model.pose,
         beam=_beam(joint.model),
         search=basins.report,

@@ -52,9 +52,8 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
     sign = 1 if theta.source_shift_mm >= 0.0 else -1
     vector = to_vector(frame)
     # A step in R must stay well above r_S, where h_S has a square-root branch point.
-    steps = np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])
     columns = []
-    for index, step in enumerate(steps):
+    for index, step in enumerate(np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])):
         ends = []
         for direction in (1.0, -1.0):
             moved = vector.copy()

@@ -166,10 +166,9 @@ def _fit(
     count = data.samples
     determinable = [p for p in FitParameter if p not in held]
     free = np.array(determinable)
-    degrees = max(count - free.size - 2, 1.0)
     covariance = np.zeros((len(FitParameter), len(FitParameter)))
     inverse = scaled_inverse(normal.hessian[np.ix_(free, free)], least=1e-15)
-    covariance[np.ix_(free, free)] = inverse * normal.rss / degrees
+    covariance[np.ix_(free, free)] = inverse * normal.rss / max(count - free.size - 2, 1.0)
     residual_rms = math.sqrt(normal.rss / count)
     return Fit(
         frame=SourceFrame.from_vector((wrap_angle(x[FitParameter.PSI]), *x[RAYS])),

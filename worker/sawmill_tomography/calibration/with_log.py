@@ -54,10 +54,9 @@ def _ask_log(
 ) -> LogAnswer:
     """Fit u_c and tau to a log's sinogram (views, detector) near the phantom's answer by opposite rays or pairs."""
     fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
-    detector = fit.at_distance(frame.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
     # Pairs of views refuse a log that moves far, and do not show where a log jumped a little.
-    return LogAnswer(detector, fit.sdd_sensitivity, turned, fit.movement)
+    return LogAnswer(fit.at_distance(frame.source_to_detector_mm), fit.sdd_sensitivity, turned, fit.movement)
 
 
 def _following(calibration: CalibrationOutcome, evidence: Evidence, witness: LogWitness) -> CalibrationOutcome:

@@ -192,10 +192,9 @@ def _scores(values: FloatArray, present: Rows, reference: _Profile) -> tuple[Flo
     m, m2, m_there = spectrum(moving), spectrum(moving**2), spectrum(there)
     count = np.maximum(overlap(f_there, m_there), 1.0)
     f_sum, m_sum = overlap(f, m_there), overlap(f_there, m)
-    covariance = overlap(f, m) - f_sum * m_sum / count
     variances = (overlap(f2, m_there) - f_sum**2 / count) * (overlap(f_there, m2) - m_sum**2 / count)
     floor = 1e-12 * float((fixed**2).sum()) * (moving**2).sum(axis=1, keepdims=True) + np.finfo(np.float64).tiny
-    correlation = covariance / np.sqrt(np.maximum(variances, floor))
+    correlation = (overlap(f, m) - f_sum * m_sum / count) / np.sqrt(np.maximum(variances, floor))
     enough = count >= np.maximum(SHARE_FOUND * there.sum(axis=1, keepdims=True), FEWEST_ROWS // 2)
     likely = -0.5 * count * np.log1p(-(np.clip(correlation, 0.0, 1.0 - 1e-9) ** 2))
     lags = np.fft.fftfreq(length, 1.0 / length).astype(np.intp)

@@ -268,10 +268,9 @@ def _check_page(
     if int(page.compression) not in READABLE_COMPRESSIONS:
         method = getattr(page.compression, "name", page.compression)
         raise UnreadableScan("unsupported-storage", f"{where} is compressed by {method}; use deflate or no compression")
-    stored = sum(page.databytecounts)
     needed = math.prod(page.shape) * itemsize
     ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
-    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
+    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and sum(page.databytecounts) < needed):
         raise UnreadableScan(
             "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
         )

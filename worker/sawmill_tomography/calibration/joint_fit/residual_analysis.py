@@ -92,9 +92,8 @@ def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[Fou
         yield FoundEffect(Adjustment.WOOD_DENSITY, varies, 0.0, fitted=True)
     if joint.angle_variance > 0.0:
         deviation = math.sqrt(joint.angle_variance)
-        moved_mm = deviation * joint.model.drawing.radius_mm
         scattered = EffectMessage.ANGLE_JITTER(jitter_deg=math.degrees(deviation))
-        yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, moved_mm, fitted=True)
+        yield FoundEffect(Adjustment.ANGLE_JITTER, scattered, deviation * joint.model.drawing.radius_mm, fitted=True)
     for one in joint.fitted:
         columns, off = joint.without(one)
         reasons = [one.effect.reason(joint.model, one.sizes), *joint.motion_sets.instead_of(one)]

@@ -109,11 +109,10 @@ def residual_statistics(joint: JointFit) -> ResidualStatistics:
         of_free = of_free + np.outer(bias[own], bias[own])
     values, names = np.zeros((len(FitParameter), len(FitParameter))), list(free)
     values[np.ix_(names, names)] = of_free[:count, :count]
-    held = frozenset(FitParameter) - frozenset(free)
     unknown = frozenset(p for p in free if not values[p, p] > 0.0)
     ratio = np.diag(of_free)[:count] / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)[:count]
     return ResidualStatistics(
-        Covariance(values, held, unknown),
+        Covariance(values, frozenset(FitParameter) - frozenset(free), unknown),
         *_of_rays(joint, [*free, *modules], own, of_free),
         _beyond_waves_mm(joint),
         inflation,

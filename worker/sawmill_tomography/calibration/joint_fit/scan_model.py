@@ -441,11 +441,10 @@ class ScanModel:
     def corner_edges(self) -> FloatArray:
         """Edges (edges, 5) of pieces that corners lose; line integrals are the derivative by the squared radius."""
         square = self.size(Term.CORNERS)
-        with_more = with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP))
         without = with_rounded_corners(self.drawing, math.sqrt(square))
         drawn = len(self.drawing.shapes)
         pieces = (
-            *with_more.shapes[drawn:],
+            *with_rounded_corners(self.drawing, math.sqrt(square + CORNER_STEP)).shapes[drawn:],
             *(replace(shape, density=-shape.density) for shape in without.shapes[drawn:]),
         )
         if not pieces:

@@ -33,9 +33,8 @@ def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
     """Compute how far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
     columns = system.columns
     own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
-    covariance = system.inverse(used)[np.ix_(own, own)]
     step = change[[used[n] for n in own]]
-    return float(step @ pseudo_inverse(covariance, 1e-12) @ step)
+    return float(step @ pseudo_inverse(system.inverse(used)[np.ix_(own, own)], 1e-12) @ step)
 
 
 def _moves_mm(model: ScanModel, columns: Sequence[Column], change: FloatArray) -> float:
