@@ -219,7 +219,8 @@ def next_step(state: ScannerState) -> NextStep:
         never = StepMessage.NEVER if state.scanned else StepMessage.NEW
         return _step(never if state.failure is None else StepMessage.FAILED)
     red = _out_of_tolerance(state, newest)
-    step = red or _failed_since(state) or _of_quality(state, newest) or _of_scanner(state) or _alarmed(state)
+    failed = None if state.failure is None else _step(StepMessage.FAILED_SINCE)
+    step = red or failed or _of_quality(state, newest) or _of_scanner(state) or _alarmed(state)
     return _still_red(state, step or _fine(state))
 
 
@@ -280,10 +281,6 @@ def _log_shows_moved(check: Checked | DriftResult) -> NextStep:
     unknown = MovementMessage.UNKNOWN_CAUSE()
     moved = LogMessage.MOVED(unknown, moved_mm=check.ray_change_mm, allowed_mm=check.tolerance_mm)
     return _because(StepMessage.LOG_SHOWS_MOVED, check.explanation, moved)
-
-
-def _failed_since(state: ScannerState) -> NextStep | None:
-    return None if state.failure is None else _step(StepMessage.FAILED_SINCE)
 
 
 def _of_quality(state: ScannerState, newest: Calibrated) -> NextStep | None:

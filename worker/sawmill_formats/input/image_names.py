@@ -89,10 +89,7 @@ def _kinds(paths: Sequence[str], *, of_fields: bool) -> list[FieldKind | None]:
 
 
 def _field_words(part: str) -> dict[str, FieldKind]:
-    """Return the words of a name that name fields, the first one of the name marked by ^.
-
-    Flat and dark tell more than other words.
-    """
+    """Return a name's words that name fields, the first marked by ^: flat and dark tell more than other words."""
     stem = PurePosixPath(part).stem
     words = words_of(stem)
     kinds = {} if _OF_VIEWS.intersection(words) else kinds_in(words)

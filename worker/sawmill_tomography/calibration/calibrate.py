@@ -150,10 +150,7 @@ def _beam(model: ScanModel) -> BeamCorrection:
 def _without_metal(
     task: CalibrationTask, fits: Mapping[PoseHypothesis, Sequence[Fit]], on_step: OnStep
 ) -> tuple[CalibrationTask, PhantomMetal | None]:
-    """Return the task with the samples that see metal, and the metal, from fits to some of the samples.
-
-    The task is returned unchanged where no metal was found and none was suspected.
-    """
+    """Return the task with the samples that see metal, and the metal if there is any, from fits to some samples."""
     if Adjustment.METAL in task.without or not fits:
         return task, None
     hypothesis, (best, *_) = min(fits.items(), key=lambda item: item[1][0].relative_residual)
@@ -213,10 +210,7 @@ def _likelier_drawing(task: CalibrationTask, seed: int, on_step: OnStep) -> str 
 
 
 def _without_faults(adjusted: AdjustedFit, task: CalibrationTask) -> AdjustedFit:
-    """Adjust the plain fit to faults, as the start of the joint fit.
-
-    Faults that are switched off are not searched, nor outliers where each view has another pose and looks like one.
-    """
+    """Adjust the plain fit to faults; of passages each view has another pose, and looks like an outlier."""
     for finding in BEFORE:
         if finding.adjustment not in task.without and not (finding is OUTLIERS and task.of_passages):
             adjusted = finding.adjust(adjusted)

@@ -87,10 +87,7 @@ def _eliminate(grams: FloatArray) -> _Normal | None:
 
 
 def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
-    """Compute the normal equations at a vector x (7,) in the order of `FitParameter`.
-
-    The result is None where no such geometry exists, or where the phantom has no shadow on the detector.
-    """
+    """Compute the normal equations at x (7,), in the order of `FitParameter`; None without geometry or shadow."""
     if not np.isfinite(x).all() or abs(x[FitParameter.TILT]) > 1.4 or not 0.0 < x[FitParameter.R] < x[FitParameter.SDD]:
         return None
     try:

@@ -269,10 +269,7 @@ def _held_distance(evidence: Evidence, limits: JudgementLimits) -> Iterator[Rema
 
 
 def _precision(evidence: Evidence, limits: JudgementLimits) -> Iterator[Remark]:
-    """Check whether the predicted ray error's upper bound holds the tolerance with 95 % (ISO 14253-1).
-
-    Where only the RMS is within the tolerance, the verdict is "watch".
-    """
+    """Check whether the upper bound holds the tolerance with 95 % (ISO 14253-1); watch where only the RMS does."""
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return

@@ -79,10 +79,7 @@ def _equidistant(angles_rad: FloatArray) -> bool:
 
 
 def _choices(angles_rad: FloatArray) -> FloatArray:
-    """Return the angles (choices, views) under each factor, and under each jump.
-
-    Where a block was lost, the angles given may have been spread over the turn, or counted on from the first view.
-    """
+    """Return the angles (choices, views) under each factor of their spread, and under each jump they may lack."""
     views, from_first = len(angles_rad), angles_rad - angles_rad[0]
     turn = float(from_first[-1]) * views / (views - 1)
     after = np.arange(views) >= np.round(PLACES * views)[:, None]

@@ -139,10 +139,7 @@ def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
 
 
 def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
-    """Return the shift that most matches agree on, unless a body's end in both views contradicts; then the end's shift.
-
-    None if there are neither matches nor ends.
-    """
+    """Return the shift of most matches, or of a body's end in both views that contradicts; None without either."""
     one, other = features[first], features[second]
     matched, ended = _by_matches(one, other), _by_ends(one, other)
     agrees = matched is None or ended is None or abs(matched[0] - ended[0]) <= MOST_APART

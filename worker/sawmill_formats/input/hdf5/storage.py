@@ -26,7 +26,11 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> N
     if dataset.shape is None:
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     itemsize = dataset.dtype.itemsize
-    stored = _stored_bytes(where, dataset, bounds)
+    stored = (
+        bounds.linked.stored_bytes(where, dataset, bounds)
+        if bounds.linked is not None and _is_elsewhere(dataset)
+        else _bytes_in_file(dataset)
+    )
     arrays.check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
     if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
         raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
@@ -40,12 +44,6 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> N
         raise UnreadableScan(
             "truncated-file", f"{where} declares {declared} bytes of data and the file holds {stored}; export it again"
         )
-
-
-def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: arrays.Bounds) -> int:
-    if bounds.linked is not None and _is_elsewhere(dataset):
-        return bounds.linked.stored_bytes(where, dataset, bounds)
-    return _bytes_in_file(dataset)
 
 
 def _bytes_in_file(dataset: h5py.Dataset) -> int:

@@ -287,21 +287,16 @@ def _check_page(
             f"times the pixels of its page, or {USUAL_TILE_PIXELS}: store the pages in smaller tiles or in strips",
         )
     if page.compression != UNCOMPRESSED:
-        _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
-
-
-def _check_strips(
-    page: "tifffile.TiffPage | tifffile.TiffFrame", what: str, itemsize: int, size_bytes: int, most_bytes: int
-) -> None:
-    arrays.check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
-    declared = math.prod(page.chunks) * itemsize
-    if PACKINGS[int(page.compression)] is arrays.PACKBITS and declared * arrays.PACKBITS_MEMORY > most_bytes:
-        raise UnreadableScan(
-            "too-large",
-            f"{what} needs {declared * arrays.PACKBITS_MEMORY} bytes while PackBits is unpacked and at most "
-            f"{most_bytes} are allowed or free; use deflate or no compression",
-        )
-    arrays.check_packed(what, max(page.databytecounts, default=0), declared)
+        what = f"a strip or tile of {where}"
+        arrays.check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+        declared = math.prod(page.chunks) * itemsize
+        if PACKINGS[int(page.compression)] is arrays.PACKBITS and declared * arrays.PACKBITS_MEMORY > most_bytes:
+            raise UnreadableScan(
+                "too-large",
+                f"{what} needs {declared * arrays.PACKBITS_MEMORY} bytes while PackBits is unpacked and at most "
+                f"{most_bytes} are allowed or free; use deflate or no compression",
+            )
+        arrays.check_packed(what, max(page.databytecounts, default=0), declared)
 
 
 def _check_unpacked(page: "tifffile.TiffPage | tifffile.TiffFrame", what: str) -> None:

@@ -345,10 +345,7 @@ class JointFitter:
     def _chosen(
         self, system: System, tried: Sequence[Fitted], free: int, sizes: FloatArray
     ) -> tuple[Posterior, list[Group]]:
-        """Return the posterior of the likeliest sizes, from those of the round before: the best change at a time.
-
-        `sizes` (n,): sizes of all columns in the model; 0 for those that are always fitted.
-        """
+        """Return the posterior of the likeliest sizes, from those (n,) of the last round: the best change at a time."""
         groups = [Group.of(one, self.model) for one in (*self.fitted, *tried) if not one.declined]
         everything = [*range(free), *(place for group in groups for place in group.one.places)]
         remaining = system.remaining(everything)
@@ -446,10 +443,7 @@ class JointFitter:
         return self.base
 
     def _system(self, grams: ViewGrams, free: list[Column]) -> tuple[System, list[Fitted], list[int]]:
-        """Return the normal equations of all columns, the effects that may join, and the indices of the fitted columns.
-
-        The likeliest slip is among the effects that may join.
-        """
+        """Return equations of all columns, effects that may join (the likeliest slip too), and the fitted columns."""
         tried = list(self.waiting)
         base = [*free, *(column for one in self.fitted for column in one.columns)]
         if self.of_patches:
@@ -644,10 +638,7 @@ class JointFitter:
         return False
 
     def _settled(self, system: System, change: FloatArray) -> bool:
-        """Return whether every effect is possible, all scatter of angles is fitted, and averaging follows the model.
-
-        Where something is missing, the model is changed and the fit continues.
-        """
+        """Return whether effects are possible, all scatter is fitted, averaging follows; else change the model."""
         impossible = [one for one in self.fitted if not one.effect.possible(self.model, one.sizes)]
         for one in impossible:
             self.model = moved(self.model, one.columns, -one.sizes)

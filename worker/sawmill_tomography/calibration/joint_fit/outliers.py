@@ -48,10 +48,7 @@ def _adjust(plain: AdjustedFit) -> AdjustedFit:
 
 
 def _deviation(adjusted: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
-    """Compute the residual's robust standard deviation in the shadow, at least what the size tolerance leaves.
-
-    Air does not count: air may be free of noise, and covers most of a sinogram.
-    """
+    """Compute the residual's robust deviation in the shadow, not in air, at least what the size tolerance leaves."""
     depth = float(np.ptp(adjusted.model))
     shadowed = residual[(adjusted.model > adjusted.fit.offset + SHADOW * depth) & (used > 0.0)]
     deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0

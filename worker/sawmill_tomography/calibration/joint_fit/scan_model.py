@@ -418,15 +418,11 @@ class ScanModel:
         """Positions on the detector from -1/2 to 1/2, (cells,)."""
         return (np.arange(self.data.cells.count) + 0.5) / self.data.cells.count - 0.5
 
-    @property
-    def _adds_intensity(self) -> bool:
-        return any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG))
-
     @cached_property
     def prediction(self) -> FloatArray:
         """Model sinogram (views, cells) in the data's unit."""
         model = self.blurred
-        if self._adds_intensity:
+        if any(self.size(term) for term in (Term.SCATTER, Term.SCATTER_WIDE, Term.LAG)):
             model = model - np.log1p(self.added)
         if self.size(Term.SLOPE) or self.size(Term.CURVATURE):
             model = model + self.size(Term.SLOPE) * self.across + self.size(Term.CURVATURE) * self.across**2
