@@ -20,7 +20,7 @@ from sawmill_platform.contracts.attempts import JobFailure
 from sawmill_platform.contracts.base import near_name, placed_complaint, read_strictly
 from sawmill_platform.contracts.jobs import FailureKind
 from sawmill_platform.errors import DamagedResult
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.drift.change import DriftError
 from sawmill_tomography.geometry.geometry import GeometryError
 from sawmill_tomography.phantoms.phantom import PhantomError

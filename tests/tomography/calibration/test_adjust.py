@@ -8,7 +8,7 @@ from missing_parts import first_by_day
 from scipy.ndimage import gaussian_filter1d
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import Scanner, SourceFrame, Theta
 from sawmill_tomography.geometry.ray_error import ray_error

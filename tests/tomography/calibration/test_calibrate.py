@@ -7,8 +7,8 @@ import pytest
 from missing_parts import first_by_day
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import refine
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.geometry import (

@@ -8,7 +8,7 @@ import pytest
 from tests.support.exact_chords import FRAME, Detector, counted, full_turn, scan
 
 from sawmill_tomography.calibration.calibrate import calibrate
-from sawmill_tomography.calibration.errors import CalibrationError
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.ray_error import ray_error
 from sawmill_tomography.phantoms.built_in import L_SHAPE, RECTANGLE_WITH_HOLE

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 import sawmill_vocabulary as vocabulary
 from sawmill_tomography.calibration.alternatives import Alternatives, HypothesisReport
 from sawmill_tomography.calibration.calibration import CalibrationOutcome, StageSeconds, choose_theta
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import FittedModel
 from sawmill_tomography.calibration.judgement import (
     Degree,
@@ -30,7 +29,7 @@ from sawmill_tomography.calibration.judgement import (
     saturation,
 )
 from sawmill_tomography.calibration.recalling import Evaluations, RecallingObjective
-from sawmill_tomography.calibration.refusals import NOT_FOUND
+from sawmill_tomography.calibration.refusals import NOT_FOUND, CalibrationError
 from sawmill_tomography.calibration.scale import scale_uncertainty
 from sawmill_tomography.calibration.search.search import SearchCallback, SearchReport
 from sawmill_tomography.calibration.source_distance import SourceDistance

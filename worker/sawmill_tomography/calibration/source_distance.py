@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress, refine
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.fitter import fit_consistent_views, fit_jointly
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.residual_statistics import ResidualStatistics, residual_statistics
-from sawmill_tomography.calibration.refusals import refuse_other_scanner
+from sawmill_tomography.calibration.refusals import CalibrationError, refuse_other_scanner
 from sawmill_tomography.calibration.task import CalibrationTask
 from sawmill_tomography.geometry.fit_parameters import FRAME, FitParameter
 from sawmill_tomography.geometry.geometry import SourceFrame

@@ -12,9 +12,14 @@ from itertools import accumulate, chain, pairwise
 import numpy as np
 
 from sawmill_tomography.calibration.fit import OnStep, ignore_progress
-from sawmill_tomography.calibration.joint_fit.cell_places import is_beyond_drawing, places_of_cells
 from sawmill_tomography.calibration.joint_fit.climb import BETTER, Climb, scatter_of
-from sawmill_tomography.calibration.joint_fit.effects import EFFECTS, OF_WOOD, Effect
+from sawmill_tomography.calibration.joint_fit.effects import (
+    EFFECTS,
+    OF_WOOD,
+    Effect,
+    is_beyond_drawing,
+    places_of_cells,
+)
 from sawmill_tomography.calibration.joint_fit.finding import AdjustedFit
 from sawmill_tomography.calibration.joint_fit.groups import (
     ON_DETECTOR,

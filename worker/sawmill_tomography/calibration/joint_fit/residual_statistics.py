@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.joint_fit.joint_fit import JointFit
 from sawmill_tomography.calibration.joint_fit.modules import HiddenModule
 from sawmill_tomography.calibration.joint_fit.motion_sets import DRAWS
 from sawmill_tomography.calibration.joint_fit.scan_model import ARC, WAVES, gap_term, is_of_detector, kink_term
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.geometry.detector_shape import FIRST_WAVE
 from sawmill_tomography.geometry.fit_parameters import FRAME, RAYS, FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray, Scanner, SourceFrame, Theta

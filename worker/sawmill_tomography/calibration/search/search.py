@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_tomography.calibration.alternatives import CONTENDER
-from sawmill_tomography.calibration.errors import CalibrationError
 from sawmill_tomography.calibration.fit import Fit, OnStep, ignore_progress, refine
+from sawmill_tomography.calibration.refusals import CalibrationError
 from sawmill_tomography.calibration.search.misfit import (
     Candidate,
     CoarseMisfit,
