@@ -284,8 +284,7 @@ def test_a_bridge_is_as_wrong_as_its_deviation_says():
             masked[view, first : first + 24], scan[view, first : first + 24] = True, np.nan
             deviations = bridge_masked(scan, masked)
             assert not deviations[~masked].any()
-            missed = (scan - rays)[masked].sum()
-            shares.append(missed / (math.sqrt(24.0) * deviations[view, first]))
+            shares.append((scan - rays)[masked].sum() / (math.sqrt(24.0) * deviations[view, first]))
     # Of 60 standard normal numbers the RMS is within 0.3 of 1 in 99.8 % of draws; these are not quite independent.
     assert np.sqrt(np.mean(np.square(shares))) == pytest.approx(1.0, abs=0.4)
 

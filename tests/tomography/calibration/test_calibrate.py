@@ -86,8 +86,7 @@ def repeats(scanner, theta, full_turn):
     def one(name, views, seed):
         geometry = FanBeamGeometry(scanner, theta, full_turn(views))
         sinogram = simulate_sinogram(BUILT_IN[name], geometry, noise=0.02, seed=seed)
-        task = CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad)
-        return calibrate(task, seed=seed)
+        return calibrate(CalibrationTask(scanner, BUILT_IN[name], sinogram, geometry.angles_rad), seed=seed)
 
     return lambda name, views, seeds: [one(name, views, seed) for seed in seeds]
 
@@ -332,8 +331,7 @@ def test_the_bounds_choose_between_theta_and_its_twin(scan, theta, scanner, full
 
 
 def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_turn):
-    frame = theta.source_frame(scanner.source_to_cor_mm)
-    start = wrap_angle(theta.initial_angle_rad - frame.psi_rad)
+    start = wrap_angle(theta.initial_angle_rad - theta.source_frame(scanner.source_to_cor_mm).psi_rad)
     for seed in (1124, 1125, 1126, 1127):
         found = calibrate(scan(L_SHAPE, full_turn(20), seed=seed, theta=replace(theta, initial_angle_rad=start)))
         for angle in (found.frame.psi_rad, found.theta.initial_angle_rad, found.theta_twin.initial_angle_rad):
@@ -490,8 +488,7 @@ def test_counts_are_calibrated_as_well_as_line_integrals(scanner, theta, full_tu
     parts = (part.astype(np.float32) for part in (made.counts, made.flats, made.darks))
     sinogram = line_integrals(*parts).stack.mean(axis=1, dtype=np.float64)
     task = CalibrationTask(scanner, phantom, sinogram, full_turn(360), from_counts=True)
-    switched_off = frozenset({Adjustment.INTENSITY_AVERAGING})
-    allowed, plain = calibrate(task), calibrate(replace(task, without=switched_off))
+    allowed, plain = calibrate(task), calibrate(replace(task, without=frozenset({Adjustment.INTENSITY_AVERAGING})))
     # Photon noise predicts 0.002 mm.
     assert errors(allowed, theta)[0] < 0.01
     assert errors(plain, theta)[0] > 2.0 * errors(allowed, theta)[0]

@@ -235,8 +235,7 @@ class TestByFeatures:
 class TestAligned:
     def test_whole_rows_keep_their_numbers_and_are_not_resampled(self, sparse):
         lost, truth = lose_rows(sparse[0], 31)
-        shifts = RowShifts.of(truth.astype(np.float64), np.zeros(60), present_rows(lost))
-        mended = aligned(lost, shifts)
+        mended = aligned(lost, RowShifts.of(truth.astype(np.float64), np.zeros(60), present_rows(lost)))
         there = present_rows(mended)
         np.testing.assert_array_equal(there.sum(axis=1), present_rows(lost).sum(axis=1))
         np.testing.assert_array_equal(mended[there], sparse[0][there])
