@@ -77,9 +77,8 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
         rays, frame = averaged(
             turn(views), theta=Theta(*rng.uniform([0, 600, -200, -60, -0.3], [6.28, 850, 200, 60, 0.3])), seed=seed
         )
-        hard = rays * (1.0 - hardened * rays / rays.max())
         start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0, tilt_rad=frame.tilt_rad - 0.003)
-        scan = noisy(hard, rng, rows=rows, slope=0.03, gain=gain)
+        scan = noisy(rays * (1.0 - hardened * rays / rays.max()), rng, rows=rows, slope=0.03, gain=gain)
         fit = view_pair_fit(MILL, scan, turn(views), start, Rotation.AS_GIVEN)
         errors.append(error_of(fit, frame))
         shares.append(errors[-1] / fit.deviation[:2])
@@ -105,9 +104,8 @@ def test_an_eccentric_encoder_stays_within_its_bound():
     """0.1 degrees once a turn and a log off centre moved u_c by up to 0.06 mm: the pairs show it, and it is fitted."""
     angles, shares = turn(20), []
     for seed in range(4):
-        wrong = math.radians(0.1) * np.cos(angles + seed)
         sound, frame = averaged(angles, seed=seed, rows=1)
-        shifted, _ = averaged(angles + wrong, seed=seed, rows=1)
+        shifted, _ = averaged(angles + math.radians(0.1) * np.cos(angles + seed), seed=seed, rows=1)
         scans = (noisy(rays, np.random.default_rng(seed), rows=1000, gain=0.005) for rays in (sound, shifted))
         usual, fit = (view_pair_fit(MILL, scan, angles, frame, Rotation.AS_GIVEN) for scan in scans)
         assert fit.encoder_bound_mm < 0.015

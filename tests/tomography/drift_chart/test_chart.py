@@ -326,9 +326,8 @@ def test_scatter_is_found_by_direction_and_moved_by_neither_jump_nor_trend():
     covariance = np.tile(spread, (size, 1, 1))
     ratio = LookSpread.of_looks(errors, covariance).ratio
     np.testing.assert_allclose(ratio, np.diag([1.0, 9.0]), atol=1.2)
-    jumping = errors + 100.0 * (np.arange(size) > 400)[:, None]
     sliding = errors + 0.02 * np.arange(size)[:, None]
-    for moved in (jumping, sliding):
+    for moved in (errors + 100.0 * (np.arange(size) > 400)[:, None], sliding):
         np.testing.assert_allclose(LookSpread.of_looks(moved, covariance).ratio, ratio, atol=0.2)
 
 

@@ -111,10 +111,7 @@ def _features(view: int, image: Stack) -> _Features:
 
 
 def _grey(image: Stack, ends: NDArray[np.intp]) -> Stack:
-    """Return the variation along the log (rows, cells), in greys from 0 to 1: outline and rings are equal in all rows.
-
-    Median and greys come from the longest body: a phantom before a log differs from the log by more than any knot.
-    """
+    """Return the variation along the log (rows, cells), in greys from 0 to 1 that the longest body determines."""
     runs = [slice(first, last) for first, last in pairwise([0, *(ends + 1).tolist(), len(image)])]
     body = max(runs, key=lambda run: run.stop - run.start)
     varying = scipy.ndimage.gaussian_filter(image - np.median(image[body], axis=0), SMOOTHING)

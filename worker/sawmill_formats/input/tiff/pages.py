@@ -222,10 +222,7 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: arra
 
 
 def _check_nothing_follows(page: "tifffile.TiffPage", name: str, size_bytes: int) -> None:
-    """Refuse a file of one page followed by more images without pages of their own.
-
-    ImageJ writes stacks of more than 4 GiB in this way, and tifffile with `truncate`.
-    """
+    """Refuse a page with images behind it, as ImageJ writes above 4 GiB, and tifffile with `truncate`."""
     description = page.description[:LONGEST_DESCRIPTION]
     images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
     stated = int(images[1]) if images else 2 if '"truncated": true' in description else 1

@@ -606,10 +606,7 @@ class JointFitter:
         return places
 
     def _relocated_modules(self, grams: ViewGrams, system: System, used: list[int]) -> bool:
-        """Move a found module to where it explains more next to all else; return whether one has moved.
-
-        A module that is found first stands in for others, and for effects that join later.
-        """
+        """Move a found module to where it explains more next to all that joined later; return whether one has moved."""
         if not self._found_modules or self.rounds > JOINING:
             return False
         search, by_chance = self._module_search(grams, system, used), self._module_by_chance(system, used)

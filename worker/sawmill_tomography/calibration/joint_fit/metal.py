@@ -96,7 +96,13 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
     body = finder.bodies([replace(shadows, excess=shadows.excess[:: finder.step])])[0]
     if not body.any():
         return None
-    samples = _with_borders(finder.traced(shadows, body), residual)
+    samples: Samples = finder.traced(shadows, body)
+    for _ in range(MOST_MARGIN):  # neighbours that metal blurs into
+        wider = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
+        edge = residual[wider & ~samples]
+        if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
+            break
+        samples = wider
     if samples.mean() > MOST_SAMPLES:
         return None
     pieces, count = scipy.ndimage.label(body, np.ones((3, 3)))
@@ -121,14 +127,3 @@ def _residual(phantom: Phantom, data: SinogramData, fit: Fit) -> NDArray[np.floa
     if data.weights is not None:
         residual[data.weights == 0.0] = 0.0
     return residual
-
-
-def _with_borders(samples: Samples, residual: NDArray[np.float32]) -> Samples:
-    """Return samples (views, cells) that see metal with the neighbours that it blurs into."""
-    for _ in range(MOST_MARGIN):
-        wider: Samples = scipy.ndimage.maximum_filter1d(samples, 3, axis=1)
-        edge = residual[wider & ~samples]
-        if edge.size == 0 or edge.mean() < MARGIN_DEVIATIONS * edge.std() / math.sqrt(edge.size):
-            break
-        samples = wider
-    return samples

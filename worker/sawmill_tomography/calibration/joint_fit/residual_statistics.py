@@ -150,11 +150,7 @@ def terms_of_rays(joint: JointFit) -> list[int]:
 
 
 def _beyond_waves_mm(joint: JointFit) -> float:
-    """Return the RMS ray error, mm, by shorter waves than the fitted ones, if they are as in a random walk.
-
-    The waves of a random walk are as large as 1 / k for k half waves over the detector; the last third of the fitted
-    ones shows how large.
-    """
+    """Return the RMS ray error, mm, by waves shorter than the fitted ones, as in a random walk: k-th as 1 / k."""
     waves = joint.model.data.cells.waves_mm
     if not waves:
         return 0.0

@@ -271,7 +271,16 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
         },
         "history": history
         and {
-            "segments": [_segment_to_state(segment) for segment in history.segments],
+            "segments": [
+                {
+                    "groups": segment.groups,
+                    "first_days": float(segment.first_days),
+                    "last_days": float(segment.last_days),
+                    "precision": segment.precision.tolist(),
+                    "weighted": segment.weighted.tolist(),
+                }
+                for segment in history.segments
+            ],
             "scatter": {
                 "differences": history.scatter.differences,
                 "squares": history.scatter.squares.tolist(),
@@ -344,16 +353,6 @@ def _history(state: Mapping[str, Any]) -> History:
             _numbers(scatter["covariance"], 2, 2),
         ),
     )
-
-
-def _segment_to_state(segment: Segment) -> dict[str, Any]:
-    return {
-        "groups": segment.groups,
-        "first_days": float(segment.first_days),
-        "last_days": float(segment.last_days),
-        "precision": segment.precision.tolist(),
-        "weighted": segment.weighted.tolist(),
-    }
 
 
 def _segment_from_state(state: Mapping[str, Any]) -> Segment:
