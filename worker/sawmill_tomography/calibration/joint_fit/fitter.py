@@ -59,7 +59,7 @@ from sawmill_tomography.calibration.joint_fit.selection import (
     chance_limit,
 )
 from sawmill_tomography.calibration.joint_fit.slip import angle_scatter, jump_at, likeliest_slip, slip_at
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, is_small, moved, off_by, stepped
+from sawmill_tomography.calibration.joint_fit.steps import is_small, moved, off_by, stepped
 from sawmill_tomography.calibration.joint_fit.view_poses import (
     OF_TURNING,
     PoseSizes,
@@ -329,7 +329,7 @@ class JointFitter:
         small = is_small(self.model, penalised, posterior.used, change, self.variance)
         whole, of_all = system.with_patches(change)
         of_poses = 0.0 if self.poses is None else pose_change(grams, whole.columns, of_all)
-        self.model, share = stepped(self.model, whole, of_all, grams, may_rise=BY_ANGLES, of_poses=of_poses)
+        self.model, share = stepped(self.model, whole, of_all, grams, of_poses=of_poses)
         for one in {*before, *tried}:
             one.sizes = one.sizes + share * change[one.places]
         self.model = self._with_fitted_modules()

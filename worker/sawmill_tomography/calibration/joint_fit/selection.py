@@ -46,9 +46,9 @@ class EffectTest:
         """Return whether the effect is far beyond chance, given this number of places where the effect may be."""
         return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
 
-    def is_beyond_chance(self, trials: float = 1.0) -> bool:
+    def is_beyond_chance(self) -> bool:
         """Return whether chance alone would hardly show an effect of this size."""
-        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
+        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE, self.degrees)
 
 
 class EffectTester:

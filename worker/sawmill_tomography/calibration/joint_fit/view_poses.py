@@ -17,7 +17,7 @@ from sawmill_tomography.calibration.fit import OnStep
 from sawmill_tomography.calibration.joint_fit.groups import MOTIONS
 from sawmill_tomography.calibration.joint_fit.normal_equations import Column, ViewGrams
 from sawmill_tomography.calibration.joint_fit.scan_model import POSE, ScanModel
-from sawmill_tomography.calibration.joint_fit.steps import BY_ANGLES, LEAST_MOVE_MM, stepped
+from sawmill_tomography.calibration.joint_fit.steps import LEAST_MOVE_MM, stepped
 from sawmill_tomography.geometry.fit_parameters import FitParameter
 from sawmill_tomography.geometry.geometry import FloatArray
 from sawmill_vocabulary import Adjustment
@@ -126,7 +126,7 @@ def _stepped_often(model: ScanModel, columns: Sequence[Column], rounds: int, on_
         system = grams.system(columns)
         change = system.inverse(range(len(columns))) @ system.score
         of_poses = pose_change(grams, columns, change)
-        model, share = stepped(model, system, change, grams, may_rise=BY_ANGLES, of_poses=of_poses)
+        model, share = stepped(model, system, change, grams, of_poses=of_poses)
         if share in (0.0, 1.0) and share * np.abs(of_poses * [model.drawing.radius_mm, 1.0, 1.0]).max() < LEAST_MOVE_MM:
             break
     return model
