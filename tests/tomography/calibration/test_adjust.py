@@ -123,11 +123,7 @@ FAULTS = {
         "The views differ in gain or background",
         [Adjustment.VIEW_GAIN],
     ),
-    "beam hardening": (
-        beam_hardening,
-        "Beam hardening of -8",
-        [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY],
-    ),
+    "beam hardening": (beam_hardening, "Beam hardening of -8", [Adjustment.BEAM_HARDENING, Adjustment.WOOD_DENSITY]),
     "sloping density": (
         sloping_density,
         "density slopes by 12",

@@ -38,9 +38,7 @@ seeds_2_or_20 = pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2
 seeds_6_or_20 = pytest.mark.parametrize("seeds", [range(6), pytest.param(range(20), marks=nightly)], ids=len)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 by_night_the_other = pytest.mark.parametrize(
-    "phantom",
-    [L_SHAPE, pytest.param(RECTANGLE_WITH_HOLE, marks=nightly)],
-    ids=["l-shape", "rectangle-with-hole"],
+    "phantom", [L_SHAPE, pytest.param(RECTANGLE_WITH_HOLE, marks=nightly)], ids=["l-shape", "rectangle-with-hole"]
 )
 
 
@@ -178,11 +176,7 @@ def test_a_hypothesis_that_is_given_is_the_only_one_tried(scan, theta, full_turn
 
 @pytest.mark.parametrize(
     ("phantom", "rotation"),
-    [
-        (L_SHAPE, Rotation.REVERSED),
-        (RECTANGLE_WITH_HOLE, Rotation.AS_GIVEN),
-        (RECTANGLE_WITH_HOLE, Rotation.REVERSED),
-    ],
+    [(L_SHAPE, Rotation.REVERSED), (RECTANGLE_WITH_HOLE, Rotation.AS_GIVEN), (RECTANGLE_WITH_HOLE, Rotation.REVERSED)],
 )
 def test_a_wrong_hypothesis_that_is_given_never_passes(scan, full_turn, phantom, rotation):
     given = {"handedness": Handedness.FROM_BEHIND, "rotation": rotation}

@@ -126,11 +126,7 @@ def page_templates(reader: Reader = ENGLISH) -> Environment:
     templates.install_gettext_callables(reader.words, ngettext, newstyle=True)  # type: ignore[attr-defined]
     written = {"mm": in_mm, "in_length": in_length, "percent": in_percent}
     templates.filters |= {name: _localised(function, reader) for name, function in written.items()}
-    templates.filters |= {
-        "localised": reader.localised,
-        "moment": numbers.moment,
-        "css_text": css_text,
-    }
+    templates.filters |= {"localised": reader.localised, "moment": numbers.moment, "css_text": css_text}
     templates.globals |= {
         "gauge": gauge,
         "reader": reader,

@@ -157,12 +157,7 @@ class _DirectSolver:
     halo = 0
 
     def __init__(
-        self,
-        method: DirectMethod,
-        task: LogTask,
-        general: BlockFindings,
-        report: Report,
-        settings: Settings | None,
+        self, method: DirectMethod, task: LogTask, general: BlockFindings, report: Report, settings: Settings | None
     ) -> None:
         views, cells = task.projector.geometry.sinogram_shape
         size = task.projector.grid.size

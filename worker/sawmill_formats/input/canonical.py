@@ -316,6 +316,5 @@ def _check_shapes(scan: CanonicalScan) -> None:
 
 def _lacking_throughout(view: int) -> UnreadableScan:
     return UnreadableScan(
-        "not-finite",
-        f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle",
+        "not-finite", f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle"
     )

@@ -90,12 +90,7 @@ def conclude(
     bars = error_bars(task.scanner, frame, theta, statistics, radius_mm, view_errors(joint, statistics))
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
     scale = scale_uncertainty(
-        task.scanner,
-        frame,
-        task.phantom,
-        bars.covariance.values,
-        radius_mm,
-        aspect_half=_aspect_half(task, joint),
+        task.scanner, frame, task.phantom, bars.covariance.values, radius_mm, aspect_half=_aspect_half(task, joint)
     )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(fit, source_distance, alternatives, scale, bars, analysis, in_bounds, task.saturated_share)

@@ -241,9 +241,7 @@ def _first_angle(evidence: Evidence, _: JudgementLimits) -> Iterator[Remark]:
     turned = evidence.alternatives.turned
     if turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
         yield Remark(
-            Degree.WATCH,
-            CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg),
-            CalibrationStatus.AMBIGUOUS_TURN,
+            Degree.WATCH, CalibrationMessage.AMBIGUOUS_TURN(by_deg=turned.by_deg), CalibrationStatus.AMBIGUOUS_TURN
         )
 
 

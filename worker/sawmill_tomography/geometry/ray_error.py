@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from sawmill_tomography.geometry.detector_shape import cell_centres_mm, cell_points, lines_of, wave_shapes
 from sawmill_tomography.geometry.fit_parameters import FitParameter
-from sawmill_tomography.geometry.geometry import (
-    FloatArray,
-    GeometryError,
-    Scanner,
-    SourceFrame,
-)
+from sawmill_tomography.geometry.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_tomography.statistics import exceeded_chi_square
 from sawmill_vocabulary.geometry import MOST_WAVES
 
@@ -309,10 +304,7 @@ def predicted_ray_error(
         squares += moves.added_squares(each, errors, rng)
     low, upper, high = np.sqrt(np.maximum(np.quantile(squares, [0.025, 0.95, 0.975]), 0.0)).tolist()
     return RayErrorPrediction(
-        float(np.sqrt(max(variance.mean(), 0.0))),
-        float(np.sqrt(max(variance.max(), 0.0))),
-        upper,
-        (low, high),
+        float(np.sqrt(max(variance.mean(), 0.0))), float(np.sqrt(max(variance.max(), 0.0))), upper, (low, high)
     )
 
 

@@ -11,10 +11,7 @@ from sawmill_formats.input import arrays
 # Filters of the library itself and of h5py, but szip, which only the library unpacks and scanners do not use; for any
 # other the library would search for a plug-in on this machine.
 PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_LZF: "LZF"}
-FILTERS = PACKINGS | {
-    h5py.h5z.FILTER_SHUFFLE: "shuffle",
-    h5py.h5z.FILTER_FLETCHER32: "checksum",
-}
+FILTERS = PACKINGS | {h5py.h5z.FILTER_SHUFFLE: "shuffle", h5py.h5z.FILTER_FLETCHER32: "checksum"}
 # Shuffle, one packing, a checksum.
 MOST_FILTERS = 3
 

@@ -86,7 +86,10 @@ def _log_cosh(x):
 
 @njit(fastmath=_FAST)
 def _soften(line, first, last, taps, padded):
-    """Blur a line (cells,), 0 outside a window, in place, reflected at both ends; return the wider window."""
+    """Blur a line (cells,) that is 0 outside a window in place, with reflection at both ends; return the wider window.
+
+    Values outside the window are not read.
+    """
     cells, reach = line.size, taps.size // 2
     start, stop = max(first - reach, 0), min(last + reach, cells)
     for m in range(start - reach, stop + reach):

@@ -45,11 +45,7 @@ from sawmill_tomography.calibration.joint_fit.modules import (
 )
 from sawmill_tomography.calibration.joint_fit.motion_sets import MOST_SLIPS, FitPoint, MotionSets
 from sawmill_tomography.calibration.joint_fit.normal_equations import UNTRUSTED, Column, System, ViewGrams
-from sawmill_tomography.calibration.joint_fit.outliers import (
-    inconsistent_views,
-    views_differ,
-    without_views,
-)
+from sawmill_tomography.calibration.joint_fit.outliers import inconsistent_views, views_differ, without_views
 from sawmill_tomography.calibration.joint_fit.scan_model import ScanModel, Term
 from sawmill_tomography.calibration.joint_fit.selection import (
     BEYOND_CHANCE,
@@ -134,9 +130,7 @@ def fit_jointly(
 
 
 def fit_consistent_views(
-    prepared: AdjustedFit,
-    without: Collection[Adjustment] = (),
-    on_step: OnStep = ignore_progress,
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = ignore_progress
 ) -> tuple[AdjustedFit, JointFit]:
     """Fit as `fit_jointly` does, leaving out the few views that a fit to the remaining views does not explain."""
     joint = fit_jointly(prepared, without, on_step)

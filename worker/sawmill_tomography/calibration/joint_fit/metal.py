@@ -16,13 +16,7 @@ from sawmill_tomography.calibration.sinogram_data import SinogramData
 from sawmill_tomography.geometry.geometry import FanBeamGeometry
 from sawmill_tomography.phantoms.phantom import Phantom
 from sawmill_tomography.projection import analytic
-from sawmill_tomography.reconstruction.metal import (
-    LEAST_NOISE,
-    LEAST_WOOD_MM,
-    MetalFinder,
-    Shadows,
-    smoothed,
-)
+from sawmill_tomography.reconstruction.metal import LEAST_NOISE, LEAST_WOOD_MM, MetalFinder, Shadows, smoothed
 from sawmill_tomography.statistics import robust_deviation
 from sawmill_vocabulary import Handedness, Scanner
 from sawmill_vocabulary.messages import Reason
@@ -115,12 +109,7 @@ def _metal(phantom: Phantom, data: SinogramData, fit: Fit) -> PhantomMetal | Non
 def _residual(phantom: Phantom, data: SinogramData, fit: Fit) -> NDArray[np.float32]:
     """Compute the residual without each cell's median over the views; 0 where samples have no weight."""
     shadow = analytic.project(
-        phantom,
-        data.cells,
-        fit.frame,
-        data.angles_rad,
-        position_mm=fit.position_mm,
-        rays_per_cell=data.rays_per_cell,
+        phantom, data.cells, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=data.rays_per_cell
     )
     residual = (data.sinogram - fit.gain * shadow - fit.offset).astype(np.float32)
     residual -= np.median(residual, axis=0)

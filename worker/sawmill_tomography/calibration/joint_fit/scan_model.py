@@ -482,11 +482,7 @@ class ScanModel:
         if step == 1:
             return self
         few = replace(
-            self,
-            data=self.data.every(step),
-            gain=self.gain[::step],
-            offset=self.offset[::step],
-            pose=self.pose[::step],
+            self, data=self.data.every(step), gain=self.gain[::step], offset=self.offset[::step], pose=self.pose[::step]
         )
         # The views between, which are left out, determine lag and exposure.
         return replace(few, data=replace(few.data, sinogram=few.prediction + self.residual[::step]))
